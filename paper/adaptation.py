@@ -28,7 +28,7 @@ from maidenflight.flying import engine
 from maidenflight.parameters import Parameters, crazyflie, replace
 from maidenflight.policy import Policy
 from maidenflight.policy_file import read
-from maidenflight.simulator.any_drone import AnyDrone
+from maidenflight.simulator.any_drone import GenericQuadrotor
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.realities import additions
@@ -150,7 +150,7 @@ def watched(policy: Policy) -> tuple[Parameters, np.ndarray, np.ndarray]:
 
     def one(key: Array) -> tuple[Parameters, Array, Array, Array]:
         begin_key, key = jax.random.split(key)
-        first = randomized_reset(env, AnyDrone(centre), begin_key)
+        first = randomized_reset(env, GenericQuadrotor(centre), begin_key)
         _, (states, result) = rollout(env, policy, first.env_state, first.parameters, key, steps)
         history = states.history.reshape(steps, -1)
         survives = ~jnp.any(result.terminated)

@@ -26,7 +26,7 @@ import maidenflight as mf
 from maidenflight import results
 from maidenflight.flights.log import Flight
 from maidenflight.flying import engine
-from maidenflight.flying.rows import Flown, Rows
+from maidenflight.flying.rows import Rows, SimulatedFlight
 from maidenflight.parameters import Parameters, crazyflie, replace
 from maidenflight.policy import Policy
 from maidenflight.simulator.environment import Environment
@@ -53,7 +53,7 @@ def flown(policy: Policy, drone: Parameters, seed: int) -> list[Flight]:
     keys = jax.random.split(jax.random.key(seed), FLIGHTS)
     rows = jax.tree.map(np.asarray, _fly(world, policy, drone, keys))
     return [
-        Flown(
+        SimulatedFlight(
             jax.tree.map(lambda values, number=number: values[number], rows),
             world.controller.interface.rate,
             zero_order_hold=True,

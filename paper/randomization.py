@@ -38,9 +38,9 @@ from scipy import stats
 
 from maidenflight import compiler, results, terminal
 from maidenflight.errors import InputError
-from maidenflight.experiments.as_flown import controller_as_flown
 from maidenflight.experiments.drones import distribution_of, find_reality, possible_drones
 from maidenflight.experiments.flight_times import predict_flight_times
+from maidenflight.experiments.real_controller import real_controller
 from maidenflight.experiments.transfer import MAX_DURATION_S, transfer
 from maidenflight.names import POSTERIOR, TRIMS, WIDE
 from maidenflight.policy import Policy
@@ -179,7 +179,7 @@ def fly(place: str, policies: Mapping[str, Policy], given: argparse.Namespace) -
     many, names = list(policies.values()), list(policies)
     if place.removesuffix(OLD) in FLOWN:
         drones = possible_drones(given.drone, FLOWN[place.removesuffix(OLD)], given.seed)
-        controller_for = controller_as_flown if place.endswith(OLD) else control.controller_for
+        controller_for = real_controller if place.endswith(OLD) else control.controller_for
         table = predict_flight_times(
             many,
             drones,

@@ -110,7 +110,7 @@ def multi_step_likelihood(
     return found
 
 
-def as_flown(found: Identification) -> Parameters:
+def real_controller(found: Identification) -> Parameters:
     """The drones that `maidenflight predict` flies, with other trims in each flight."""
     if not set(TRIM) & set(found.estimates):
         return found.parameters
@@ -339,7 +339,7 @@ def main() -> None:
             judge,
         )
     )
-    flying = {**drones, **{name: as_flown(one) for name, one in found.items()}}
+    flying = {**drones, **{name: real_controller(one) for name, one in found.items()}}
     texts.append(
         show(
             "Second judge: flight times of held-out policies [s]",

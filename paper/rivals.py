@@ -31,7 +31,7 @@ from maidenflight.flights.log import thinned
 from maidenflight.flying import engine
 from maidenflight.flying.foreign_policy import foreign_policy
 from maidenflight.flying.pilots import AnyPolicy
-from maidenflight.flying.rows import Flown, Rows
+from maidenflight.flying.rows import Rows, SimulatedFlight
 from maidenflight.integrations.exporters.authors_json import EPSILON
 from maidenflight.names import ANY, POSTERIOR, WIDE
 from maidenflight.parameters import Parameters
@@ -171,16 +171,16 @@ def controlled(
 ) -> polars.DataFrame:
     """A controller's flights along an axis of speed, in rows as `envelope.envelope` gives."""
     pace = envelope.AXES[axis]
-    assert isinstance(pace, envelope.Pace)
-    task = tasks.tracking(pace.of(pace.fastest), trajectories.QUICKENING)
+    assert isinstance(pace, envelope.SpeedRamp)
+    task = tasks.tracking(pace.of(pace.fastest), trajectories.RAMP_DURATION_S)
     env = drone.environment(task, makes(task.reference))
     keys = jax.random.split(jax.random.key(0), flights)
     rows = jax.tree.map(
-        np.asarray, _fly(env, drone.parameters, keys, None, trajectories.QUICKENING)
+        np.asarray, _fly(env, drone.parameters, keys, None, trajectories.RAMP_DURATION_S)
     )
-    steps = round(trajectories.QUICKENING * RATE)
+    steps = round(trajectories.RAMP_DURATION_S * RATE)
     lasted = [
-        envelope.rows_flown(Rows(*(column[number] for column in rows)), RATE)
+        envelope.steps_done(Rows(*(column[number] for column in rows)), RATE)
         for number in range(flights)
     ]
     reached = [round(pace.fastest * count / steps, 6) if count else np.nan for count in lasted]
@@ -233,7 +233,7 @@ def precision(
         flown = jax.tree.map(np.asarray, _fly(env, drone.parameters, keys, policy, SECONDS))
         for number in range(flights):
             one = Rows(*(column[number] for column in flown))
-            log = Flown(
+            log = SimulatedFlight(
                 one,
                 controller.interface.rate,
                 zero_order_hold=True,
@@ -272,7 +272,7 @@ def table(
     for axis in axes:
         for drone, seed in zip(drones, seeds, strict=True):
             flown = rivals_of(folder, drone, seed, policies, given)
-            makers = CONTROLLERS if isinstance(envelope.AXES[axis], envelope.Pace) else {}
+            makers = CONTROLLERS if isinstance(envelope.AXES[axis], envelope.SpeedRamp) else {}
             for name in [*flown, *makers]:
                 if name in OTHERS and axis != "circle":
                     continue

@@ -121,7 +121,7 @@ def test_a_part_of_identification_imports_only_earlier_parts(module):
 @pytest.mark.parametrize(
     ("importer", "source"),
     [
-        ("parameters", "from maidenflight.simulator import dynamics"),
+        ("parameters", "from maidenflight.simulator.physics import dynamics"),
         ("simulator", "from maidenflight import policy"),
         ("training", "def f():\n    import maidenflight.identification.identify"),
         ("deployment", "from maidenflight.training import ppo"),

@@ -561,7 +561,7 @@ def test_compiled_programs_are_kept_by_processor_and_the_oldest_go(
     cache.keep_compiled()
     folder = Path(os.environ["JAX_COMPILATION_CACHE_DIR"])
     assert folder.parent == tmp_path / "maidenflight"
-    monkeypatch.setattr(cache, "_MOST_KEPT", 25)
+    monkeypatch.setattr(cache, "_CACHE_BYTES", 25)
     for age, name in enumerate(("new-cache", "older-cache", "oldest-cache")):
         (folder / name).write_bytes(bytes(10))
         os.utime(folder / name, (1e9 - age, 1e9 - age))

@@ -124,7 +124,7 @@ def test_the_command_line_sets_every_setting_of_a_verb(name: str) -> None:
 @pytest.mark.parametrize("name", VERBS.own)
 def test_defaults_are_values_that_the_setting_takes(name: str) -> None:
     for setting, (_, declared) in find_verb(name).settings().items():
-        assert declared.made_by in ("", *VERBS.own)
+        assert declared.producer in ("", *VERBS.own)
         if declared.default not in (REQUIRED, None, (), {}):
             value = declared.check(plain(declared.default), setting)
             assert plain(value) == plain(declared.default)

@@ -20,7 +20,7 @@ from maidenflight.simulator.controllers.interface import INTERFACES
 from maidenflight.simulator.physics import battery
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.studies import worker
-from maidenflight.studies.worker import Ending, Order
+from maidenflight.studies.worker import Order, TaskResult
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.verbs.train import Train
 from scripts import PAPER, script
@@ -220,7 +220,7 @@ class Here:
     def submit(self, order: Order) -> None:
         self._waiting.append(order)
 
-    def ended(self, timeout: float) -> list[Ending]:
+    def ended(self, timeout: float) -> list[TaskResult]:
         orders, self._waiting = self._waiting, []
         return [worker.perform(order) for order in orders]
 

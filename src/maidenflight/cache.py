@@ -9,7 +9,7 @@ from pathlib import Path
 
 import platformdirs
 
-_MOST_KEPT = 500_000_000
+_CACHE_BYTES = 500_000_000
 """Bytes of compiled programs; a program has some hundred thousand."""
 
 
@@ -27,12 +27,12 @@ def keep_compiled() -> None:
         return
     programs = folder() / f"{platform.machine()}-{zlib.crc32(_processor().encode()):08x}"
     with suppress(OSError):
-        kept = sorted(
+        entries = sorted(
             (entry.stat().st_mtime, entry.stat().st_size, entry)
             for entry in programs.glob("*-cache")
         )
-        surplus = sum(size for _, size, _ in kept) - _MOST_KEPT
-        for _, size, entry in kept:
+        surplus = sum(size for _, size, _ in entries) - _CACHE_BYTES
+        for _, size, entry in entries:
             if surplus > 0:
                 entry.unlink()
                 surplus -= size

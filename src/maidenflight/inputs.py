@@ -134,12 +134,12 @@ def from_toml(text: str) -> dict[str, Any]:
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    content = dict(pairs)
+    if len(content) < len(pairs):
         names = [name for name, _ in pairs]
         twice = next(name for name in names if names.count(name) > 1)
         raise ValueError(f"{twice[:40]!r} is there twice in one object")
-    return found
+    return content
 
 
 class Fields:
@@ -188,10 +188,10 @@ class Fields:
 
     def tables(self, name: str) -> list["Fields"]:
         """The tables of an array in it; none where it is missing."""
-        found = [] if name not in self.content else self.get(name)
-        if not isinstance(found, list):
+        entries = [] if name not in self.content else self.get(name)
+        if not isinstance(entries, list):
             raise self.refused(name, f"tables [[{self._title}.{name}]]")
-        return [Fields(each, self._where, f"{self._title}.{name}", self._cure) for each in found]
+        return [Fields(each, self._where, f"{self._title}.{name}", self._cure) for each in entries]
 
     def text(self, name: str) -> str:
         """A text."""

@@ -137,8 +137,8 @@ def append(
         content = {"format": FORMAT, "entries": [asdict(one) for one in entries]}
         return results.write(folder / NAME, f"{json.dumps(content, indent=1)}\n")
     except InputError as error:
-        said = f"{error} The results of {verb} in {output} are whole, but not listed there."
-        raise InputError(said) from error
+        message = f"{error} The results of {verb} in {output} are whole, but not listed there."
+        raise InputError(message) from error
     finally:
         release()
 
@@ -183,25 +183,25 @@ def find_manifest(place: StrPath) -> Manifest | None:
     if home is None:
         return None
     # As the user wrote it, where that is possible, for messages.
-    shown = place.parent if Path(os.path.abspath(place.parent)) == home else home
+    run_path = place.parent if Path(os.path.abspath(place.parent)) == home else home
     name = _name(place, home) or ""
-    found = []
-    for entry in read_manifest(shown).entries:
+    entries = []
+    for entry in read_manifest(run_path).entries:
         kinds = [kind for kind, names in entry.written.items() if name in names]
         if kinds and set(kinds) <= {"logs", "flight_logs"}:
-            found.append(replace(entry, written={"logs": [name]}, inputs={}))
+            entries.append(replace(entry, written={"logs": [name]}, inputs={}))
         elif any(
             PurePosixPath(each).is_relative_to(name)
             for each in (entry.output, *(one for names in entry.written.values() for one in names))
         ):
-            found.append(entry)
-    return Manifest(shown, tuple(found)) if found else None
+            entries.append(entry)
+    return Manifest(run_path, tuple(entries)) if entries else None
 
 
 def _replace(entries: Sequence[Entry], new: Entry) -> list[Entry]:
     """Adds an entry, without what it replaces."""
     own = {name for names in new.written.values() for name in names}
-    kept = []
+    remaining = []
     for old in entries:
         left = {
             kind: rest
@@ -209,8 +209,8 @@ def _replace(entries: Sequence[Entry], new: Entry) -> list[Entry]:
             if (rest := [name for name in names if name not in own])
         }
         if left and (old.verb, old.output) != (new.verb, new.output):
-            kept.append(replace(old, written=left))
-    return [*kept, new]
+            remaining.append(replace(old, written=left))
+    return [*remaining, new]
 
 
 def _name(path: StrPath, folder: StrPath) -> str | None:

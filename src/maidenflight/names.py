@@ -6,7 +6,7 @@ CONTROLS = ("pwm", "attitude_rate", "attitude")
 """The paper's control structures (Gronauer et al. 2022, sec. Control Structures)."""
 TASKS = ("circle", "figure_eight", "fast_circle", "fast_figure_eight", "hover", "take_off")
 """What policies are trained to fly."""
-FLOWN_TASKS = ("circle", "figure_eight", "hover")
+REAL_TASKS = ("circle", "figure_eight", "hover")
 """What a real drone flies."""
 AXES = ("circle", "figure_eight", "gusts", "payload", "battery", "propeller", "latency")
 """Along which an envelope grows harder."""

@@ -51,9 +51,9 @@ class Policy:
 
         Not clipped, because the next observation holds it as it is.
         """
-        form, size = self.spec.policy_form, self.spec.seen_size
-        seen, memory = observation[:size], observation[size:]
-        values = (form.observed(seen) - self.observation_mean) / self.observation_std
+        form, size = self.spec.policy_form, self.spec.observed_size
+        inputs, memory = observation[:size], observation[size:]
+        values = (form.observed(inputs) - self.observation_mean) / self.observation_std
         for number, (weight, bias) in enumerate(
             zip(self.weights[:-1], self.biases[:-1], strict=True)
         ):
@@ -202,13 +202,13 @@ class Actor:
         points = np.zeros((0, 3), np.float32) if ahead is None else np.asarray(ahead, np.float32)
         wanted = self.policy.spec.look_ahead
         if points.shape != (wanted.points, 3):
-            told = "no points" if ahead is None else f"an array of shape {points.shape}"
+            problem = "no points" if ahead is None else f"an array of shape {points.shape}"
             raise InputError(
-                f"ahead: {told}; the policy looks ahead at {wanted.points} points, "
+                f"ahead: {problem}; the policy looks ahead at {wanted.points} points, "
                 f"{wanted.spacing:g} s apart. Give where the drone shall be then, "
                 f"({wanted.points}, 3) in m."
             )
-        seen = Measurement(*(jnp.asarray(part, jnp.float32) for part in measurement))
+        measured = Measurement(*(jnp.asarray(part, jnp.float32) for part in measurement))
         history = self._history
         if history is None:
             history = np.zeros((self.policy.spec.history, OBSERVATION_SIZE), np.float32)
@@ -216,21 +216,21 @@ class Actor:
             self.policy,
             history,
             self._history is None,
-            seen,
+            measured,
             np.asarray(setpoint, np.float32),
             points,
             self._action,
             self._memory,
         )
-        given = Act(np.asarray(command), np.asarray(action))
+        act = Act(np.asarray(command), np.asarray(action))
         known = np.isfinite(history).all() and np.isfinite(points).all()
-        if not (known and np.isfinite(given.action).all()):
+        if not (known and np.isfinite(act.action).all()):
             raise InputError(
-                f"measurement {seen}, setpoint {setpoint}, ahead {points.tolist()}: an action "
-                f"of {given.action}. Expected finite numbers: let another controller fly."
+                f"measurement {measured}, setpoint {setpoint}, ahead {points.tolist()}: an action "
+                f"of {act.action}. Expected finite numbers: let another controller fly."
             )
-        self._history, self._action, self._memory = history, given.action, memory
-        return given
+        self._history, self._action, self._memory = history, act.action, memory
+        return act
 
 
 @jax.jit
@@ -247,8 +247,8 @@ def _act(
     instant = observe(measurement, setpoint, last_action)
     filled = jnp.broadcast_to(instant, history.shape)
     history = jnp.where(first, filled, remember(history, instant))
-    seen = policy.spec.observation(history, ahead, measurement.position, memory)
-    action, memory = jnp.split(policy(seen), [ACTION_SIZE])
+    observation = policy.spec.observation(history, ahead, measurement.position, memory)
+    action, memory = jnp.split(policy(observation), [ACTION_SIZE])
     return history, action, memory, policy.interface.command(action)
 
 

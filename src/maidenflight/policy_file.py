@@ -144,12 +144,12 @@ def to_json(policy: Policy, record: Mapping[str, Any] | None = None) -> str:
             "observation_mean": _decimals(policy.observation_mean),
             "observation_std": _decimals(policy.observation_std),
             "layers": layers,
-            **_gru_told(policy.gru),
+            **_describe_gru(policy.gru),
         }
     )
 
 
-def _gru_told(gru: Gru | None) -> dict[str, Any]:
+def _describe_gru(gru: Gru | None) -> dict[str, Any]:
     """What a file holds of a recurrent unit; nothing where there is none."""
     if gru is None:
         return {}
@@ -209,9 +209,9 @@ def _own(content: Mapping[str, Any], where: str) -> Policy:
         gru = None
         if "gru" in content:
             gru = Gru(**{name: _numbers(array) for name, array in content["gru"].items()})
-        seen = {"history": content["history"], **content}
-        seen["hidden"] = tuple(bias.size for bias in biases[:-1])
-        seen["memory"] = gru.size if gru is not None and gru.recurrent.ndim == 2 else 0
+        observed_fields = {"history": content["history"], **content}
+        observed_fields["hidden"] = tuple(bias.size for bias in biases[:-1])
+        observed_fields["memory"] = gru.size if gru is not None and gru.recurrent.ndim == 2 else 0
         policy = Policy(
             weights=weights,
             biases=biases,
@@ -219,7 +219,7 @@ def _own(content: Mapping[str, Any], where: str) -> Policy:
             observation_std=_numbers(content["observation_std"]),
             interface=ControlInterface.from_dict(content["interface"]),
             gru=gru,
-            spec=PolicySpec.from_dict(seen),
+            spec=PolicySpec.from_dict(observed_fields),
         )
     except InputError as error:
         raise InputError(f"{where}: {error}") from error

@@ -88,26 +88,26 @@ def _installed_on(group: str, path: tuple[str, ...]) -> Installed:
     """Looks for entry points in the packages on a path, of which the first of a name counts."""
     from importlib.metadata import distributions
 
-    found, seen = Installed({}, []), set[str]()
+    installed, names = Installed({}, []), set[str]()
     for package in distributions(path=list(path)):
         # Most packages have none of ours, and what they have is not read.
         if group not in (package.read_text("entry_points.txt") or ""):
             continue
         name = package.name or f"in {package.locate_file('')}"
-        if name in seen:
+        if name in names:
             continue
-        seen.add(name)
+        names.add(name)
         try:
             entries = package.entry_points.select(group=group)
         except Exception as error:
-            found.damaged.append(
+            installed.damaged.append(
                 f"The package {name} may have more, but its entry points cannot be read "
                 f"({type(error).__name__}: {error}). Mend or uninstall it."
             )
             continue
         for entry in entries:
-            found.entries.setdefault(entry.name, []).append((name, entry))
-    return found
+            installed.entries.setdefault(entry.name, []).append((name, entry))
+    return installed
 
 
 _RING = "maidenflight.integrations"

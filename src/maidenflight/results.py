@@ -106,10 +106,12 @@ def remove_older(written: Sequence[StrPath], record: Mapping[str, Any]) -> None:
         record: how they were made; what an earlier run wrote has a record that names the same
             settings.
     """
-    kept = {Path(path) for path in written}
+    new_files = {Path(path) for path in written}
     for path in {
-        beside for folder in {path.parent for path in kept} for beside in folder.glob("*.csv")
-    } - kept:
+        candidate
+        for folder in {path.parent for path in new_files}
+        for candidate in folder.glob("*.csv")
+    } - new_files:
         older = read_record(path)
         if (
             older is not None
@@ -144,13 +146,13 @@ def record(
         Plain dictionaries, ready for TOML or JSON: `version`, `seed`, `inputs` (name and hash),
         `settings`.
     """
-    made: dict[str, Any] = {"version": __version__}
+    content: dict[str, Any] = {"version": __version__}
     if seed is not None:
-        made["seed"] = seed
+        content["seed"] = seed
     if inputs:
-        made["inputs"] = [f"{Path(path).name} sha256:{digest(path)}" for path in inputs]
-    made["settings"] = {name: value for name, value in settings.items() if value is not None}
-    return made
+        content["inputs"] = [f"{Path(path).name} sha256:{digest(path)}" for path in inputs]
+    content["settings"] = {name: value for name, value in settings.items() if value is not None}
+    return content
 
 
 def recorded_inputs(record: Mapping[str, Any], where: str) -> dict[str, str]:
@@ -166,7 +168,7 @@ def recorded_inputs(record: Mapping[str, Any], where: str) -> dict[str, str]:
     entries = record.get("inputs", [])
     if not isinstance(entries, list):
         entries = [entries]
-    found = {}
+    digests = {}
     for entry in entries:
         name, mark, digest = str(entry).rpartition(" sha256:")
         if not isinstance(entry, str) or not mark:
@@ -174,8 +176,8 @@ def recorded_inputs(record: Mapping[str, Any], where: str) -> dict[str, str]:
                 f"{where}: its record names the input {str(entry)[:40]!r}, expected 'NAME "
                 "sha256:DIGEST'. Write the file again, or remove its record."
             )
-        found[digest] = name
-    return found
+        digests[digest] = name
+    return digests
 
 
 def plain(record: Mapping[str, Any]) -> dict[str, Any]:
@@ -213,6 +215,6 @@ def read_record(path: StrPath) -> dict[str, Any] | None:
     with suppress(OSError, ValueError):
         for line in inputs.comments(path):
             if line.startswith("# record: "):
-                found = inputs.from_json(line.removeprefix("# record: "))
-                return found if isinstance(found, dict) else None
+                content = inputs.from_json(line.removeprefix("# record: "))
+                return content if isinstance(content, dict) else None
     return None

@@ -250,7 +250,7 @@ POLICY = Numbered("policy", ".json")
 LOG = Numbered("flight", ".csv")
 
 
-def beside(drone: StrPath) -> Path:
+def evaluations_path(drone: StrPath) -> Path:
     """Where the evaluations of an identification go.
 
     `identification.csv` for `drone.toml`, `NAME_identification.csv` for `NAME.toml`.
@@ -260,12 +260,12 @@ def beside(drone: StrPath) -> Path:
     return path.with_name(named)
 
 
-def picture_beside(drone: StrPath) -> Path:
+def picture_path(drone: StrPath) -> Path:
     """Where the picture of an identification goes: as `beside`, with `.svg`."""
-    return beside(drone).with_suffix(".svg")
+    return evaluations_path(drone).with_suffix(".svg")
 
 
-def windows_beside(validation: StrPath) -> Path:
+def windows_path(validation: StrPath) -> Path:
     """Where the windows of a validation go: `NAME_windows.csv` for `NAME.csv`."""
     path = Path(validation)
     return path.with_name(f"{path.stem}_windows.csv")

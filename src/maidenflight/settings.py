@@ -212,7 +212,7 @@ class Setting:
     """Whether only `--help-all` shows it."""
     files: bool = False
     """Whether its values name files or folders, or may; their content then names a result."""
-    made_by: str = ""
+    producer: str = ""
     """The verb whose task in a study may make it."""
     recorded: bool = True
     """Whether results depend on it: records hold it, and a study may set it."""
@@ -224,8 +224,8 @@ class Setting:
         """Returns its default as help shows it; nothing where that says nothing."""
         if self.usual or self.default in (None, REQUIRED, "", (), {}):
             return self.usual
-        shown = self.default
-        return ", ".join(map(str, shown)) if isinstance(shown, list | tuple) else str(shown)
+        value = self.default
+        return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
 
     def check(self, value: Any, where: str) -> Any:
         """Returns the value that the verb sees.

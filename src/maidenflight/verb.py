@@ -103,13 +103,13 @@ class Verb:
     @classmethod
     def settings(cls) -> dict[str, tuple[str, Setting]]:
         """Returns the settings by the names that users write, each with its field's name."""
-        found: dict[str, tuple[str, Setting]] = {}
+        settings: dict[str, tuple[str, Setting]] = {}
         group = "Options"
         for one in dataclasses.fields(cls):  # type: ignore[arg-type]
             declared: Setting = one.metadata["setting"]
             group = declared.group or group
-            found[declared.name or one.name] = one.name, replace(declared, group=group)
-        return found
+            settings[declared.name or one.name] = one.name, replace(declared, group=group)
+        return settings
 
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> "Verb":
@@ -240,12 +240,12 @@ def find_verb(name: str) -> type[Verb]:
     if not mark:
         return VERBS[name]
     try:
-        found = getattr(import_module(module), attribute)
+        verb = getattr(import_module(module), attribute)
     except (ImportError, AttributeError, TypeError, ValueError) as error:
         raise InputError(
             f"{name}: cannot be imported ({error}). Give MODULE:NAME of a Verb in a module that "
             "Python finds, as by PYTHONPATH, on every machine."
         ) from error
-    if not (isinstance(found, type) and issubclass(found, Verb)):
-        raise InputError(f"{name}: is a {type(found).__name__}; expected a maidenflight.verb.Verb.")
-    return found
+    if not (isinstance(verb, type) and issubclass(verb, Verb)):
+        raise InputError(f"{name}: is a {type(verb).__name__}; expected a maidenflight.verb.Verb.")
+    return verb

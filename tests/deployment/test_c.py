@@ -58,7 +58,7 @@ NOW = [
 ]
 
 
-class Flown:
+class SimulatedFlight:
     """A compiled policy and its state."""
 
     def __init__(self, directory, history, level="-O3", compiler=None, ahead=0, memory=0):
@@ -166,7 +166,7 @@ def walk(steps, seed=0):
 @pytest.fixture
 def flown(tmp_path):
     """Exports and compiles."""
-    return lambda policy, level="-O3", compiler=None: Flown(
+    return lambda policy, level="-O3", compiler=None: SimulatedFlight(
         export_c(policy, tmp_path)[0].parent,
         policy.spec.history,
         level,
@@ -410,7 +410,7 @@ def test_self_test_fails_when_one_number_is_damaged(tmp_path, table):
     damaged = text[:place] + re.sub(r"-?[\d.]+(e-?\d+)?f", "0.8125f", text[place:], count=1)
     assert damaged != text
     source.write_text(damaged)
-    assert not Flown(tmp_path, 2).self_test()
+    assert not SimulatedFlight(tmp_path, 2).self_test()
 
 
 def test_checksum_sees_a_change_of_the_last_bit():
@@ -448,7 +448,7 @@ def test_every_compiler_and_level_is_silent_and_agrees(tmp_path, compiler, level
         tmp_path,
         record={"note": "ends */ /* here ??/ or not", "path": "a" * 300},
     )
-    assert Flown(tmp_path, 1, level, compiler).self_test()
+    assert SimulatedFlight(tmp_path, 1, level, compiler).self_test()
 
 
 @pytest.mark.parametrize(

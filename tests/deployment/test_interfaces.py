@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from test_c import COMPILERS, Flown
+from test_c import COMPILERS, SimulatedFlight
 
 import maidenflight as mf
 from maidenflight import policy
@@ -52,7 +52,7 @@ def constant(meaning: ControlInterface, action: list[float]) -> Policy:
 def in_c(made: Policy, folder) -> np.ndarray:
     """The exported code's first command for a level drone."""
     mf.export(made, folder)
-    drone = Flown(folder, made.spec.history)
+    drone = SimulatedFlight(folder, made.spec.history)
     drone.reset(np.zeros(4))
     finite, command = drone.step(LEVEL, LEVEL.position)
     assert finite

@@ -82,7 +82,7 @@ pytestmark = [
 ]
 
 
-class Flown(NamedTuple):
+class SimulatedFlight(NamedTuple):
     """What Python and the board made of the same observations and histories; actions
     (10_000, 4 + M), the rest (4, 500, ...)."""
 
@@ -97,8 +97,8 @@ class Board(NamedTuple):
     computes."""
 
     folder: Path
-    board: Flown
-    python: Flown
+    board: SimulatedFlight
+    python: SimulatedFlight
     costs: np.ndarray
     """As written by `main.c`."""
     memory: int
@@ -140,7 +140,7 @@ def flown_in_python(
     last: np.ndarray,
     moments: Measurement,
     setpoints: jax.Array,
-) -> Flown:
+) -> SimulatedFlight:
     """All histories at once, each step from what the step before remembered."""
     act, observe, commands = (
         jax.jit(jax.vmap(policy)),
@@ -166,7 +166,7 @@ def flown_in_python(
                 np.array(commands.centre) + np.array(commands.span) * np.clip(action, -1, 1),
             )
         )
-    return Flown(
+    return SimulatedFlight(
         np.asarray(jax.vmap(policy)(jnp.asarray(observations))),
         *(np.stack(part, axis=1) for part in zip(*flown, strict=True)),
     )
@@ -206,7 +206,7 @@ def flown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     assert run(folder)
     actions = np.fromfile(folder / "actions", np.float32).reshape(OBSERVATIONS, -1)
     steps = np.fromfile(folder / "flown", np.float32).reshape(HISTORIES, STEPS, -1)
-    board = Flown(actions, *np.split(steps, [40 + memory, 44 + memory], axis=-1))
+    board = SimulatedFlight(actions, *np.split(steps, [40 + memory, 44 + memory], axis=-1))
     return Board(
         folder,
         board,
@@ -217,7 +217,7 @@ def flown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 
 def test_the_board_computes_and_remembers_what_python_does(flown: Board):
-    for name, board, python in zip(Flown._fields, flown.board, flown.python, strict=True):
+    for name, board, python in zip(SimulatedFlight._fields, flown.board, flown.python, strict=True):
         np.testing.assert_allclose(board, python, rtol=0, atol=1e-5, err_msg=name)
     assert np.abs(flown.python.action).max() > 1.0
     assert np.std(flown.python.action, axis=(0, 1)).min() > 0.1

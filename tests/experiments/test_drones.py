@@ -12,15 +12,15 @@ from maidenflight.flights import log
 from maidenflight.identification.drone_file import DroneFile, Estimate
 from maidenflight.names import ANY, ANY_DAY, POSTERIOR, TRIMS
 from maidenflight.parameters import crazyflie
-from maidenflight.simulator.any_drone import AnyDay, AnyDrone
+from maidenflight.simulator.any_drone import DayToDay, GenericQuadrotor
 from maidenflight.simulator.controllers import control
 
 
 def test_drones_of_any_make_are_about_the_named_drone() -> None:
     drones = distribution_of("crazyflie", ANY, control.pwm())
-    assert isinstance(drones, AnyDrone)
+    assert isinstance(drones, GenericQuadrotor)
     assert float(drones.centre.mass) == pytest.approx(float(crazyflie().mass))
-    assert isinstance(distribution_of("crazyflie", ANY_DAY, control.pwm()), AnyDay)
+    assert isinstance(distribution_of("crazyflie", ANY_DAY, control.pwm()), DayToDay)
 
 
 def test_a_log_of_the_day_tells_the_trims_and_nothing_else(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from maidenflight.errors import InputError
 from maidenflight.experiments import envelope
-from maidenflight.experiments.envelope import AXES, Condition, Pace
+from maidenflight.experiments.envelope import AXES, Condition, SpeedRamp
 from maidenflight.flying.rows import Rows
 from maidenflight.parameters import check, crazyflie, replace
 from maidenflight.policy import untrained
@@ -25,7 +25,7 @@ from numpy_drone import NumpyDrone
 
 DRONE = virtual_drone(7)
 CONDITIONS = {name: axis for name, axis in AXES.items() if isinstance(axis, Condition)}
-PACES = {name: axis for name, axis in AXES.items() if isinstance(axis, Pace)}
+PACES = {name: axis for name, axis in AXES.items() if isinstance(axis, SpeedRamp)}
 
 
 def rows(distance: Any) -> Rows:
@@ -37,17 +37,17 @@ def rows(distance: Any) -> Rows:
 
 
 def test_a_flight_is_flown_up_to_the_first_second_whose_mean_is_too_far():
-    assert envelope.rows_flown(rows(np.full(500, 0.09)), 100) == 500
-    assert envelope.rows_flown(rows(np.full(500, 0.11)), 100) == 0
+    assert envelope.steps_done(rows(np.full(500, 0.09)), 100) == 500
+    assert envelope.steps_done(rows(np.full(500, 0.11)), 100) == 0
     # From row 300 on at 0.2 m: the mean over 100 rows exceeds 0.1 m with 51 of them.
     late = np.where(np.arange(500) < 300, 0.0, 0.2)
-    assert envelope.rows_flown(rows(late), 100) == 300 - 49
+    assert envelope.steps_done(rows(late), 100) == 300 - 49
     # A short slip within the mean is none, and a guard ends the flight at once.
     slip = np.where((np.arange(500) > 200) & (np.arange(500) < 230), 0.2, 0.01)
-    assert envelope.rows_flown(rows(slip), 100) == 500
+    assert envelope.steps_done(rows(slip), 100) == 500
     lost = np.where(np.arange(500) < 300, 0.01, 0.3)
-    assert envelope.rows_flown(rows(lost), 100) == 300
-    assert envelope.rows_flown(rows(np.where(np.arange(500) < 50, 0.0, np.nan)), 100) == 0
+    assert envelope.steps_done(rows(lost), 100) == 300
+    assert envelope.steps_done(rows(np.where(np.arange(500) < 50, 0.0, np.nan)), 100) == 0
 
 
 @pytest.mark.parametrize("axis", PACES)

@@ -13,7 +13,7 @@ import polars
 import pytest
 
 from maidenflight.errors import InputError
-from maidenflight.experiments import as_flown
+from maidenflight.experiments import real_controller
 from maidenflight.experiments.flight_times import predict_flight_times, summary
 from maidenflight.flying import guarded
 from maidenflight.flying.scenario import PUBLISHED_START
@@ -97,7 +97,7 @@ def test_a_policy_that_rolls_at_60_deg_a_second_meets_the_tilt_guard_after_half_
 def test_attitude_is_asked_for_without_clipping(output: float) -> None:
     """Rate PIDs get 6 + 3 x 2 ms times 10 deg; the first tick's derivative saturates them, the
     second's does not."""
-    flown = as_flown.controller_as_flown(interface.attitude())
+    flown = real_controller.real_controller(interface.attitude())
     level = Measurement(jnp.zeros(3), jnp.zeros(3), jnp.array([0.0, 0.0, 0.0, 1.0]), jnp.zeros(3))
     memory, action = flown.init(), jnp.array([0.0, output, 0.0, 0.0])
     memory, _ = flown.command(memory, action, level, jnp.zeros(3))
@@ -143,7 +143,7 @@ def test_the_guard_is_the_papers_on_what_the_sensors_tell(
 def test_yaw_rate_is_the_rate_pids_own_set_point() -> None:
     """The counts of the first tick: 120 and 16.7 times 60 deg/s, and all thrust asked for beside
     it."""
-    flown = as_flown.controller_as_flown(interface.attitude_rate())
+    flown = real_controller.real_controller(interface.attitude_rate())
     level = Measurement(jnp.zeros(3), jnp.zeros(3), jnp.array([0.0, 0.0, 0.0, 1.0]), jnp.zeros(3))
     _, command = flown.command(flown.init(), jnp.array([0.0, 0.0, 0.0, 1.0]), level, jnp.zeros(3))
     yaw = np.trunc(120 * 60 + 16.7 * 60 * 0.002)
@@ -159,7 +159,7 @@ def test_policies_see_the_history_and_hold_the_actions_of_their_own_rate(
 ) -> None:
     """As in an environment that acts at that rate: its layout is held against the drone's logs.
     Only the guard looks more often."""
-    structure = as_flown.controller_as_flown(interface.attitude())
+    structure = real_controller.real_controller(interface.attitude())
     policies = [restless("attitude", number, look_ahead) for number in range(4)]
     drone = replace(noiseless(crazyflie()), time_step=control.time_step(structure))
     env = Environment.matching(

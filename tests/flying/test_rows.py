@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from maidenflight.flying.rows import Flown, Rows
+from maidenflight.flying.rows import Rows, SimulatedFlight
 from maidenflight.simulator.physics.battery import Supply
 from maidenflight.simulator.tasks.failures import BACKUP, END_REASONS, LOST, ZERO_SHOT, Guard
 
@@ -64,7 +64,7 @@ def test_the_first_guard_to_trip_is_the_reason_and_each_looks_at_its_own_limits(
 def test_without_a_battery_the_logged_command_is_the_ratio_and_positions_are_those_of_the_rows():
     flown = rows(ratio=(0, slice(None), 0.625), true_position=(1, 0, 0.5))
     flown = flown._replace(battery=np.full(100, 3.5), true_velocity=flown.true_velocity + 2.0)
-    whole = Flown(flown, 50, zero_order_hold=True, supply=Supply(), reality="x")
+    whole = SimulatedFlight(flown, 50, zero_order_hold=True, supply=Supply(), reality="x")
     assert (whole.duration, whole.end_reason, whole.drone) == (2.0, "time limit", None)
     flight = whole.to_flight("made")
     np.testing.assert_array_equal(flight.command, flown.ratio)

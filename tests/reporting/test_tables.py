@@ -44,5 +44,5 @@ def test_a_template_with_a_name_missing_is_an_error():
 )
 def test_a_number_is_shown_in_its_unit_and_sorted_by_its_value(value, shown, key):
     cell = tables.number("share [%]", 1, 100.0).show(value, {})
-    assert (cell.shown, cell.key) == (shown, key)
+    assert (cell.content, cell.key) == (shown, key)
     assert tables.plain(3) == Cell("3", 3)

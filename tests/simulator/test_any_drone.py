@@ -6,7 +6,7 @@ import pytest
 
 from maidenflight import parameters
 from maidenflight.parameters import QUANTITIES, crazyflie, replace
-from maidenflight.simulator.any_drone import ANY_RANGES, AnyDay, AnyDrone
+from maidenflight.simulator.any_drone import ANY_RANGES, DayToDay, GenericQuadrotor
 from maidenflight.simulator.randomization import randomize, wide_box
 
 PAPER = crazyflie()
@@ -16,7 +16,7 @@ KEYS = jax.random.split(jax.random.key(0), 2000)
 
 def test_drones_of_any_make_could_be_built_and_fill_their_ranges():
     """Bodies of one shape: inertia over mass and arm squared does not depend on the size."""
-    drawn = many(AnyDrone(PAPER), KEYS)
+    drawn = many(GenericQuadrotor(PAPER), KEYS)
     for number in range(20):
         parameters.check(jax.tree.map(lambda leaf, number=number: leaf[number], drawn))
     np.testing.assert_array_equal(drawn.gyro_noise, np.full(len(KEYS), PAPER.gyro_noise))
@@ -40,13 +40,13 @@ def test_drones_of_any_make_could_be_built_and_fill_their_ranges():
     trim = np.asarray(drawn.torque_bias) / thrust[:, None]
     assert np.abs(trim[:, :2] / arm[:, :1]).max() == pytest.approx(0.04, rel=0.02)
     assert np.abs(trim[:, 2] / drawn.torque_to_thrust).max() == pytest.approx(0.1, rel=0.02)
-    assert "motor_time_constant ~ log U(0.015, 0.15) s" in str(AnyDrone(PAPER))
+    assert "motor_time_constant ~ log U(0.015, 0.15) s" in str(GenericQuadrotor(PAPER))
 
 
 @pytest.mark.slow
 def test_a_drone_of_any_day_has_trims_payload_and_latency_about_its_own():
     box = wide_box(replace(PAPER, latency=0.04), "pwm")
-    drawn = many(AnyDay(box), KEYS)
+    drawn = many(DayToDay(box), KEYS)
     for number in range(20):
         parameters.check(jax.tree.map(lambda leaf, number=number: leaf[number], drawn))
     np.testing.assert_array_equal(drawn.rotor_x, np.tile(PAPER.rotor_x, (len(KEYS), 1)))
@@ -65,4 +65,4 @@ def test_a_drone_of_any_day_has_trims_payload_and_latency_about_its_own():
     trim = np.asarray(drawn.torque_bias)[:, 2] / (force * PAPER.gravity * drawn.torque_to_thrust)
     assert np.abs(trim).max() == pytest.approx(0.1, rel=0.05)
     assert 0.45 < np.mean(np.asarray(drawn.rotor_thrust).min(axis=1) < 1) < 0.55
-    assert "mass + U(0, 0.2) of it" in str(AnyDay(box))
+    assert "mass + U(0, 0.2) of it" in str(DayToDay(box))

@@ -423,7 +423,7 @@ def test_a_floor_changes_nothing_in_the_air():
     state = dynamics.at_hover(jnp.array([0.0, 0.0, 0.5]), QUIET)._replace(
         velocity=float32([0.1, 0.2, -0.3])
     )
-    assert same(dynamics.held_by_floor(state, 0.0125), state)
+    assert same(dynamics.floor_reaction(state, 0.0125), state)
 
 
 class Heard(NamedTuple):

@@ -47,7 +47,7 @@ def test_what_the_papers_policies_do_not_have_is_told_and_nothing_else() -> None
 def test_an_observation_has_the_size_of_the_spec_and_its_parts_in_order() -> None:
     history, points = jnp.arange(60.0).reshape(3, 20), jnp.ones((2, 3))
     seen = FULL.observation(history, points, jnp.full(3, 0.25), jnp.full(5, 7.0))
-    assert (seen.size, FULL.seen_size, FULL.layer_sizes) == (FULL.size, 66, (66, 8, 6, 4))
+    assert (seen.size, FULL.observed_size, FULL.layer_sizes) == (FULL.size, 66, (66, 8, 6, 4))
     np.testing.assert_array_equal(seen, [*range(60), *[0.75] * 6, *[7.0] * 5])
     assert [len(part) for part in FULL.scaling] == [66, 66]
     assert PolicySpec().points(lambda _: jnp.ones(3), jnp.zeros(())).shape == (0, 3)

@@ -14,7 +14,7 @@ from maidenflight.studies.engine import Engine, Resources
 from maidenflight.studies.status import Progress
 from maidenflight.studies.store import Folder, opened
 from maidenflight.studies.sweeping import LOSSES
-from maidenflight.studies.worker import FAILED, LOST, Ending, Order
+from maidenflight.studies.worker import FAILED, LOST, Order, TaskResult
 
 
 class Here:
@@ -33,11 +33,11 @@ class Here:
         self.submitted.append(order.key)
         self.waiting.append(order)
 
-    def ended(self, timeout: float) -> list[Ending]:
+    def ended(self, timeout: float) -> list[TaskResult]:
         orders, self.waiting = self.waiting, []
         lost, self._losses = orders[: self._losses], max(0, self._losses - len(orders))
         done = [worker.perform(order) for order in orders[len(lost) :]]
-        return [*(Ending(order.key, LOST, "node gone") for order in lost), *done]
+        return [*(TaskResult(order.key, LOST, "node gone") for order in lost), *done]
 
     def close(self) -> None:
         self.closed += 1
@@ -106,9 +106,9 @@ def test_what_waits_for_a_task_that_failed_is_not_begun(tmp_path: Path) -> None:
     (tmp_path / "out" / "results").mkdir(parents=True)
 
     class Failing(Here):
-        def ended(self, timeout: float) -> list[Ending]:
+        def ended(self, timeout: float) -> list[TaskResult]:
             endings = super().ended(timeout)
-            return [dataclasses.replace(one, how=FAILED, said="no") for one in endings]
+            return [dataclasses.replace(one, how=FAILED, message="no") for one in endings]
 
     failing = Failing()
     with pytest.raises(InputError, match="2 of 6 tasks failed, and 4 wait"):
@@ -223,7 +223,7 @@ def test_an_engine_whose_package_is_lacking_is_told(
 
 def test_two_drivers_do_not_write_the_same_study(tmp_path: Path) -> None:
     class Second(Here):
-        def ended(self, timeout: float) -> list[Ending]:
+        def ended(self, timeout: float) -> list[TaskResult]:
             with pytest.raises(InputError, match="another maidenflight"):
                 mf.sweep(toy_kinds.study(), tmp_path / "out", Here())
             return super().ended(timeout)

@@ -34,7 +34,7 @@ class Square(Toy):
 
 
 class Add(Toy):
-    square: str = setting(text("a file"), made_by="toy_kinds:Square")
+    square: str = setting(text("a file"), producer="toy_kinds:Square")
     more: int = setting(whole(0, 10**6), 0)
 
     def compute(self, output: Path, progress: Progress) -> Result:

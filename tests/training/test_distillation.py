@@ -9,7 +9,7 @@ from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import Policy, untrained
 from maidenflight.policy_file import PolicyFile
-from maidenflight.simulator.any_drone import AnyDrone
+from maidenflight.simulator.any_drone import GenericQuadrotor
 from maidenflight.simulator.environment import Environment, observation
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import stacked
@@ -21,7 +21,7 @@ from maidenflight.verbs.train import Train
 
 pytestmark = pytest.mark.usefixtures("without_optimizations")
 
-BOX = AnyDrone(crazyflie())
+BOX = GenericQuadrotor(crazyflie())
 WORLD = Environment.matching(crazyflie(), spec=PolicySpec(memory=4, hidden=(8, 8)))
 SETTINGS = Distillation(updates=120, num_envs=4, horizon=4, learning_rate=0.02)
 
@@ -81,7 +81,7 @@ def test_the_teacher_learns_first_then_the_policy_imitates_it_and_goes_on_alone(
     taught = after(begun, 0, 40)
     assert same(taught.policy, begun.policy)
     assert not same(taught.teacher, begun.teacher)
-    assert np.abs(taught.teacher.told).min(axis=(1, 2)).max() > 0
+    assert np.abs(taught.teacher.known_weights).min(axis=(1, 2)).max() > 0
 
     # Of a teacher that climbs: what is learnt of one so little trained would not show.
     weights, (*biases, last), told = begun.teacher.network

@@ -114,7 +114,7 @@ def test_interrupted_training_goes_on_to_the_same_policies(tmp_path: Path) -> No
 @pytest.mark.slow
 def test_the_policy_normalises_by_all_observations_so_far(learned: Any) -> None:
     np.testing.assert_array_equal(
-        learned.observation_moments.seen, SMALL.updates * SMALL.num_envs * SMALL.horizon
+        learned.observation_moments.samples, SMALL.updates * SMALL.num_envs * SMALL.horizon
     )
     np.testing.assert_array_equal(
         learned.policy.observation_mean, learned.observation_moments.mean[:, :40]
@@ -278,7 +278,7 @@ def test_the_running_moments_are_those_of_all_samples_on_all_devices() -> None:
         across = jax.vmap(moments_of, axis_name=DRONES)(jnp.asarray(batch))
         running = merged(running, jax.tree.map(lambda leaf: leaf[0], across))
     flat = samples.reshape(-1, 2).astype(np.float64)
-    assert float(running.seen) == len(flat)
+    assert float(running.samples) == len(flat)
     np.testing.assert_allclose(running.mean, flat.mean(0), rtol=1e-5)
     np.testing.assert_allclose(running.deviation, flat.std(0) + 1e-5, rtol=1e-3)
 

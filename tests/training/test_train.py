@@ -399,7 +399,7 @@ def test_an_earlier_training_stays_until_the_first_checkpoint_of_the_one_in_its_
     tmp_path: Path, monkeypatch: Any
 ) -> None:
     def interrupted(*_: Any, saved: Checkpoint, **__: Any) -> Any:
-        assert saved.anew
+        assert saved.restart
         raise KeyboardInterrupt
 
     monkeypatch.setattr(

@@ -29,7 +29,7 @@ def main(grace_period: float | None = None) -> None:
         grace_period: see `interruption.insisting`.
     """
     try:
-        with interruption.insisting(grace_period):
+        with interruption.handle_sigint(grace_period):
             commands(prog_name="maidenflight", standalone_mode=False)
     except InputError as error:
         print(f"maidenflight: {error}", file=sys.stderr)

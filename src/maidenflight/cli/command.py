@@ -91,12 +91,12 @@ class VerbCommand(click.Command):
         self, output: str | None, as_json: bool, overwrite: bool = False, **words: Any
     ) -> None:
         context = click.get_current_context()
-        given = {
+        options = {
             name.rstrip("_"): value
             for name, value in words.items()
             if context.get_parameter_source(name) is not ParameterSource.DEFAULT
         }
-        run_verb(self.verb.from_settings(given), output, as_json, overwrite)
+        run_verb(self.verb.from_settings(options), output, as_json, overwrite)
 
 
 def _parameter(name: str, setting: Setting) -> click.Parameter:
@@ -105,9 +105,9 @@ def _parameter(name: str, setting: Setting) -> click.Parameter:
     required = setting.default is REQUIRED
     if setting.argument:
         many = -1 if values.repeats else 1
-        shown = f"{name.upper()}..." if values.repeats else name.upper()
+        metavar = f"{name.upper()}..." if values.repeats else name.upper()
         return click.Argument(
-            [variable], type=_Values(setting), nargs=many, required=required, metavar=shown
+            [variable], type=_Values(setting), nargs=many, required=required, metavar=metavar
         )
     option = f"--{name.replace('_', '-')}"
     if isinstance(setting.default, bool):
@@ -127,13 +127,13 @@ def _parameter(name: str, setting: Setting) -> click.Parameter:
 def _common_options(verb: type[Verb], rare: bool) -> list[click.Parameter]:
     """Returns the options that every verb has."""
 
-    def show_every_option(context: click.Context, _: click.Parameter, given: bool) -> None:
-        if given:
+    def show_every_option(context: click.Context, _: click.Parameter, requested: bool) -> None:
+        if requested:
             context.meta["every_option"] = True
             click.echo(context.get_help(), color=context.color)
             context.exit()
 
-    shown = f" [default: {verb.output.default}]" if verb.output.default else ""
+    default_text = f" [default: {verb.output.default}]" if verb.output.default else ""
     json_help = "Print one JSON object, and nothing else, on standard output."
     every = click.Option(
         ["--help-all"],
@@ -149,7 +149,7 @@ def _common_options(verb: type[Verb], rare: bool) -> list[click.Parameter]:
             ["-o", "--output"],
             type=click.Path(),
             metavar="PATH",
-            help=f"{verb.output.help}{shown}",
+            help=f"{verb.output.help}{default_text}",
         ),
         click.Option(["as_json", "--json"], is_flag=True, help=json_help),
         *([replace] if verb.replaces else []),
@@ -225,8 +225,8 @@ def claim(place: Path, overwrite: bool, resume: bool | None) -> None:
     click.get_current_context().call_on_close(results.claim(place))
     # What a killed run leaves of a file that it was writing is nothing to keep.
     leftovers = set(results.leftovers(place))
-    taken = set(place.iterdir()) > leftovers if place.is_dir() else place.exists()
-    if taken and not (overwrite or resume):
+    occupied = set(place.iterdir()) > leftovers if place.is_dir() else place.exists()
+    if occupied and not (overwrite or resume):
         ways = ["Choose another place with -o", "or allow it with --overwrite"]
         if resume is not None:
             ways.insert(1, "go on with what was interrupted there by --resume")

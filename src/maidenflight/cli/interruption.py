@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 CODE = 130
 """Exit code of an interrupted command: 128 and the number of SIGINT, as of a shell."""
-PATIENCE = 1.0
+GRACE_PERIOD_S = 1.0
 """Longest that the main thread of a process may take to unwind; a second Ctrl-C ends that [s]."""
 
 
@@ -70,7 +70,7 @@ def _importing(frame: "FrameType | None") -> bool:
 
 
 @contextmanager
-def insisting(patience: float | None = None) -> Iterator[None]:
+def handle_sigint(patience: float | None = None) -> Iterator[None]:
     """Holds on to a Ctrl-C that Python would lose.
 
     One that falls into a callback of the garbage collector, JAX's or another, is dropped there, and
@@ -93,7 +93,7 @@ def insisting(patience: float | None = None) -> Iterator[None]:
         again.daemon = True
         again.start()
 
-    def heard(number: int, frame: "FrameType | None") -> None:
+    def handle_signal(number: int, frame: "FrameType | None") -> None:
         nonlocal interrupted
         interrupted = True
         if patience is not None and _importing(frame):
@@ -102,7 +102,7 @@ def insisting(patience: float | None = None) -> Iterator[None]:
 
     sys.unraisablehook = dropped
     try:
-        with _handled(heard, patience):
+        with _handled(handle_signal, patience):
             yield
     except ImportError as error:
         if interrupted:
@@ -114,7 +114,7 @@ def insisting(patience: float | None = None) -> Iterator[None]:
 
 @contextmanager
 def _handled(
-    heard: Callable[[int, "FrameType | None"], None], patience: float | None
+    handler: Callable[[int, "FrameType | None"], None], patience: float | None
 ) -> Iterator[None]:
     """Handles SIGINT by a function that raises, except where somebody else does."""
     if (
@@ -123,9 +123,9 @@ def _handled(
     ):
         yield
         return
-    signal.signal(signal.SIGINT, heard)
+    signal.signal(signal.SIGINT, handler)
     try:
-        with nullcontext() if patience is None else _watched(heard, patience):
+        with nullcontext() if patience is None else _watched(handler, patience):
             yield
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -164,8 +164,8 @@ def _written(file: Path) -> tuple[int, int] | None:
     """What tells a file from the one that replaces it; nothing of a folder, or of no file."""
     if not file.is_file():
         return None
-    found = file.stat()
-    return found.st_ino, found.st_mtime_ns
+    status = file.stat()
+    return status.st_ino, status.st_mtime_ns
 
 
 @contextmanager
@@ -187,8 +187,8 @@ def resumable(checkpoint: Path | None, again: str = "--resume") -> Iterator[None
     def reached() -> bool:
         return checkpoint.exists() and (earlier is None or _written(checkpoint) != earlier)
 
-    kept = [one for one in sys.argv[1:] if one not in ("--resume", "--overwrite")]
-    command = shlex.join(["maidenflight", *kept, *([again] if again else [])])
+    arguments = [one for one in sys.argv[1:] if one not in ("--resume", "--overwrite")]
+    command = shlex.join(["maidenflight", *arguments, *([again] if again else [])])
 
     def how() -> str:
         if reached():

@@ -31,16 +31,16 @@ def keywords_of(to: str) -> set[str]:
     return set(signature(EXPORTERS[to]).parameters)
 
 
-def export(policy: "Policy", folder: "StrPath", to: str = "c", **given: Any) -> list[Path]:
+def export(policy: "Policy", folder: "StrPath", to: str = "c", **options: Any) -> list[Path]:
     """Writes a policy for other programs.
 
     Args:
         policy: the policy.
         folder: where to write; made if missing.
         to: a name in `registry.EXPORTERS`.
-        **given: some of `name` of the policy, `hover`, the share of full thrust at which its drone
-            hovers, `seed` of random numbers in what is written, `record` of how the policy was
-            made, and `propellers` of the drone; what the exporter does not take is left out.
+        **options: some of `name` of the policy, `hover`, the share of full thrust at which its
+            drone hovers, `seed` of random numbers in what is written, `record` of how the policy
+            was made, and `propellers` of the drone; what the exporter does not take is left out.
 
     Returns:
         The files written.
@@ -49,5 +49,5 @@ def export(policy: "Policy", folder: "StrPath", to: str = "c", **given: Any) -> 
         InputError: no such exporter; or what is written cannot hold the policy.
     """
     known = keywords_of(to)
-    kept = {name: value for name, value in given.items() if name in known}
-    return EXPORTERS[to](policy, folder, **kept)
+    accepted = {name: value for name, value in options.items() if name in known}
+    return EXPORTERS[to](policy, folder, **accepted)

@@ -226,10 +226,10 @@ def remembered(gru: Gru, values: NDArray[Any], memory: NDArray[Any]) -> NDArray[
         sums = inputs @ np.asarray(weights, np.float64).T + np.asarray(biases, np.float64)
         return np.split(sums, 3, axis=1)
 
-    given = gates(gru.weights, values, gru.biases)
+    gate_inputs = gates(gru.weights, values, gru.biases)
     known = gates(gru.recurrent, memory, gru.recurrent_biases)
-    reset, update = (0.5 + 0.5 * np.tanh((given[row] + known[row]) / 2.0) for row in (0, 1))
-    candidate = np.tanh(given[2] + reset * known[2])
+    reset, update = (0.5 + 0.5 * np.tanh((gate_inputs[row] + known[row]) / 2.0) for row in (0, 1))
+    candidate = np.tanh(gate_inputs[2] + reset * known[2])
     return (1.0 - update) * candidate + update * memory
 
 
@@ -279,8 +279,8 @@ def _literal(number: np.float32) -> str:
 
 
 def _hover(share: float) -> str:
-    told = "share of full thrust at which the drone that it was trained for hovers"
-    return f"#define MF_HOVER {_literal(np.float32(share))} /* {told} */\n"
+    comment = "share of full thrust at which the drone that it was trained for hovers"
+    return f"#define MF_HOVER {_literal(np.float32(share))} /* {comment} */\n"
 
 
 def _array(name: str, numbers: Numbers) -> str:

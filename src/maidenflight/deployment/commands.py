@@ -31,7 +31,7 @@ def described(interface: ControlInterface) -> str:
     ]
     parts = [
         "command = centre + span clip(action, -1, 1), in "
-        + "; ".join(f"[{place}] {told}" for place, told in enumerate(ranges))
+        + "; ".join(f"[{place}] {description}" for place, description in enumerate(ranges))
         + "."
     ]
     if THRUST in interface.units:

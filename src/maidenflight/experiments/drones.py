@@ -20,7 +20,7 @@ from maidenflight.identification.outcome.ensembles import (
 from maidenflight.inputs import StrPath
 from maidenflight.names import ANY, ANY_DAY, POSTERIOR, TRIMS, WIDE
 from maidenflight.parameters import Parameters
-from maidenflight.simulator.any_drone import AnyDay, AnyDrone
+from maidenflight.simulator.any_drone import DayToDay, GenericQuadrotor
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.randomization import (
@@ -57,9 +57,9 @@ def distribution_of(
         trims = [file.estimates.get(name) for name in TRIM]
         deviations = [0.0 if trim is None else trim.between_sd for trim in trims]
         box = wide_box(centre, controller.interface.name, deviations)
-        return box if randomization == WIDE else AnyDay(box)
+        return box if randomization == WIDE else DayToDay(box)
     if randomization == ANY:
-        return AnyDrone(centre)
+        return GenericQuadrotor(centre)
     return relative_box(centre, float(randomization))
 
 

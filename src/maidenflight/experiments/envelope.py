@@ -25,7 +25,7 @@ from maidenflight.flying.pilots import (
     PolicyPilot,
     pilots_of,
 )
-from maidenflight.flying.rows import Flown, Rows
+from maidenflight.flying.rows import Rows, SimulatedFlight
 from maidenflight.flying.scenario import Change, Scenario
 from maidenflight.parameters import QUANTITIES, Parameters, replace
 from maidenflight.simulator.realities import additions
@@ -47,7 +47,7 @@ _RESAMPLINGS = 1000
 """Of the bootstrap."""
 
 
-class Pace(NamedTuple):
+class SpeedRamp(NamedTuple):
     """A reference that is flown faster and faster within one flight."""
 
     unit: str
@@ -109,12 +109,12 @@ def _grades(step: float, count: int) -> tuple[float, ...]:
     return tuple(round(step * number, 6) for number in range(count + 1))
 
 
-AXES: dict[str, Pace | Condition] = dict(
+AXES: dict[str, SpeedRamp | Condition] = dict(
     zip(
         known.AXES,
         (
-            Pace("m/s", trajectories.quickening_circle, 3.0, 0.5),
-            Pace("m/s", trajectories.quickening_figure_eight, 3.0, 1.0 / 3.0),
+            SpeedRamp("m/s", trajectories.quickening_circle, 3.0, 0.5),
+            SpeedRamp("m/s", trajectories.quickening_figure_eight, 3.0, 1.0 / 3.0),
             Condition("m/s", _grades(1.0, 12), _in_wind, Partial(gust)),
             Condition("of mass", _grades(0.05, 12), _loaded),
             Condition("V less", _grades(0.1, 12), _drained),
@@ -133,7 +133,7 @@ def limit(axis: str, reality: AnyReality) -> float:
     A level curve of radius r takes v^2 / r sideways beside g upwards, and thrust gives k_F g.
     """
     pace = AXES[axis]
-    if not isinstance(pace, Pace) or isinstance(reality, Reality):
+    if not isinstance(pace, SpeedRamp) or isinstance(reality, Reality):
         return float("nan")
     thrust, gravity = (
         float(value) for value in (reality.parameters.thrust_to_weight, reality.parameters.gravity)
@@ -177,14 +177,17 @@ def envelope(
         raise InputError("an envelope needs at least one policy and one flight.")
     along, pilots = AXES[axis], pilots_of(policies)
     keys = jax.random.split(jax.random.key(0) if key is None else key, flights)
-    if isinstance(along, Pace):
+    if isinstance(along, SpeedRamp):
         hardest = along.fastest
         reached = [_paced(pilot, reality, along, keys) for pilot in pilots]
     else:
-        hardest, paces = along.grades[-1], [name for name in AXES if isinstance(AXES[name], Pace)]
+        hardest, paces = (
+            along.grades[-1],
+            [name for name in AXES if isinstance(AXES[name], SpeedRamp)],
+        )
         drone = must_be_virtual(reality, f"Give axes of speed: {', '.join(paces)}.")
-        flown = task or tasks.circle()
-        reached = [_under(pilot, drone, along, keys, flown) for pilot in pilots]
+        base_task = task or tasks.circle()
+        reached = [_under(pilot, drone, along, keys, base_task) for pilot in pilots]
     called = names or [f"policy_{number}" for number in range(1, len(policies) + 1)]
     rows = [
         {
@@ -204,18 +207,18 @@ def envelope(
 
 
 def _paced(
-    pilot: PolicyPilot | ForeignPilot, reality: AnyReality, pace: Pace, keys: Array
+    pilot: PolicyPilot | ForeignPilot, reality: AnyReality, pace: SpeedRamp, keys: Array
 ) -> list[float]:
     """The speed that each flight reaches."""
-    task = tasks.tracking(pace.of(pace.fastest), trajectories.QUICKENING)
-    scenario, reached = Scenario(task, trajectories.QUICKENING), []
+    task = tasks.tracking(pace.of(pace.fastest), trajectories.RAMP_DURATION_S)
+    scenario, reached = Scenario(task, trajectories.RAMP_DURATION_S), []
     for one in fly_all(reality, pilot, scenario, keys, LOST):
-        share = rows_flown(one.rows, one.rate) / round(trajectories.QUICKENING * one.rate)
+        share = steps_done(one.rows, one.rate) / round(trajectories.RAMP_DURATION_S * one.rate)
         reached.append(pace.fastest * share if share else float("nan"))
     return reached
 
 
-def rows_flown(rows: Rows, rate: int) -> int:
+def steps_done(rows: Rows, rate: int) -> int:
     """Rows until a guard trips or the distance's mean over `WINDOW_S` exceeds `WITHIN_M`.
 
     Args:
@@ -243,21 +246,21 @@ def _under(
     task: Task,
 ) -> list[float]:
     """The grade up to which each flight lasts within the distance."""
-    held = np.ones((len(keys), len(condition.grades)), bool)
+    success = np.ones((len(keys), len(condition.grades)), bool)
     for place, grade in enumerate(condition.grades):
         drones = [
             condition.changed(reality.parameters, grade, number) for number in range(len(keys))
         ]
         scenario = Scenario(task, DURATION_S, drones=drones, during=condition.during)
-        held[:, place] = [_holds(one) for one in fly_all(reality, pilot, scenario, keys, LOST)]
+        success[:, place] = [_holds(one) for one in fly_all(reality, pilot, scenario, keys, LOST)]
     return [
         condition.grades[int(np.argmin([*row, False])) - 1] if row[0] else float("nan")
-        for row in held
+        for row in success
     ]
 
 
-def _holds(flown: Flown) -> bool:
-    return flown.reason == TIME_LIMIT and float(np.mean(flown.rows.distance)) <= WITHIN_M
+def _holds(flight: SimulatedFlight) -> bool:
+    return flight.reason == TIME_LIMIT and float(np.mean(flight.rows.distance)) <= WITHIN_M
 
 
 def summary(flights: polars.DataFrame) -> polars.DataFrame:

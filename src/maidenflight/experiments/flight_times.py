@@ -29,7 +29,7 @@ from jax.sharding import NamedSharding, PartitionSpec
 from jaxtyping import Array
 
 from maidenflight.errors import InputError
-from maidenflight.experiments.as_flown import GUARD_RATE, controller_as_flown
+from maidenflight.experiments.real_controller import GUARD_RATE, real_controller
 from maidenflight.experiments.transfer import MAX_DURATION_S
 from maidenflight.flying import guarded
 from maidenflight.flying.scenario import PUBLISHED_START, Start
@@ -62,7 +62,7 @@ def predict_flight_times(
     duration: float = MAX_DURATION_S,
     farthest: float = MAX_POSITION_ERROR_M,
     start: Start = PUBLISHED_START,
-    controller_for: Callable[[ControlInterface], Controller] = controller_as_flown,
+    controller_for: Callable[[ControlInterface], Controller] = real_controller,
     names: Sequence[str] | None = None,
     on_policy: Callable[[int, int], None] | None = None,
 ) -> polars.DataFrame:
@@ -116,7 +116,7 @@ def predict_flight_times(
     steps, reasons = (np.zeros((len(policies), trials), np.int32) for _ in End._fields)
     done = 0
     for places in kinds.values():
-        flown = _fly_kind(
+        ends = _fly_kind(
             [policies[place] for place in places],
             drones,
             key,
@@ -125,8 +125,8 @@ def predict_flight_times(
             start,
             controller_for,
         )
-        for place, (rows_flown, why) in zip(places, flown, strict=True):
-            steps[place], reasons[place] = rows_flown, why
+        for place, (steps_done, why) in zip(places, ends, strict=True):
+            steps[place], reasons[place] = steps_done, why
             done += 1
             if on_policy is not None:
                 on_policy(done, len(policies))

@@ -83,25 +83,25 @@ class Policies:
             if file.task is not None
         }
         alike = set(trained.values())
-        flown = task or (
+        chosen = task or (
             alike.pop() if len(alike) == 1 and alike <= set(names.TASKS) else USUAL_TASK
         )
-        others = {name: task for name, task in trained.items() if task != flown}
+        others = {name: task for name, task in trained.items() if task != chosen}
         if not others:
-            return flown, []
+            return chosen, []
         first = ", ".join(f"{name} for {task}" for name, task in list(others.items())[:3])
         more = f" and {len(others) - 3} more for others" if len(others) > 3 else ""
-        return flown, [f"they fly the task {flown}, but were trained for another: {first}{more}."]
+        return chosen, [f"they fly the task {chosen}, but were trained for another: {first}{more}."]
 
 
-def find_policies(given: Sequence[StrPath]) -> list[Path]:
+def find_policies(places: Sequence[StrPath]) -> list[Path]:
     """Returns the policy files among files and folders, each once.
 
     Raises:
         InputError: a folder holds no policy.
     """
     files: list[Path] = []
-    for path in map(Path, given):
+    for path in map(Path, places):
         inside = run_folder.find_policies(path) if path.is_dir() else [path]
         if not inside:
             raise InputError(
@@ -112,18 +112,18 @@ def find_policies(given: Sequence[StrPath]) -> list[Path]:
     return list(dict.fromkeys(files))
 
 
-def read_policies(given: Sequence[StrPath], control: str | None = None) -> Policies:
+def read_policies(places: Sequence[StrPath], control: str | None = None) -> Policies:
     """Reads policies.
 
     Args:
-        given: files and folders of policies, and policies by others.
+        places: files and folders of policies, and policies by others.
         control: what the authors' policies command; what their files' names say unless given.
 
     Raises:
         InputError: one is no policy, or commands something else; or one by others needs a package
             that is not installed, or its file is wrong.
     """
-    foreign = {path: foreign_policy(Path(path)) for path in given}
+    foreign = {path: foreign_policy(Path(path)) for path in places}
     paths = find_policies([path for path, policy in foreign.items() if policy is None])
     others = {path: policy for path, policy in foreign.items() if policy is not None}
     return Policies(

@@ -116,8 +116,8 @@ def transfer(
     for number, reality in enumerate(places):
         keys = jax.random.split(jax.random.fold_in(key, number), len(plan))
         chosen = [pilots[policy] for policy, _ in plan]
-        flown = fly_all(reality, chosen, scenario, keys, ZERO_SHOT)
-        for (policy, trial), one in zip(plan, flown, strict=True):
+        simulated = fly_all(reality, chosen, scenario, keys, ZERO_SHOT)
+        for (policy, trial), one in zip(plan, simulated, strict=True):
             flight = one.to_flight(f"flight_{len(table) + 1:02d}")
             error = np.linalg.norm(one.rows.true_position - one.rows.true_setpoint, axis=1)
             table.append(

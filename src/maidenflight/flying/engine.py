@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 from maidenflight.errors import InputError
 from maidenflight.flying.firmware_pilot import FirmwarePilot
 from maidenflight.flying.pilots import Act, ForeignPilot, PolicyPilot
-from maidenflight.flying.rows import Flown, Rows
+from maidenflight.flying.rows import Rows, SimulatedFlight
 from maidenflight.flying.scenario import Change, Scenario, near_reference
 from maidenflight.parameters import Parameters
 from maidenflight.simulator import environment, stepping
@@ -70,13 +70,13 @@ def simulate(
         after, step_result = stepping.step(
             env, env_state, act(environment.observation(env, env_state), number), drone, key
         )
-        seen = env_state.measurement
+        measurement = env_state.measurement
         motors = after.actuators if env.commands_per_action == 1 else env_state.actuators
         return after, Rows(
-            position=seen.position,
-            velocity=seen.velocity,
-            attitude=rotations.to_attitude(seen.quaternion),
-            body_rates=seen.body_rates,
+            position=measurement.position,
+            velocity=measurement.velocity,
+            attitude=rotations.to_attitude(measurement.quaternion),
+            body_rates=measurement.body_rates,
             ratio=motors.ratio,
             battery=motors.voltage,
             setpoint=env.task.reference(env_state.time),
@@ -96,7 +96,7 @@ def fly_all(
     scenario: Scenario,
     keys: Array,
     guard: Guard | None = None,
-) -> list[Flown]:
+) -> list[SimulatedFlight]:
     """Flies a flight for each key.
 
     Virtual drones are flown all at once where pilots can; all else one flight after another.
@@ -118,9 +118,9 @@ def fly_all(
             fly(reality, pilot, scenario, key, guard) for pilot, key in zip(each, keys, strict=True)
         ]
     drones = scenario.drones or [reality.parameters] * len(keys)
-    together = [place for place, pilot in enumerate(each) if isinstance(pilot, PilotOfMany)]
-    flights: dict[int, Flown] = {}
-    for place in set(range(len(each))).difference(together):
+    batch = [place for place, pilot in enumerate(each) if isinstance(pilot, PilotOfMany)]
+    flights: dict[int, SimulatedFlight] = {}
+    for place in set(range(len(each))).difference(batch):
         if scenario.during is not None:
             raise InputError(
                 f"{reality.name}: what changes in the course of a flight is flown by our own "
@@ -128,13 +128,13 @@ def fly_all(
             )
         stepped = Stepped(replace(reality, parameters=drones[place]))
         flights[place] = fly(stepped, each[place], scenario, keys[place], guard)
-    if together:
-        pilot = [each[place] for place in together] if isinstance(pilots, Sequence) else pilots
-        if len(together) < len(each):
-            drones = [drones[place] for place in together]
-            keys = jnp.stack([keys[place] for place in together])
-        flown = _fly_together(reality, pilot, drones, scenario, keys, guard)
-        flights |= zip(together, flown, strict=True)
+    if batch:
+        pilot = [each[place] for place in batch] if isinstance(pilots, Sequence) else pilots
+        if len(batch) < len(each):
+            drones = [drones[place] for place in batch]
+            keys = jnp.stack([keys[place] for place in batch])
+        together = _fly_together(reality, pilot, drones, scenario, keys, guard)
+        flights |= zip(batch, together, strict=True)
     return [flights[place] for place in range(len(each))]
 
 
@@ -145,14 +145,14 @@ def _fly_together(
     scenario: Scenario,
     keys: Array,
     guard: Guard | None,
-) -> Iterator[Flown]:
+) -> Iterator[SimulatedFlight]:
     """Flights of virtual drones, all at once."""
     several = isinstance(pilots, Sequence)
     first = pilots[0] if several else pilots
     env = first.environment(reality, scenario)
     # Those of policies are stacked, also where they are one drone: as many drones fly the same.
     one = isinstance(first, FirmwarePilot) and scenario.drones is None
-    flown = _simulate(
+    rows = _simulate(
         env,
         round(scenario.duration * env.controller.interface.rate),
         several,
@@ -161,10 +161,10 @@ def _fly_together(
         keys,
         reality.later if scenario.changing else scenario.during,
     )
-    flown = jax.tree.map(np.asarray, flown)
+    rows = jax.tree.map(np.asarray, rows)
     for place, drone in enumerate(drones):
-        yield _flown(
-            jax.tree.map(lambda values, place=place: values[place], flown),
+        yield _cut_at_end(
+            jax.tree.map(lambda values, place=place: values[place], rows),
             guard,
             rate=env.controller.interface.rate,
             zero_order_hold=env.commands_per_action == 1,
@@ -196,13 +196,13 @@ def _simulate(
     return jax.vmap(one, axes)(pilots, drones, keys)
 
 
-def _flown(rows: Rows, guard: Guard | None, **logged: Any) -> Flown:
+def _cut_at_end(rows: Rows, guard: Guard | None, **logged: Any) -> SimulatedFlight:
     """A flight up to its end."""
     if guard is None:
-        return Flown(rows, **logged)
+        return SimulatedFlight(rows, **logged)
     end = rows.end(guard)
     rows = jax.tree.map(lambda values: values[: end.steps], rows)
-    return Flown(rows, reason=int(end.reason), **logged)
+    return SimulatedFlight(rows, reason=int(end.reason), **logged)
 
 
 def fly(
@@ -211,7 +211,7 @@ def fly(
     scenario: Scenario,
     key: Array,
     guard: Guard | None = None,
-) -> Flown:
+) -> SimulatedFlight:
     """Flies a reality one command at a time, and logs as `simulate` does with the same key.
 
     Args:
@@ -225,35 +225,35 @@ def fly(
         InputError: the reality takes other commands than the pilot's, its rate is no multiple of
             theirs, or what it returns has wrong shapes.
     """
-    given, key = pilot.begin_stepped(reality, scenario, key)
-    if reality.rate % given.command_rate:
+    commander, key = pilot.begin_stepped(reality, scenario, key)
+    if reality.rate % commander.command_rate:
         raise InputError(
             f"{reality.name}: rate = {reality.rate} Hz, expected a multiple of the "
-            f"{given.command_rate} Hz at which it is commanded."
+            f"{commander.command_rate} Hz at which it is commanded."
         )
-    held = reality.takes == MOTORS and given.command_rate == given.rate
-    steps = round(scenario.duration * given.rate)
-    setpoints, offset, seed = map(np.asarray, _plan(given.task, given.rate, steps, key))
+    zero_order_hold = reality.takes == MOTORS and commander.command_rate == commander.rate
+    steps = round(scenario.duration * commander.rate)
+    setpoints, offset, seed = map(np.asarray, _plan(commander.task, commander.rate, steps, key))
     reality.reset((setpoints[0] + offset).astype(np.float64), int(seed))
     rows: list[tuple[Measurement, Float[np.ndarray, 4], Truth]] = []
     for setpoint, following in zip(setpoints[:-1], setpoints[1:], strict=True):
-        before, seen = _truth(reality), _measurement(reality)
-        for number in range(given.command_rate // given.rate):
-            measurement = _measurement(reality) if number else seen
-            command = np.asarray(given.fly(measurement, setpoint), np.float64)
+        before, measured = _truth(reality), _measurement(reality)
+        for number in range(commander.command_rate // commander.rate):
+            measurement = _measurement(reality) if number else measured
+            command = np.asarray(commander.fly(measurement, setpoint), np.float64)
             if reality.takes == MOTORS:
                 command = np.minimum(command, 1.0)
-            for _ in range(reality.rate // given.command_rate):
+            for _ in range(reality.rate // commander.command_rate):
                 reality.step(command)
         after = _truth(reality)
-        rows.append((seen, (after if held else before).command, after))
+        rows.append((measured, (after if zero_order_hold else before).command, after))
         if guard is not None and _ends(guard, after, following):
             break
-    return _flown(
+    return _cut_at_end(
         _stacked(rows, setpoints),
         guard,
-        rate=given.rate,
-        zero_order_hold=held,
+        rate=commander.rate,
+        zero_order_hold=zero_order_hold,
         supply=Supply(full_scale_counts=pilot.full_scale_counts),
         reality=reality.name,
     )
@@ -281,14 +281,14 @@ def _stacked(
     rows: Sequence[tuple[Measurement, Float[np.ndarray, "4"], Truth]],
     setpoints: Float[np.ndarray, "M 3"],
 ) -> Rows:
-    seen, commands, true = (
+    measured, commands, true = (
         jax.tree.map(lambda *parts: np.stack(parts), *column) for column in zip(*rows, strict=True)
     )
     fields: dict[str, Any] = {
-        "position": seen.position,
-        "velocity": seen.velocity,
-        "attitude": np.asarray(_attitudes(seen.quaternion)),
-        "body_rates": seen.body_rates,
+        "position": measured.position,
+        "velocity": measured.velocity,
+        "attitude": np.asarray(_attitudes(measured.quaternion)),
+        "body_rates": measured.body_rates,
         "ratio": commands,
         "battery": np.full(len(rows), np.nan, np.float32),
         "setpoint": setpoints[: len(rows)],

@@ -78,7 +78,7 @@ class FirmwarePilot:
     def environment(self, drone: VirtualDrone, scenario: Scenario) -> Environment:
         """Returns what is simulated: the firmware compensates for the battery."""
         hover = float(dynamics.hover_command(drone.parameters))
-        must_be_held(drone.name, hover, self.full_scale_counts)
+        require_zero_order_hold(drone.name, hover, self.full_scale_counts)
         if drone.thrust_law is not None:
             drone = replace(drone, thrust_law=law_for(self.full_scale_counts))
         return drone.environment(scenario.task, self._controller_for(scenario.task))
@@ -102,7 +102,7 @@ class FirmwarePilot:
         sign_key, key = jax.random.split(key)
         task = self._task(scenario.task)
         if reality.takes == MOTORS:
-            must_be_held(reality.name, reality.hover, self.full_scale_counts)
+            require_zero_order_hold(reality.name, reality.hover, self.full_scale_counts)
             steps = round(scenario.duration * RATE)
             shares = np.repeat(np.float32(self.excitation), steps // np.size(self.excitation))
             signs = np.repeat(np.asarray(dither(steps, sign_key)), DITHER_PERIODS, axis=0)
@@ -160,7 +160,7 @@ _ROOM = 0.05
 """Share of the thrust at hover by which the PID must be able to change it."""
 
 
-def must_be_held(name: str, hover_command: float, full_scale_counts: float) -> None:
+def require_zero_order_hold(name: str, hover_command: float, full_scale_counts: float) -> None:
     """Refuses a drone that the Crazyflie's PID cannot hold at a height.
 
     Raises:

@@ -116,11 +116,11 @@ def fly_together(
             first = jnp.argmax(reasons > 0, axis=-1)
             reason = jnp.take_along_axis(reasons, first[..., None], axis=-1)[..., 0]
             over = flights.reason > 0
-            flown = End(
+            end = End(
                 jnp.where(over, flights.steps, row + first + 1),
                 jnp.where(over, flights.reason, reason),
             )
-            return row + every, after, flown
+            return row + every, after, end
 
         begun = jax.vmap(jax.vmap(take_over, in_axes=(None, 0, 0)))(policies, drones, keys)
         flights = End(jnp.zeros(wanted.shape, jnp.int32), jnp.where(wanted, 0, failures.TIME_LIMIT))
@@ -148,8 +148,8 @@ def _until_next_action(
     Also, after each row, why the flight would end.
     """
     env_state, history = before
-    seen = environment.observation(env, env_state._replace(history=history))
-    action = policy(seen)
+    observation = environment.observation(env, env_state._replace(history=history))
+    action = policy(observation)
 
     def hold(env_state: EnvState, row: Array) -> tuple[EnvState, Array]:
         after, step_result = stepping.step(
@@ -179,7 +179,7 @@ def end_reason(
 
     Source: Gronauer et al. 2022, sec. Zero-Shot Experiments; the ground and the distance are ours.
     """
-    seen, guard = env_state.measurement, BACKUP._replace(position_error=farthest)
-    attitude = rotations.to_attitude(seen.quaternion)
-    tripped = guard.trips(seen.position, attitude, seen.body_rates, setpoint)
+    measurement, guard = env_state.measurement, BACKUP._replace(position_error=farthest)
+    attitude = rotations.to_attitude(measurement.quaternion)
+    tripped = guard.trips(measurement.position, attitude, measurement.body_rates, setpoint)
     return failures.reason(**tripped, height=env_state.state.position[2] < 0.0)

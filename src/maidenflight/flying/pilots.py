@@ -61,8 +61,8 @@ class PolicyPilot:
 
     def environment(self, drone: VirtualDrone, scenario: Scenario) -> Environment:
         """Returns what is simulated."""
-        given = {"spec": self.policy.spec, "changing": scenario.changing}
-        return drone.environment(scenario.task, self.controller, **given)
+        options = {"spec": self.policy.spec, "changing": scenario.changing}
+        return drone.environment(scenario.task, self.controller, **options)
 
     def begin(self, env: Environment, key: Array, steps: int) -> tuple[Environment, Act, Array]:
         """Begins a flight of so many control periods in JAX.
@@ -168,10 +168,10 @@ def pilots_of(
         InputError: ours are of different kinds, or the controller is of another interface.
     """
     own = [policy for policy in policies if isinstance(policy, Policy)]
-    flown = _controller_of(own, controller) if own else control.pwm()
-    counts = flown.interface.full_scale_counts
+    structure = _controller_of(own, controller) if own else control.pwm()
+    counts = structure.interface.full_scale_counts
     return [
-        PolicyPilot(one, flown) if isinstance(one, Policy) else ForeignPilot(one, counts)
+        PolicyPilot(one, structure) if isinstance(one, Policy) else ForeignPilot(one, counts)
         for one in policies
     ]
 
@@ -187,9 +187,9 @@ def _controller_of(policies: Sequence[Policy], controller: Controller | None) ->
     }
     for kind, values in kinds.items():
         if len(set(values)) > 1:
-            found = sorted({getattr(value, "name", str(value)) for value in values})
+            differing = sorted({getattr(value, "name", str(value)) for value in values})
             raise InputError(
-                f"policies of different kinds: {kind} {' and '.join(found)}. Fly each kind by "
+                f"policies of different kinds: {kind} {' and '.join(differing)}. Fly each kind by "
                 "itself."
             )
     interface = policies[0].interface

@@ -13,7 +13,7 @@ from maidenflight.flights.log import Flight, thinned
 from maidenflight.flights.manoeuvres import RATE as PLAN_RATE
 from maidenflight.flying.engine import fly_all
 from maidenflight.flying.firmware_pilot import CONTROLLERS, RATE, FirmwarePilot, planned
-from maidenflight.flying.rows import Flown
+from maidenflight.flying.rows import SimulatedFlight
 from maidenflight.flying.scenario import Scenario
 from maidenflight.simulator.controllers.pid import checked as generation
 from maidenflight.simulator.physics import sensors
@@ -59,8 +59,8 @@ def record(
     )
     must_divide(rate)
     keys = jax.random.split(key, flights)
-    flown = fly_all(checked(reality), pilot, Scenario(tasks.circle(), duration), keys)
-    return _logs(flown, keys, rate)
+    simulated = fly_all(checked(reality), pilot, Scenario(tasks.circle(), duration), keys)
+    return _logs(simulated, keys, rate)
 
 
 def record_plan(
@@ -91,7 +91,7 @@ def record_plan(
 
 def fly_plans(
     reality: AnyReality, plans: Sequence[FlightPlan], keys: Int[Array, "F"], firmware: str
-) -> list[Flown]:
+) -> list[SimulatedFlight]:
     """Flies plans of one length, each with its key.
 
     Raises:
@@ -112,26 +112,26 @@ def must_divide(rate: int) -> None:
         raise InputError(f"rate = {rate} Hz; expected a divisor of {RATE}, such as 500, 250, 100.")
 
 
-def _logs(flown: Sequence[Flown], keys: Int[Array, "F"], rate: int) -> list[Flight]:
+def _logs(simulated: Sequence[SimulatedFlight], keys: Int[Array, "F"], rate: int) -> list[Flight]:
     return [
         flight_log(one, f"flight_{number:02d}", rate, key)
-        for number, (one, key) in enumerate(zip(flown, keys, strict=True), 1)
+        for number, (one, key) in enumerate(zip(simulated, keys, strict=True), 1)
     ]
 
 
-def flight_log(flown: Flown, name: str, rate: int, key: Array) -> Flight:
+def flight_log(simulated: SimulatedFlight, name: str, rate: int, key: Array) -> Flight:
     """Returns the log of a flight: every row, or as many as a slower one holds."""
-    flight = flown.to_flight(name)
-    if flown.drone is not None:
+    flight = simulated.to_flight(name)
+    if simulated.drone is not None:
         seed = np.asarray(jax.random.bits(jax.random.fold_in(key, RATE), (2,))).tolist()
         force = sensors.accelerometer(
-            np.asarray(flown.rows.true_velocity, np.float64),
-            np.asarray(flown.rows.true_attitude, np.float64),
+            np.asarray(simulated.rows.true_velocity, np.float64),
+            np.asarray(simulated.rows.true_attitude, np.float64),
             flight.period,
-            float(flown.drone.gravity),
+            float(simulated.drone.gravity),
             np.random.default_rng(seed),
         )
         # True states are those at the ends of the periods, rows those at their beginnings.
         late = np.concatenate([force[:1], force[:-1]]).astype(np.float32)
         flight = replace(flight, accelerometer=late)
-    return flight if rate >= flown.rate else thinned(flight, flown.rate // rate)
+    return flight if rate >= simulated.rate else thinned(flight, simulated.rate // rate)

@@ -50,7 +50,7 @@ class Rows(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Flown:
+class SimulatedFlight:
     """A simulated flight."""
 
     rows: Rows

@@ -44,9 +44,9 @@ def check_names(names: Iterable[str]) -> None:
             *(known for known in COMPONENTS if name and name in known),
             *get_close_matches(name, COMPONENTS, 3),
         ]
-        meant = f" Did you mean {' or '.join(dict.fromkeys(alike[:3]))}?" if alike else ""
+        hint = f" Did you mean {' or '.join(dict.fromkeys(alike[:3]))}?" if alike else ""
         raise InputError(
-            f"unknown parameter {name!r}.{meant} All are in what this prints: maidenflight drone "
+            f"unknown parameter {name!r}.{hint} All are in what this prints: maidenflight drone "
             "crazyflie."
         )
 

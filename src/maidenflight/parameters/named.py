@@ -170,12 +170,12 @@ def racer_5_inch() -> Parameters:
 
 _FOERSTER = "Förster 2015, System identification of the Crazyflie 2.0"
 _MODELS = "drone-models 0.1.0 of crazyflow, cf21B_500"
-_SEEN = "rotor speeds measured by IMRCLab 2026, docs/identification.md"
+_MEASURED_SPEEDS = "rotor speeds measured by IMRCLab 2026, docs/identification.md"
 _ARM = "Crazyflie firmware, ARM_LENGTH; motors 92 mm apart across"
 _FULL = "{} N a motor at 65535 counts, here of 60000, over weight"
 _FIRMWARE = f"Crazyflie firmware, THRUST_MAX: {_FULL.format(0.12)}"
-_BRUSHED = f"of a brushed Crazyflie 2.1: {_SEEN}"
-_BRUSHLESS = f"of a Crazyflie 2.1 Brushless: {_SEEN}"
+_BRUSHED = f"of a brushed Crazyflie 2.1: {_MEASURED_SPEEDS}"
+_BRUSHLESS = f"of a Crazyflie 2.1 Brushless: {_MEASURED_SPEEDS}"
 _GAZEBO = "PX4 gazebo models, x500"
 _SCALED = "no frame of its own: crazyflie_brushless scaled in all lengths to the mass"
 

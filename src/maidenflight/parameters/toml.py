@@ -105,7 +105,7 @@ def from_document(document: Mapping[str, Any], where: str) -> Parameters:
         raise InputError(
             f"{where}: {astray} stands outside its table. Put it into [{QUANTITIES[astray].table}]."
         )
-    found: dict[str, Any] = {}
+    fields: dict[str, Any] = {}
     for table in dict.fromkeys(quantity.table for quantity in QUANTITIES.values()):
         content = document.get(table, {})
         if not isinstance(content, dict):
@@ -115,23 +115,23 @@ def from_document(document: Mapping[str, Any], where: str) -> Parameters:
         for name, value in content.items():
             if name not in QUANTITIES or QUANTITIES[name].table != table:
                 raise InputError(f"{where}: unknown key {name!r} in [{table}]{_suggestion(name)}")
-            found[name] = _numbers(value, name, where)
-    missing = [name for name in QUANTITIES if name not in found]
+            fields[name] = _numbers(value, name, where)
+    missing = [name for name in QUANTITIES if name not in fields]
     if missing:
         raise InputError(
             f"{where}: missing {', '.join(missing)}. Start from a complete file: maidenflight "
             "drone crazyflie -o mine.toml."
         )
-    return check(Parameters(**found), where)
+    return check(Parameters(**fields), where)
 
 
 def _laid_out(body: Mapping[str, Any], where: str) -> Mapping[str, Any]:
     """What the table [body] says, with a `layout` and its `arm_length` as places of the rotors."""
-    given = {name: body[name] for name in ("layout", "arm_length") if name in body}
-    if not given:
+    geometry = {name: body[name] for name in ("layout", "arm_length") if name in body}
+    if not geometry:
         return body
     twice = [name for name in GEOMETRY if name in body]
-    layout, arm = given.get("layout"), given.get("arm_length")
+    layout, arm = geometry.get("layout"), geometry.get("arm_length")
     known = layout if isinstance(layout, str) and layout in LAYOUTS else None
     if twice or known is None or not isinstance(arm, float | int) or isinstance(arm, bool):
         raise InputError(
@@ -144,7 +144,7 @@ def _laid_out(body: Mapping[str, Any], where: str) -> Mapping[str, Any]:
         frame = LAYOUTS[known](float(arm))
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
-    rest = {name: value for name, value in body.items() if name not in given}
+    rest = {name: value for name, value in body.items() if name not in geometry}
     return {**rest, **{name: list(values) for name, values in frame.items()}}
 
 
@@ -210,8 +210,8 @@ def read(drone: StrPath, mass: float | None = None) -> Parameters:
     """
     if str(drone) in DRONES:
         return named_drone(str(drone), mass)
-    found = from_document(document(drone), str(drone))
-    return found if mass is None else with_mass(found, mass, str(drone))
+    parameters = from_document(document(drone), str(drone))
+    return parameters if mass is None else with_mass(parameters, mass, str(drone))
 
 
 def full_scale_counts(drone: StrPath) -> float | None:
@@ -220,10 +220,10 @@ def full_scale_counts(drone: StrPath) -> float | None:
     Args:
         drone: TOML file that `read` takes, or a name in `DRONES`.
     """
-    said: Any = {} if str(drone) in DRONES else document(drone)
+    content: Any = {} if str(drone) in DRONES else document(drone)
     for table in ("identification", "source", "full_scale_counts"):
-        said = said.get(table) if isinstance(said, dict) else None
-    return float(said) if isinstance(said, int | float) else None
+        content = content.get(table) if isinstance(content, dict) else None
+    return float(content) if isinstance(content, int | float) else None
 
 
 def name_of(drone: StrPath) -> str:

@@ -79,17 +79,17 @@ def report(source: StrPath | Transfer | None, path: StrPath, **files: Unpack[Fil
     """
     if not isinstance(source, Transfer):
         return results.write(path, to_html(runs.read(source, files)))
-    flown = runs.of_transfer(source)
+    run = runs.of_transfer(source)
     if files:
-        flown = replace(runs.read(None, files), table=flown.table, flights=flown.flights)
-    return results.write(path, to_html(flown))
+        run = replace(runs.read(None, files), table=run.table, flights=run.flights)
+    return results.write(path, to_html(run))
 
 
 def to_html(run: Run) -> str:
     """The page."""
-    made = [Section(name, title, make(run)) for name, title, make in _SECTIONS]
-    logs = viewer.held(run)
-    drawn = any("<figure class=chart " in section.content for section in made)
+    sections = [Section(name, title, make(run)) for name, title, make in _SECTIONS]
+    logs = viewer.viewer_data(run)
+    drawn = any("<figure class=chart " in section.content for section in sections)
     scripts = [asset("page.js")]
     scripts += [asset(name) for name in _VIEWER] if logs else []
     scripts += (
@@ -101,9 +101,9 @@ def to_html(run: Run) -> str:
         "page.html",
         title=head.title(run),
         badge=head.kind(run),
-        lead=head.lead(run),
+        lead=head.summarize(run),
         figures=head.key_figures(run),
-        sections=[section for section in made if section.content],
+        sections=[section for section in sections if section.content],
         version=__version__,
         style=asset("colours.css") + _themes() + asset("style.css"),
         logs=embedded(logs) if logs else "",

@@ -102,8 +102,8 @@ class Run:
     @property
     def objective(self) -> str:
         """What the identification optimised; `replay` where that is not known."""
-        found = None if self.drone is None else self.drone.search
-        return "replay" if found is None else found.objective
+        search = None if self.drone is None else self.drone.search
+        return "replay" if search is None else search.objective
 
     @property
     def known(self) -> bool:
@@ -121,10 +121,10 @@ class Run:
         return any(part is not None for part in tables) or bool(self.recorded or self.policies)
 
 
-def of_transfer(flown: Transfer) -> Run:
+def of_transfer(result: Transfer) -> Run:
     """The run of test flights in memory."""
     return Run(
-        table=run_folder.FLIGHTS.checked(flown.table, "transfer"), flights=tuple(flown.flights)
+        table=run_folder.FLIGHTS.checked(result.table, "transfer"), flights=tuple(result.flights)
     )
 
 
@@ -148,8 +148,8 @@ def read(source: StrPath | None = None, options: FileOptions | None = None) -> R
     Raises:
         InputError: see `find_files`; nothing is there, or a file is not what it should be.
     """
-    found = find_files(source, options or {})
-    first = {kind: path for kind in found.files if (path := found.first(kind)) is not None}
+    files = find_files(source, options or {})
+    first = {kind: path for kind in files.files if (path := files.first(kind)) is not None}
     tables = {kind: table.read(first[kind]) for kind, table in _TABLES.items() if kind in first}
     rows = {kind: rows for kind, (rows, _) in tables.items()}
     drones = {kind: drone_file.read(first[kind]) for kind in ("truth", "drone") if kind in first}
@@ -157,10 +157,10 @@ def read(source: StrPath | None = None, options: FileOptions | None = None) -> R
         first[kind].name: drones[kind].record for kind in drones
     }
     records |= {first[kind].name: record for kind, (_, record) in tables.items()}
-    policies = trained.read_policies(found.files.get("policies", ()))
+    policies = trained.read_policies(files.files.get("policies", ()))
     records |= {_name(path): file.record for path, file in policies.items()}
-    table, flights = _test_flights(found, records)
-    recorded, refused = _recorded(found, records)
+    table, flights = _test_flights(files, records)
+    recorded, refused = _recorded(files, records)
     logs = {results.digest(path): bool(flight.simulated) for path, flight in recorded}
     drone, truth = drones.get("drone"), drones.get("truth")
     used = _digests({} if drone is None else drone.record, first.get("drone"))
@@ -170,7 +170,7 @@ def read(source: StrPath | None = None, options: FileOptions | None = None) -> R
     run = Run(
         reality=None if truth is None else truth.parameters,
         recorded=tuple(flight for _, flight in recorded),
-        logs=len(found.files.get("logs", ())) - len(refused),
+        logs=len(files.files.get("logs", ())) - len(refused),
         drone=drone,
         kinds=kinds,
         validation=rows.get("validation"),
@@ -178,7 +178,7 @@ def read(source: StrPath | None = None, options: FileOptions | None = None) -> R
         predicted=predicted,
         used=used,
         judged=judged,
-        policies=len(found.files.get("policies", ())),
+        policies=len(files.files.get("policies", ())),
         controls={} if table is None else trained.controls(policies, table["policy"]),
         training=rows.get("training"),
         table=table,
@@ -188,11 +188,11 @@ def read(source: StrPath | None = None, options: FileOptions | None = None) -> R
         records={name: one for name, one in records.items() if isinstance(one, dict) and one},
         seconds=run_folder.read_stages(first["stages"]) if "stages" in first else {},
         refused=tuple(refused),
-        missing_files=found.missing,
-        other_files=found.others,
+        missing_files=files.missing,
+        other_files=files.others,
     )
     if not run.known:
-        raise nothing_here(Path(source or ""), found.missing)
+        raise nothing_here(Path(source or ""), files.missing)
     return run
 
 
@@ -208,7 +208,7 @@ def read_flights_of(source: StrPath | None, options: FileOptions) -> Sequence[Fl
     """
     if source is not None and manifest.find_manifest(source) is None:
         return read_flights(source).flights
-    return shown(read(source, options))
+    return flights_to_show(read(source, options))
 
 
 def _kinds(
@@ -236,8 +236,8 @@ def _digests(record: Mapping[str, Any], path: Path | None) -> frozenset[str]:
     Raises:
         InputError: it names its inputs in another way.
     """
-    found = results.recorded_inputs(record, str(path)) if record else {}
-    return frozenset(digest for digest, file in found.items() if not file.endswith(".toml"))
+    digests = results.recorded_inputs(record, str(path)) if record else {}
+    return frozenset(digest for digest, file in digests.items() if not file.endswith(".toml"))
 
 
 def _name(path: Path) -> str:
@@ -246,7 +246,7 @@ def _name(path: Path) -> str:
 
 
 def _recorded(
-    found: RunFiles, records: dict[str, Mapping[str, Any]]
+    files: RunFiles, records: dict[str, Mapping[str, Any]]
 ) -> tuple[list[tuple[Path, Flight]], list[str]]:
     """The flights in logs of any format, and why others cannot be used.
 
@@ -257,12 +257,12 @@ def _recorded(
     """
     flights: list[tuple[Path, Flight]] = []
     refused = []
-    for path in found.files.get("logs", ())[:MOST]:
+    for path in files.files.get("logs", ())[:MOST]:
         own = _is_own(path)
         try:
             flights += [(path, one) for one in ([_own(path, records)] if own else _pieces(path))]
         except InputError as error:
-            if path in found.required_logs or own:
+            if path in files.required_logs or own:
                 raise
             refused.append(str(error))
     return flights, refused
@@ -278,10 +278,10 @@ def _pieces(path: Path) -> Sequence[Flight]:
         return read_flights(path).flights
     except InputError:
         whole = whole_flights(path)
-        found = [one for one in whole if one.duration < BRIEF_S and usable(one).stop > 1]
-        if not found:
+        pieces = [one for one in whole if one.duration < BRIEF_S and usable(one).stop > 1]
+        if not pieces:
             raise
-        return found
+        return pieces
 
 
 def _is_own(path: Path) -> bool:
@@ -311,18 +311,18 @@ def _own(path: Path, records: dict[str, Mapping[str, Any]]) -> Flight:
 
 
 def _test_flights(
-    found: RunFiles, records: dict[str, Mapping[str, Any]]
+    files: RunFiles, records: dict[str, Mapping[str, Any]]
 ) -> tuple[polars.DataFrame | None, tuple[Flight, ...]]:
     """Reads the rows of test flights, and their logs.
 
     Raises:
         InputError: a file is broken, or there are not as many logs as rows.
     """
-    path = found.first("flights")
+    path = files.first("flights")
     if path is None:
         return None, ()
     rows, records[path.name] = run_folder.FLIGHTS.read(path)
-    flights = tuple(_own(each, records) for each in found.files.get("flight_logs", ()))
+    flights = tuple(_own(each, records) for each in files.files.get("flight_logs", ()))
     if flights and len(flights) != rows.height:
         raise InputError(
             f"{path}: {len(flights)} flight logs, but {rows.height} rows. Run the transfer again."
@@ -365,9 +365,11 @@ def usable(flight: Flight) -> slice:
 
 def viewable(run: Run) -> list[int]:
     """Places among those `shown` of the flights that the viewer holds: the first with two rows."""
-    return [number for number, flight in enumerate(shown(run)) if usable(flight).stop > 1][:MOST]
+    return [
+        number for number, flight in enumerate(flights_to_show(run)) if usable(flight).stop > 1
+    ][:MOST]
 
 
-def shown(run: Run) -> tuple[Flight, ...]:
+def flights_to_show(run: Run) -> tuple[Flight, ...]:
     """Flights to look at: test flights where there are any, else those that were recorded."""
     return run.flights if run.table is not None else run.recorded

@@ -87,22 +87,22 @@ def find_files(source: StrPath | None, options: FileOptions) -> RunFiles:
         InputError: a path does not exist, no manifest lists `source`, or a manifest is damaged.
     """
     values = cast(dict[Kind, StrPath | Sequence[StrPath]], options)
-    given = {kind: _given(kind, value) for kind, value in values.items() if value}
+    user_files = {kind: _paths_of_option(kind, value) for kind, value in values.items() if value}
     run = manifest.find_manifest(source) if source is not None else None
-    if run is None and not given:
+    if run is None and not user_files:
         raise nothing_here(Path(source or ""))
     run = run or Manifest(Path(source or ""))
     files: dict[Kind, list[Path]] = {}
     logs_read: list[Path] = []
     for group in _GROUPS:
-        if group[0] in given:
-            files |= _with_companions(group[0], given[group[0]])
+        if group[0] in user_files:
+            files |= _with_companions(group[0], user_files[group[0]])
         elif (entry := _entry_to_show(run, group)) is not None:
             files |= {kind: run.files(entry, kind) for kind in group}
             logs_read += run.read_files(entry, "logs")
-    files["truth"] = given.get("truth", files.get("truth", []))
-    required = frozenset(given.get("logs", files.get("logs", ())))
-    if "logs" not in given:
+    files["truth"] = user_files.get("truth", files.get("truth", []))
+    required = frozenset(user_files.get("logs", files.get("logs", ())))
+    if "logs" not in user_files:
         files["logs"] = list(dict.fromkeys((*files.get("logs", ()), *logs_read)))
     used = {path for paths in files.values() for path in paths}
     return RunFiles(files, required, run.missing, _others(run, used))
@@ -122,7 +122,7 @@ def nothing_here(place: Path, missing: Sequence[str] = ()) -> InputError:
     )
 
 
-def _given(kind: str, value: StrPath | Sequence[StrPath]) -> list[Path]:
+def _paths_of_option(kind: str, value: StrPath | Sequence[StrPath]) -> list[Path]:
     """The paths of an option.
 
     Raises:
@@ -139,28 +139,28 @@ def _given(kind: str, value: StrPath | Sequence[StrPath]) -> list[Path]:
 def _with_companions(kind: Kind, paths: Sequence[Path]) -> dict[Kind, list[Path]]:
     """Adds to a user's files what commands write beside such files."""
     path = paths[0]
-    found: dict[Kind, list[Path]] = {kind: [path]}
+    files: dict[Kind, list[Path]] = {kind: [path]}
     if kind == "logs":
-        found[kind] = [
+        files[kind] = [
             log for each in paths for log in (reading.log_files(each) if each.is_dir() else [each])
         ]
     elif kind == "validation":
-        found["windows"] = [run_folder.windows_beside(path)]
+        files["windows"] = [run_folder.windows_path(path)]
     elif kind == "flights":
-        found["flight_logs"] = run_folder.LOG.find(path.parent)
+        files["flight_logs"] = run_folder.LOG.find(path.parent)
     elif kind == "policies":
         folder = path if path.is_dir() else path.parent
-        found["policies"] = run_folder.find_policies(path) if path.is_dir() else [path]
-        found["training"] = [folder / run_folder.TRAINING.name]
-    return {each: [one for one in ones if os.path.lexists(one)] for each, ones in found.items()}
+        files["policies"] = run_folder.find_policies(path) if path.is_dir() else [path]
+        files["training"] = [folder / run_folder.TRAINING.name]
+    return {each: [one for one in ones if os.path.lexists(one)] for each, ones in files.items()}
 
 
 def _entry_to_show(run: Manifest, group: Sequence[Kind]) -> Entry | None:
     for kind in group:
-        found = [entry for entry in run.entries if run.files(entry, kind)]
-        usual = [entry for entry in found if entry.output in _USUAL]
-        if found:
-            return (usual or found)[-1]
+        entries = [entry for entry in run.entries if run.files(entry, kind)]
+        usual = [entry for entry in entries if entry.output in _USUAL]
+        if entries:
+            return (usual or entries)[-1]
     return None
 
 

@@ -18,7 +18,7 @@ TALL = 40
 class Cell(NamedTuple):
     """What a table shows in a place, and what it is sorted by."""
 
-    shown: str | Markup
+    content: str | Markup
     value: Any
 
     @property
@@ -46,17 +46,17 @@ def number(label: str | Markup, decimals: int, scale: float = 1.0) -> Column:
 
     def show(value: Any, _: Mapping[str, Any]) -> Cell:
         real = float("nan") if value is None else float(value)
-        shown = f"{scale * real:.{decimals}f}" if np.isfinite(real) else text.NOTHING
-        return Cell(text.signed(shown), real)
+        digits_text = f"{scale * real:.{decimals}f}" if np.isfinite(real) else text.NOTHING
+        return Cell(text.signed(digits_text), real)
 
     return Column(label, show)
 
 
 def _button(cell: Cell) -> Cell:
     """The cell with a button that shows its flight in the viewer."""
-    name = cell.shown if isinstance(cell.value, str) else f"flight {cell.shown}"
+    name = cell.content if isinstance(cell.value, str) else f"flight {cell.content}"
     button = '<button type=button class=choose aria-label="Show {}">{}</button>'
-    return Cell(Markup(button).format(name, cell.shown), cell.value)
+    return Cell(Markup(button).format(name, cell.content), cell.value)
 
 
 def sortable(
@@ -74,18 +74,18 @@ def sortable(
             values as they are.
         viewed: places of rows that are flights in the viewer; `None` where rows are no flights.
     """
-    shown = {
+    formats = {
         key: column if isinstance(column, Column) else Column(column)
         for key, column in columns.items()
     }
     cells = []
     for place, row in enumerate(rows.iter_rows(named=True)):
-        first, *others = (column.show(row.get(key), row) for key, column in shown.items())
+        first, *others = (column.show(row.get(key), row) for key, column in formats.items())
         cells.append([_button(first) if viewed and place in viewed else first, *others])
     return render(
         "table.html",
         name=name,
-        heads=[(key, column.label) for key, column in shown.items()],
+        heads=[(key, column.label) for key, column in formats.items()],
         rows=cells,
         tall=TALL,
         csv=quote(rows.write_csv()),

@@ -13,7 +13,7 @@ NOTHING = "\N{EN DASH}"
 """Stands for a number that is not known."""
 
 
-class Shown(NamedTuple):
+class DisplayFormat(NamedTuple):
     """How a quantity is shown: its name, shown value per SI value, and unit."""
 
     name: str
@@ -22,10 +22,10 @@ class Shown(NamedTuple):
 
 
 ERRORS = {
-    "position": Shown("position", 100.0, "cm"),
-    "velocity": Shown("velocity", 1.0, "m/s"),
-    "attitude": Shown("attitude", math.degrees(1.0), "°"),
-    "body_rates": Shown("body rates", 1.0, "rad/s"),
+    "position": DisplayFormat("position", 100.0, "cm"),
+    "velocity": DisplayFormat("velocity", 1.0, "m/s"),
+    "attitude": DisplayFormat("attitude", math.degrees(1.0), "°"),
+    "body_rates": DisplayFormat("body rates", 1.0, "rad/s"),
 }
 """How prediction errors are shown, in tables, pictures and terminals."""
 
@@ -47,9 +47,9 @@ def symbol(name: str) -> Markup:
     field, place = COMPONENTS.get(name, (name, None))
     quantity = QUANTITIES[field]
     part = "" if place is None else f"_{part_names(quantity.size)[place]}"
-    given = quantity.symbol + part
-    shown = re.sub(rf"(?<![a-z])({letters})(?![a-z])", lambda found: _GREEK[found[0]], given)
-    return Markup(re.sub(r"_(\w+)", r"<sub>\1</sub>", str(escape(shown))))
+    symbol_text = quantity.symbol + part
+    greek = re.sub(rf"(?<![a-z])({letters})(?![a-z])", lambda match: _GREEK[match[0]], symbol_text)
+    return Markup(re.sub(r"_(\w+)", r"<sub>\1</sub>", str(escape(greek))))
 
 
 def plain_symbol(name: str) -> str:
@@ -70,8 +70,8 @@ def scale(name: str, values: Any) -> tuple[float, str]:
     power = (
         3 * math.floor(math.log10(largest) / 3) if largest > 0 and not 0.05 <= largest < 1e4 else 0
     )
-    shown = "10" + str(power).translate(_RAISED) if power else ""
-    return 10.0**-power, f"{shown} {unit(name)}".strip()
+    power_text = "10" + str(power).translate(_RAISED) if power else ""
+    return 10.0**-power, f"{power_text} {unit(name)}".strip()
 
 
 def factor(name: str) -> float:
@@ -84,8 +84,8 @@ def unit(name: str) -> str:
     """The unit in which a parameter is shown; empty for a pure number."""
     if factor(name) != 1.0:
         return "ms"
-    shown = quantity(name).unit.replace("sqrt(Hz)", "√Hz")
-    return "" if shown == "-" else re.sub(r"(?<=[a-z])2", "²", shown)
+    unit_text = quantity(name).unit.replace("sqrt(Hz)", "√Hz")
+    return "" if unit_text == "-" else re.sub(r"(?<=[a-z])2", "²", unit_text)
 
 
 def places(width: float) -> int:
@@ -104,9 +104,9 @@ def fixed(value: float, digits: int) -> str:
     return signed(f"{value:.{digits}f}")
 
 
-def signed(shown: str) -> str:
+def signed(number_text: str) -> str:
     """Returns a written number with a minus that is as wide as a plus."""
-    return shown.replace("-", "\N{MINUS SIGN}")
+    return number_text.replace("-", "\N{MINUS SIGN}")
 
 
 def with_error(value: float, error: float | None) -> tuple[str, str]:
@@ -124,12 +124,12 @@ def number(value: Any, digits: int = 4) -> str:
     value = float(value)
     if not math.isfinite(value):
         return NOTHING
-    shown = f"{value:.{digits}g}"
-    if "e" in shown:
-        mantissa, exponent = shown.split("e")
+    mantissa_text = f"{value:.{digits}g}"
+    if "e" in mantissa_text:
+        mantissa, exponent = mantissa_text.split("e")
         power = str(int(exponent)).translate(_RAISED)
-        shown = f"{mantissa} \N{MULTIPLICATION SIGN} 10{power}"
-    return signed(shown)
+        mantissa_text = f"{mantissa} \N{MULTIPLICATION SIGN} 10{power}"
+    return signed(mantissa_text)
 
 
 def plural(count: int, noun: str) -> str:

@@ -14,11 +14,11 @@ def read_policies(paths: Sequence[Path]) -> dict[Path, PolicyFile]:
     Raises:
         InputError: a file is no policy.
     """
-    found = {}
+    files = {}
     for path in paths:
         with suppress(UnknownControl):
-            found[path] = policy_file.read(path)
-    return found
+            files[path] = policy_file.read(path)
+    return files
 
 
 def controls(files: Mapping[Path, PolicyFile], names: Iterable[str]) -> dict[str, str]:
@@ -36,4 +36,4 @@ def controls(files: Mapping[Path, PolicyFile], names: Iterable[str]) -> dict[str
         for path, file in files.items():
             name = "/".join(path.absolute().with_suffix("").parts[-depth:])
             kinds.setdefault(name, set()).add(file.interface.name)
-    return {name: found.pop() for name, found in kinds.items() if len(found) == 1}
+    return {name: each.pop() for name, each in kinds.items() if len(each) == 1}

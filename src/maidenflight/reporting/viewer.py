@@ -16,24 +16,24 @@ _LEVELS = 65534
 """Steps of a column from its smallest to its largest value."""
 
 
-def held(run: Run) -> dict[str, Any]:
+def viewer_data(run: Run) -> dict[str, Any]:
     """The flights to look at, for the page's scripts; nothing where there are none."""
-    places, flights = runs.viewable(run), runs.shown(run)
+    places, flights = runs.viewable(run), runs.flights_to_show(run)
     rate = rate_of(len(places))
     references: list[dict[str, Any] | None] = []
     packed = []
     for place in places:
         flight = flights[place]
-        every, kept = max(1, round(1 / (rate * flight.period))), runs.usable(flight)
-        known = np.isfinite(flight.setpoint[kept]).all()
-        reference = _packed(flight.setpoint[kept][::every]) if known else None
+        every, usable_rows = max(1, round(1 / (rate * flight.period))), runs.usable(flight)
+        known = np.isfinite(flight.setpoint[usable_rows]).all()
+        reference = _packed(flight.setpoint[usable_rows][::every]) if known else None
         if reference not in references:
             references.append(reference)
         columns = [flight.position, flight.attitude, flight.command]
         true = flight.true_position
-        if true is not None and np.isfinite(true[kept]).all():
+        if true is not None and np.isfinite(true[usable_rows]).all():
             columns.append(true)
-        rows = np.concatenate(columns, axis=1)[kept][::every]
+        rows = np.concatenate(columns, axis=1)[usable_rows][::every]
         about = {
             "row": place,
             "label": _label(run, place, flight),

@@ -28,12 +28,12 @@ ANY_RANGES: dict[str, tuple[float, float, str]] = {
     "yaw_trim": (-0.1, 0.1, "of the rotors' torque at full thrust"),
     "wind": (-2.0, 2.0, "m/s, forward and left"),
 }
-"""Ranges of `AnyDrone`; those above zero at both ends are log-uniform, the others uniform."""
+"""Ranges of `GenericQuadrotor`; log-uniform where both ends are above zero, else uniform."""
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class AnyDrone:
+class GenericQuadrotor:
     """Small quadrotors of 20 g to 2.5 kg, for policies that shall fly without identification.
 
     Mass, arms and inertia grow together as those of similar bodies do; lag, latency, thrust, trims,
@@ -97,12 +97,12 @@ class AnyDrone:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class AnyDay:
+class DayToDay:
     """A drone as it may be on any day, for policies that find out in flight how it is today.
 
     Drawn from a box about the identified drone; with the trims, the weak rotor, the latency (that
-    much more) and the wind of `AnyDrone`, which no log of yesterday tells, and up to 20 % more mass
-    at its centre.
+    much more) and the wind of `GenericQuadrotor`, which no log of yesterday determines, and up to
+    20 % more mass at its centre.
     """
 
     box: UniformBox

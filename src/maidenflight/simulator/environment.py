@@ -169,13 +169,13 @@ def observe(
     are those of the authors' code and firmware (the paper writes e = r - t).
     """
     error = setpoint - measurement.position
-    seen = (
+    values = (
         measurement.position,
         measurement.quaternion,
         measurement.velocity,
         measurement.body_rates,
     )
-    return jnp.concatenate([*seen, error, action])
+    return jnp.concatenate([*values, error, action])
 
 
 def remember(history: Float[Array, "H 20"], instant: Float[Array, "20"]) -> Float[Array, "H 20"]:

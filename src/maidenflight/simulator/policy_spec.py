@@ -113,17 +113,17 @@ class PolicySpec:
     @property
     def size(self) -> int:
         """Numbers of an observation, what is remembered included."""
-        return self.seen_size + self.memory
+        return self.observed_size + self.memory
 
     @property
-    def seen_size(self) -> int:
+    def observed_size(self) -> int:
         """Numbers of an observation before what is remembered."""
         return OBSERVATION_SIZE * self.history + self.look_ahead.size
 
     @property
     def layer_sizes(self) -> tuple[int, ...]:
         """Sizes of input, hidden layers and output, such as (40, 50, 50, 4)."""
-        return (self.policy_form.inputs or self.seen_size, *self.hidden, ACTION_SIZE)
+        return (self.policy_form.inputs or self.observed_size, *self.hidden, ACTION_SIZE)
 
     @property
     def scaling(self) -> tuple[Float[np.ndarray, "inputs"], Float[np.ndarray, "inputs"]]:
@@ -175,20 +175,20 @@ class PolicySpec:
             position: measured, world [m].
             memory: what the policy remembers.
         """
-        seen = self.seen(history, points, position)
-        return jnp.concatenate([seen, memory]) if self.memory else seen
+        observed_part = self.join_observed(history, points, position)
+        return jnp.concatenate([observed_part, memory]) if self.memory else observed_part
 
-    def seen(
+    def join_observed(
         self,
         history: Float[Array, "H 20"],
         points: Float[Array, "K 3"],
         position: Float[Array, "3"],
     ) -> Float[Array, "20H+3K"]:
         """Joins what an observation holds before what is remembered; see `observation`."""
-        seen = history.reshape(-1)
+        values = history.reshape(-1)
         if self.look_ahead.points:
-            return jnp.concatenate([seen, (points - position[None]).reshape(-1)])
-        return seen
+            return jnp.concatenate([values, (points - position[None]).reshape(-1)])
+        return values
 
     def beyond(self, *known: str) -> str:
         """Names what sets it apart from the paper's policies, with values; empty if nothing does.
@@ -198,8 +198,8 @@ class PolicySpec:
         Args:
             known: names of fields that may differ.
         """
-        found = {name: value for name, value in self._unusual().items() if name not in known}
-        return ", ".join(f"{name} = {value}" for name, value in found.items())
+        differences = {name: value for name, value in self._unusual().items() if name not in known}
+        return ", ".join(f"{name} = {value}" for name, value in differences.items())
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for files and records.
@@ -223,16 +223,16 @@ class PolicySpec:
         Raises:
             InputError: a field is not what it should be, or not what the form has.
         """
-        given = {field.name: content.get(field.name, field.default) for field in fields(cls)}
+        options = {field.name: content.get(field.name, field.default) for field in fields(cls)}
         if "look_ahead" in content:
-            given["look_ahead"] = LookAhead.from_dict(given["look_ahead"])
-        if isinstance(given["hidden"], list):
-            given["hidden"] = tuple(given["hidden"])
-        spec = cls(**given)
-        wrong = [name for name, value in given.items() if getattr(spec, name) != value]
+            options["look_ahead"] = LookAhead.from_dict(options["look_ahead"])
+        if isinstance(options["hidden"], list):
+            options["hidden"] = tuple(options["hidden"])
+        spec = cls(**options)
+        wrong = [name for name, value in options.items() if getattr(spec, name) != value]
         if wrong and spec.policy_form.settled:
             raise InputError(
-                f"{', '.join(f'{name} = {given[name]}' for name in wrong)}; a policy of the form "
+                f"{', '.join(f'{name} = {options[name]}' for name in wrong)}; a policy of the form "
                 f"{spec.form} has {', '.join(f'{name} = {getattr(spec, name)}' for name in wrong)}."
             )
         return spec

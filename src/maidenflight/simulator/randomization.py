@@ -182,21 +182,21 @@ def uniform_box(nominal: Parameters, **ranges: tuple[float, float]) -> UniformBo
         InputError: a field is unknown, or its range is not two numbers in order within its physical
             range.
     """
-    for name, given in ranges.items():
+    for name, limits in ranges.items():
         quantity = QUANTITIES.get(name)
         if quantity is None:
             raise InputError(f"unknown parameter {name!r}; known are {', '.join(QUANTITIES)}.")
-        if len(given) != 2 or not quantity.lower <= given[0] <= given[1] <= quantity.upper:
+        if len(limits) != 2 or not quantity.lower <= limits[0] <= limits[1] <= quantity.upper:
             raise InputError(
-                f"{name} = {given}: expected two numbers in order in [{quantity.lower:g}, "
+                f"{name} = {limits}: expected two numbers in order in [{quantity.lower:g}, "
                 f"{quantity.upper:g}] {quantity.unit}."
             )
     lower, upper = (
         replace(
             nominal,
             **{
-                name: np.full_like(getattr(nominal, name), given[end], np.float32)
-                for name, given in ranges.items()
+                name: np.full_like(getattr(nominal, name), ends[end], np.float32)
+                for name, ends in ranges.items()
             },
         )
         for end in (0, 1)

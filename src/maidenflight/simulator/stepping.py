@@ -218,17 +218,17 @@ def _estimate(
     )
     bias = sensors.walk_bias(env_state.gyro_bias, period, parameters, turn)
     drift = sensors.walk_estimate(env_state.drift, period, parameters, walk)
-    seen, estimator = env_state.state, env_state.estimator
+    estimate, estimator = env_state.state, env_state.estimator
     every = max(1, environment.controller.interface.rate // environment.estimate_rate)
     if environment.estimator_memory > 0:
         estimator = sensors.remember(estimator, env_state.state)
-        seen = sensors.delayed(estimator, env_state.state, every * period, parameters)
-    seen = seen._replace(
-        position=seen.position + drift[:3],
-        velocity=seen.velocity + drift[3:],
+        estimate = sensors.delayed(estimator, env_state.state, every * period, parameters)
+    estimate = estimate._replace(
+        position=estimate.position + drift[:3],
+        velocity=estimate.velocity + drift[3:],
         body_rates=env_state.gyro + bias + shaken,
     )
-    fresh = sensors.measure(seen, parameters, normal, drawn.uniform)
+    fresh = sensors.measure(estimate, parameters, normal, drawn.uniform)
     if every > 1:
         due = actions % every == 0
         old = env_state.measurement._replace(body_rates=fresh.body_rates)
@@ -292,7 +292,7 @@ def drive(
         if floor is None:
             return integrator(state, speed, parameters), None
         after = integrator(state, speed, dynamics.near_ground(parameters, state.position[2]))
-        return dynamics.held_by_floor(after, floor), None
+        return dynamics.floor_reaction(after, floor), None
 
     return lax.scan(advance, state, delayed)[0]
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
 from maidenflight.registry import ENGINES
-from maidenflight.studies.worker import Ending, Order
+from maidenflight.studies.worker import Order, TaskResult
 
 
 @runtime_checkable
@@ -20,7 +20,7 @@ class Engine(Protocol):
         """Begins a task, by `worker.perform`."""
         ...
 
-    def ended(self, timeout: float) -> Sequence[Ending]:
+    def ended(self, timeout: float) -> Sequence[TaskResult]:
         """Tasks that have ended since the last call.
 
         Args:

@@ -15,7 +15,7 @@ from maidenflight import cores
 from maidenflight.errors import InputError
 from maidenflight.studies import worker
 from maidenflight.studies.engine import Resources
-from maidenflight.studies.worker import LOST, Ending, Order
+from maidenflight.studies.worker import LOST, Order, TaskResult
 
 _STARTING = 5.0
 """Longest wait for the number of a process that is just starting, to end it [s]."""
@@ -40,7 +40,7 @@ class _Place:
         )
         self._process = self._pool.submit(os.getpid)
 
-    def submit(self, order: Order) -> Future[Ending]:
+    def submit(self, order: Order) -> Future[TaskResult]:
         return self._pool.submit(worker.perform, order)
 
     def close(self) -> None:
@@ -70,16 +70,16 @@ class Local:
         self._most = resources.workers or max(1, cores.count() // resources.cpus)
         self._gpus = [""] * self._most
         if resources.gpus:
-            found, each = _gpus(), resources.gpus
-            if len(found) < each:
+            available, each = _gpus(), resources.gpus
+            if len(available) < each:
                 raise InputError(
-                    f"a task is to have {each} GPUs, but this machine shows {len(found)}. Leave "
-                    "out --gpus, or look whether its driver is installed."
+                    f"a task is to have {each} GPUs, but this machine shows {len(available)}."
+                    " Leave out --gpus, or look whether its driver is installed."
                 )
-            self._most = min(self._most, len(found) // each)
-            self._gpus = [",".join(found[n * each : (n + 1) * each]) for n in range(self._most)]
+            self._most = min(self._most, len(available) // each)
+            self._gpus = [",".join(available[n * each : (n + 1) * each]) for n in range(self._most)]
         self._idle: list[_Place] = []
-        self._busy: dict[Future[Ending], tuple[_Place, str]] = {}
+        self._busy: dict[Future[TaskResult], tuple[_Place, str]] = {}
 
     def room(self) -> int:
         """See `Engine`."""
@@ -90,7 +90,7 @@ class Local:
         place = self._idle.pop() if self._idle else _Place(self._gpus.pop())
         self._busy[place.submit(order)] = place, order.key
 
-    def ended(self, timeout: float) -> Sequence[Ending]:
+    def ended(self, timeout: float) -> Sequence[TaskResult]:
         """See `Engine`."""
         endings = []
         for future in wait(self._busy, timeout, FIRST_COMPLETED).done:
@@ -101,7 +101,9 @@ class Local:
             except BrokenExecutor:
                 place.close()
                 self._gpus.append(place.gpus)
-                endings.append(Ending(key, LOST, "its process was killed, as when memory is full"))
+                endings.append(
+                    TaskResult(key, LOST, "its process was killed, as when memory is full")
+                )
         return endings
 
     def close(self) -> None:

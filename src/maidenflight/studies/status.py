@@ -25,7 +25,7 @@ class Progress:
 
     tasks: int
     """Of the study; equal ones, which are computed once, count once."""
-    found: int = 0
+    existing_count: int = 0
     """Results that were there when it began."""
     computed: int = 0
     running: tuple[str, ...] = ()
@@ -48,7 +48,7 @@ class Progress:
     @property
     def done(self) -> int:
         """Tasks whose result is there."""
-        return self.found + self.computed
+        return self.existing_count + self.computed
 
     def describe(self) -> str:
         """Returns how far it is, in a line."""
@@ -84,18 +84,23 @@ def read(store: Store, study: Study) -> Progress:
     there = len(keys & store.keys())
     text = store.read(PROGRESS)
     if text is None:
-        return Progress(len(keys), found=there, state="not begun")
+        return Progress(len(keys), existing_count=there, state="not begun")
     try:
         content: dict[str, Any] = inputs.from_json(text)
         written = float(content.pop("written"))
-        said = Progress(**content)
-        said = dataclasses.replace(said, running=tuple(said.running), failed=tuple(said.failed))
+        status = Progress(**content)
+        status = dataclasses.replace(
+            status, running=tuple(status.running), failed=tuple(status.failed)
+        )
     except (ValueError, LookupError, TypeError) as error:
         raise InputError(
             f"{PROGRESS}: not what a study writes ({error}). Remove it from the study's results."
         ) from error
-    if said.state == "running" and time.time() - written > SILENT_S:
-        said = dataclasses.replace(said, state="silent", running=())
+    if status.state == "running" and time.time() - written > SILENT_S:
+        status = dataclasses.replace(status, state="silent", running=())
     return dataclasses.replace(
-        said, tasks=len(keys), found=max(0, there - said.computed), seconds=round(said.seconds, 1)
+        status,
+        tasks=len(keys),
+        existing_count=max(0, there - status.computed),
+        seconds=round(status.seconds, 1),
     )

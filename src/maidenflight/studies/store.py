@@ -123,21 +123,21 @@ class Folder:
         """See `Store`."""
         try:
             self._results.mkdir(parents=True, exist_ok=True)
-            made = Path(tempfile.mkdtemp(prefix=f".{key}.", suffix=".part", dir=self._results))
-            made.chmod(0o755)
+            folder = Path(tempfile.mkdtemp(prefix=f".{key}.", suffix=".part", dir=self._results))
+            folder.chmod(0o755)
         except OSError as error:
             raise WriteError(self._results, error) from error
         try:
-            yield made
-            _to_disk(made)
+            yield folder
+            _to_disk(folder)
             try:
-                os.rename(made, self._results / key)
+                os.rename(folder, self._results / key)
                 _to_disk(self._results)
             except OSError:
                 if not self.has(key):  # another has made the same meanwhile
                     raise
         finally:
-            shutil.rmtree(made, ignore_errors=True)
+            shutil.rmtree(folder, ignore_errors=True)
 
     def write(self, name: str, content: str) -> None:
         """See `Store`."""
@@ -195,8 +195,8 @@ class Address:
     def keys(self) -> set[str]:
         """See `Store`."""
         self._files.invalidate_cache()
-        found = self._files.glob(self._at(_RESULTS, "*", RESULT))
-        return {str(path).split("/")[-2] for path in found}
+        files = self._files.glob(self._at(_RESULTS, "*", RESULT))
+        return {str(path).split("/")[-2] for path in files}
 
     def has(self, key: str) -> bool:
         """See `Store`."""
@@ -226,11 +226,11 @@ class Address:
     def making(self, key: str) -> Iterator[Path]:
         """See `Store`."""
         with tempfile.TemporaryDirectory(prefix="maidenflight-") as name:
-            made = Path(name)
-            yield made
-            files = sorted(path for path in made.rglob("*") if path.is_file())
-            for path in sorted(files, key=lambda path: path == made / RESULT):
-                place = self._at(_RESULTS, key, *path.relative_to(made).parts)
+            folder = Path(name)
+            yield folder
+            files = sorted(path for path in folder.rglob("*") if path.is_file())
+            for path in sorted(files, key=lambda path: path == folder / RESULT):
+                place = self._at(_RESULTS, key, *path.relative_to(folder).parts)
                 self._files.makedirs(place.rpartition("/")[0], exist_ok=True)
                 self._files.put_file(str(path), place)
 

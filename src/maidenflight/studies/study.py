@@ -147,16 +147,16 @@ def of(
         raise InputError(f"{where}: no tasks. Expected tables [[task]]; see docs/clusters.md.")
     home = Path(home).resolve()
     known: dict[str, _Entry] = {}
-    made: dict[str, list[Task]] = {}
+    expanded_tasks: dict[str, list[Task]] = {}
     digests: dict[str, list[str]] = {}
     for number, content in enumerate(entries, 1):
         entry = _entry(content, f"{where}: task {number}", known)
         known[entry.name] = entry
         with chdir(home):
-            made[entry.name] = _expanded(entry, made, digests, (cpus, gpus))
-        if sum(map(len, made.values())) > MOST:
+            expanded_tasks[entry.name] = _expanded(entry, expanded_tasks, digests, (cpus, gpus))
+        if sum(map(len, expanded_tasks.values())) > MOST:
             raise InputError(f"{where}: more than {MOST} tasks. Make several studies of it.")
-    return Study(tuple(itertools.chain(*made.values())), home, tuple(entries), cpus, gpus)
+    return Study(tuple(itertools.chain(*expanded_tasks.values())), home, tuple(entries), cpus, gpus)
 
 
 def _entry(content: Any, where: str, known: Mapping[str, _Entry]) -> _Entry:
@@ -180,16 +180,16 @@ def _entry(content: Any, where: str, known: Mapping[str, _Entry]) -> _Entry:
     for name, part in parts.items():
         if not isinstance(part, dict):
             raise InputError(f"{label}: {name} = {str(part)[:40]!r}; expected a table.")
-    given = [*parts["settings"], *parts["grid"], *parts["inputs"]]
+    names = [*parts["settings"], *parts["grid"], *parts["inputs"]]
     settings = settings_of(verb)
-    for name in given:
+    for name in names:
         if name not in settings and not _is_in_table(name, settings, parts["grid"]):
             expected = ", ".join(settings)
             raise InputError(f"{label}: {name} is no setting of {kind}. Expected {expected}.")
-        if given.count(name) > 1:
+        if names.count(name) > 1:
             raise InputError(f"{label}: {name} is given twice. Give it in one place.")
     for name, setting in settings.items():
-        if name not in given:
+        if name not in names:
             setting.check(setting.default, f"{label}: {name}")
     for name, value in parts["settings"].items():
         settings[name].check(value, f"{label}: {name}")
@@ -198,7 +198,7 @@ def _entry(content: Any, where: str, known: Mapping[str, _Entry]) -> _Entry:
         for name, value in parts["grid"].items()
     }
     for name, source in parts["inputs"].items():
-        _must_be_made(verb, name, source, known, label)
+        _require_maker(verb, name, source, known, label)
     return _Entry(called, label, kind, verb, parts["settings"], grid, parts["inputs"])
 
 
@@ -221,26 +221,26 @@ def _put(settings: dict[str, Any], point: Mapping[str, Any]) -> dict[str, Any]:
     return chosen
 
 
-def _values(setting: Setting, name: str, given: Any, label: str) -> list[Any]:
+def _values(setting: Setting, name: str, values: Any, label: str) -> list[Any]:
     """The values of an axis: a list, or whole numbers from a first one on."""
-    if isinstance(given, dict) and given.keys() == {"first", "count"}:
-        first, count = given["first"], given["count"]
+    if isinstance(values, dict) and values.keys() == {"first", "count"}:
+        first, count = values["first"], values["count"]
         if type(first) is int and type(count) is int and 1 <= count <= MOST:
-            given = list(range(first, first + count))
-    if not isinstance(given, list) or not given:
+            values = list(range(first, first + count))
+    if not isinstance(values, list) or not values:
         raise InputError(
-            f"{label}: grid {name} = {str(given)[:60]}; expected a list of values, or "
+            f"{label}: grid {name} = {str(values)[:60]}; expected a list of values, or "
             "{ first = 0, count = 10 }."
         )
     inner = name.partition(".")[2]
-    for value in given:
+    for value in values:
         setting.check({inner: value} if inner else value, f"{label}: {name}")
-    if len({json.dumps(value) for value in given}) < len(given):
+    if len({json.dumps(value) for value in values}) < len(values):
         raise InputError(f"{label}: grid {name} has a value twice. Give each once.")
-    return given
+    return values
 
 
-def _must_be_made(
+def _require_maker(
     verb: type[Verb], name: str, source: Any, known: Mapping[str, _Entry], label: str
 ) -> None:
     if not isinstance(source, str) or source not in known:
@@ -248,11 +248,12 @@ def _must_be_made(
             f"{label}: input {name} = {source!r}; expected the name of an entry above it"
             f"{': ' + ', '.join(known) if known else ''}."
         )
-    makers = {name: one.made_by for name, one in settings_of(verb).items() if one.made_by}
+    makers = {name: one.producer for name, one in settings_of(verb).items() if one.producer}
     if name not in makers:
-        made = ", ".join(makers) or "no setting"
+        maker_names = ", ".join(makers) or "no setting"
         raise InputError(
-            f"{label}: no task makes {name} of {verb.name}; tasks make {made}. Give it in settings."
+            f"{label}: no task makes {name} of {verb.name}; tasks make {maker_names}. "
+            "Give it in settings."
         )
     if known[source].kind != makers[name]:
         raise InputError(
@@ -263,7 +264,7 @@ def _must_be_made(
 
 def _expanded(
     entry: _Entry,
-    made: Mapping[str, Sequence[Task]],
+    tasks_by_part: Mapping[str, Sequence[Task]],
     digests: dict[str, list[str]],
     devices: tuple[int, int],
 ) -> list[Task]:
@@ -273,7 +274,7 @@ def _expanded(
         joined = [
             ({**point, **task.point}, {**keys, name: task.key})
             for point, keys in joined
-            for task in made[source]
+            for task in tasks_by_part[source]
             if all(point.get(axis, value) == value for axis, value in task.point.items())
         ]
     own = [
@@ -335,15 +336,18 @@ def _digests(value: str, label: str, known: dict[str, list[str]]) -> list[str]:
     if value not in known:
         # A name that is too long for a file system is there as little as any other.
         parts = [value] if os.path.exists(value) else re.split("[@+]", value)[:2]
-        found = []
+        files = []
         for part in map(Path, parts):
             if os.path.isdir(part):
-                found += sorted(path for path in part.rglob("*") if path.is_file())
+                files += sorted(path for path in part.rglob("*") if path.is_file())
             elif os.path.isfile(part):
                 # A policy by others is described by one file and held by another beside it.
-                beside = part.parent.iterdir() if part.suffix == ".toml" else ()
-                found += [part, *sorted(one for one in beside if one.suffix in (".onnx", ".zip"))]
+                neighbours = part.parent.iterdir() if part.suffix == ".toml" else ()
+                files += [
+                    part,
+                    *sorted(one for one in neighbours if one.suffix in (".onnx", ".zip")),
+                ]
             elif part.suffix in (".toml", ".json", ".csv"):
                 raise InputError(f"{label} = {value!r}: no file {part} in the study's folder.")
-        known[value] = [f"{path.name} {results.digest(path)}" for path in found]
+        known[value] = [f"{path.name} {results.digest(path)}" for path in files]
     return known[value]

@@ -20,12 +20,12 @@ from maidenflight.studies.engine import Engine, Resources
 from maidenflight.studies.status import Progress
 from maidenflight.studies.store import Folder, Store, opened
 from maidenflight.studies.study import Study, Task, of, read, to_cell
-from maidenflight.studies.worker import DONE, LOST, Ending, Order, product_of
+from maidenflight.studies.worker import DONE, LOST, Order, TaskResult, product_of
 from maidenflight.verb import find_verb
 
 LOSSES = 5
 """How often a task may be lost with its process or node before it counts as failed."""
-_HEARD_S, _TOLD_S = 1.0, 2.0
+_POLL_S, _REPORT_S = 1.0, 2.0
 """Longest wait for the engine, and time between two writings of the progress [s]."""
 
 
@@ -76,11 +76,11 @@ def sweep(
     finally:
         release()
     if failures:
-        raise InputError(told(study, failures, output))
+        raise InputError(describe_failures(study, failures, output))
     return table
 
 
-def told(study: Study, failures: Mapping[str, str], output: StrPath) -> str:
+def describe_failures(study: Study, failures: Mapping[str, str], output: StrPath) -> str:
     """What to say of tasks that failed."""
     first = next(task for task in study.tasks if task.key in failures)
     waiting = blocked(study, failures)
@@ -95,11 +95,11 @@ def told(study: Study, failures: Mapping[str, str], output: StrPath) -> str:
 
 def blocked(study: Study, failures: Mapping[str, str]) -> set[str]:
     """Keys of tasks whose inputs failed, or are such themselves."""
-    found: set[str] = set()
+    keys: set[str] = set()
     for task in study.tasks:
-        if any(key in failures or key in found for key in task.inputs.values()):
-            found.add(task.key)
-    return found
+        if any(key in failures or key in keys for key in task.inputs.values()):
+            keys.add(task.key)
+    return keys
 
 
 def compute(
@@ -140,8 +140,8 @@ def compute(
             while engine.room() > 0 and (order := driving.next_order(resources)) is not None:
                 engine.submit(order)
             driving.tell(on_progress)
-            for ending in engine.ended(_HEARD_S):
-                driving.heard(ending)
+            for ending in engine.ended(_POLL_S):
+                driving.on_task_end(ending)
         driving.tell(on_progress, "ended")
     except BaseException:
         driving.tell(None, "interrupted")
@@ -173,7 +173,7 @@ class _Driving:
         self._failed_times: dict[str, int] = {}
         self._lost_times: dict[str, int] = {}
         self._policies = self._repeated = 0
-        self._began, self._written = time.monotonic(), -_TOLD_S
+        self._began, self._written = time.monotonic(), -_REPORT_S
 
     @property
     def over(self) -> bool:
@@ -202,7 +202,7 @@ class _Driving:
             resources.gpus,
         )
 
-    def heard(self, ending: Ending) -> None:
+    def on_task_end(self, ending: TaskResult) -> None:
         """Takes note of how a task ended."""
         key, task = ending.key, self._tasks[ending.key]
         del self._running[key]
@@ -216,7 +216,7 @@ class _Driving:
                 if not self._before[later]:
                     self._ready.append(later)
             return
-        self._store.write(_place(task), f"{task.label}\n{ending.said.strip()}\n")
+        self._store.write(_place(task), f"{task.label}\n{ending.message.strip()}\n")
         times, most = (
             (self._lost_times, LOSSES)
             if ending.how == LOST
@@ -224,7 +224,7 @@ class _Driving:
         )
         times[key] = times.get(key, 0) + 1
         if times[key] > most:
-            self.failures[key] = ending.said
+            self.failures[key] = ending.message
         else:
             self._repeated += 1
             self._ready.append(key)
@@ -235,7 +235,7 @@ class _Driving:
         computed = len(self._there) - self._found
         now = Progress(
             tasks=len(self._tasks),
-            found=self._found,
+            existing_count=self._found,
             computed=computed,
             running=tuple(self._tasks[key].label for key in self._running)
             if state == "running"
@@ -252,7 +252,7 @@ class _Driving:
         )
         if on_progress is not None:
             on_progress(now)
-        if state != "running" or time.monotonic() - self._written >= _TOLD_S:
+        if state != "running" or time.monotonic() - self._written >= _REPORT_S:
             status.write(self._store, dataclasses.replace(now, running=now.running[: status.NAMED]))
             self._written = time.monotonic()
 
@@ -289,13 +289,13 @@ def gather(study: Study, store: Store, skipped: AbstractSet[str] = frozenset()) 
     table = polars.DataFrame(
         {name: [row.get(name) for row in rows] for name in order}, strict=False
     )
-    made = results.record(
+    record = results.record(
         seed=None,
         inputs=[],
         settings={"study": list(study.entries), "cpus": study.cpus, "gpus": study.gpus},
     )
-    store.write(run_folder.STUDY.name, run_folder.STUDY.to_text(table, made))
+    store.write(run_folder.STUDY.name, run_folder.STUDY.to_text(table, record))
     if isinstance(store, Folder):
         written = Path(store.address, run_folder.STUDY.name)
-        manifest.append(store.address, "sweep", {"study": [written]}, made)
+        manifest.append(store.address, "sweep", {"study": [written]}, record)
     return table

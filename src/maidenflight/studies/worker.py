@@ -38,32 +38,33 @@ class Order:
 
 
 @dataclass(frozen=True)
-class Ending:
+class TaskResult:
     """How a task ended."""
 
     key: str
     how: str
     """`DONE`, `FAILED` or `LOST`."""
-    said: str = ""
+    message: str = ""
     """The traceback of one that failed, or what is known of one that was lost."""
 
 
-def perform(order: Order) -> Ending:
-    """Does a task, unless its result is there already; what it raises is an `Ending` too."""
+def perform(order: Order) -> TaskResult:
+    """Does a task, unless its result is there already; what it raises is an `TaskResult` too."""
     try:
-        kept = store.opened(order.store)
-        if kept.has(order.key):
-            return Ending(order.key, DONE)
+        task_store = store.opened(order.store)
+        if task_store.has(order.key):
+            return TaskResult(order.key, DONE)
         compiler.set_flags(compiler.QUICK)
         cache.keep_compiled()
         verb = find_verb(order.kind)
         if verb.parallel:
             cores.as_devices(order.cpus)
-        made = {
-            name: str(kept.folder(key) / product) for name, (key, product) in order.inputs.items()
+        input_paths = {
+            name: str(task_store.folder(key) / product)
+            for name, (key, product) in order.inputs.items()
         }
-        with kept.making(order.key) as folder, chdir(order.home):
-            task = verb.from_settings({**order.settings, **_by_kind(verb, made)})
+        with task_store.making(order.key) as folder, chdir(order.home):
+            task = verb.from_settings({**order.settings, **_by_kind(verb, input_paths)})
             place = folder / product_of(verb)
             rows = task.run(place).rows
             task.discard_state(place)
@@ -78,10 +79,10 @@ def perform(order: Order) -> Ending:
             content = json.dumps({"record": record, "rows": list(rows)}, indent=1)
             results.write(folder / store.RESULT, f"{content}\n")
     except InputError as error:
-        return Ending(order.key, FAILED, f"{error}\n")
+        return TaskResult(order.key, FAILED, f"{error}\n")
     except (Exception, SystemExit):
-        return Ending(order.key, FAILED, traceback.format_exc())
-    return Ending(order.key, DONE)
+        return TaskResult(order.key, FAILED, traceback.format_exc())
+    return TaskResult(order.key, DONE)
 
 
 def product_of(verb: type[Verb]) -> str:
@@ -89,10 +90,10 @@ def product_of(verb: type[Verb]) -> str:
     return verb.output.default or "output"
 
 
-def _by_kind(verb: type[Verb], made: dict[str, str]) -> dict[str, Any]:
+def _by_kind(verb: type[Verb], input_paths: dict[str, str]) -> dict[str, Any]:
     """Returns what other tasks made, alone in a list where a setting takes lists."""
     repeats = {name for name, (_, one) in verb.settings().items() if one.values.repeats}
-    return {name: [path] if name in repeats else path for name, path in made.items()}
+    return {name: [path] if name in repeats else path for name, path in input_paths.items()}
 
 
 def begin(driver: int, gpus: str) -> None:

@@ -149,10 +149,10 @@ def begin(
     env: Environment, settings: AnalyticGradient, boxes: Distribution, keys: Array
 ) -> Learner:
     """Untrained learners, one per key and distribution of drones, all stacked."""
-    return begun(partial(untaught, env, settings), SHARDING, settings.num_envs, boxes, keys)
+    return begun(partial(init_learner, env, settings), SHARDING, settings.num_envs, boxes, keys)
 
 
-def untaught(
+def init_learner(
     env: Environment, settings: AnalyticGradient, box: Distribution, key: Array
 ) -> Learner:
     """One untrained learner, with this device's share of the environments."""
@@ -214,8 +214,8 @@ def segment(
             if task.failure_margin is None
             else task.failure_margin(after.state, step_result.setpoint)
         )
-        kept, lost = unless_lost(env_state, after, step_result)
-        return kept, (jnp.where(lost, 0.0, cost), lost, margin)
+        next_state, lost = unless_lost(env_state, after, step_result)
+        return next_state, (jnp.where(lost, 0.0, cost), lost, margin)
 
     env_state, (costs, lost, margins) = lax.scan(
         one, drone.env_state, jax.random.split(key, settings.horizon)
@@ -266,8 +266,8 @@ def update(
         network: tuple[Any, Any],
     ) -> tuple[Float[Array, ""], tuple[EnvState, Bool[Array, "n"]]]:
         policy = learner.policy.with_network(network)
-        costs, flown = jax.vmap(partial(flying, policy))(learner.instances, flight_keys)
-        return jnp.mean(costs), flown
+        costs, segments = jax.vmap(partial(flying, policy))(learner.instances, flight_keys)
+        return jnp.mean(costs), segments
 
     gradient, (env_states, lost) = jax.grad(cost, has_aux=True)(learner.policy.network)
     gradient = lax.pmean(gradient, DRONES)
@@ -306,7 +306,7 @@ def _where(condition: Bool[Array, "n"], new: Any, old: Any) -> Any:
     )
 
 
-def _flown(
+def _fly_segment(
     env: Environment,
     settings: AnalyticGradient,
     box: Distribution,
@@ -318,5 +318,5 @@ def _flown(
     return update(env, settings, box, partial(segment, env, settings), learner, key)
 
 
-learn = learning(_flown, SHARDING)
+learn = learning(_fly_segment, SHARDING)
 """Stacked learners after updates `first` to `end` - 1; see `learning`."""

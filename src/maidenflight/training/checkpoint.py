@@ -45,7 +45,7 @@ class Checkpoint(NamedTuple):
     """Where the state of a training is kept."""
 
     path: StrPath
-    anew: bool = False
+    restart: bool = False
     """Whether to begin anew; an earlier checkpoint stays until the first of this training."""
 
 
@@ -56,20 +56,20 @@ def fingerprint(words: Mapping[str, Any], numbers: Any) -> str:
         words: settings, plain values.
         numbers: a pytree of arrays, compared bit by bit.
     """
-    said = json.dumps(words, sort_keys=True)
-    text = hashlib.sha256(said.encode())
+    description = json.dumps(words, sort_keys=True)
+    text = hashlib.sha256(description.encode())
     for leaf in tree.leaves(numbers):
         array = np.asarray(leaf)
         text.update(f"{array.dtype} {array.shape}".encode() + array.tobytes())
-    return f"{text.hexdigest()[:16]} {said}"
+    return f"{text.hexdigest()[:16]} {description}"
 
 
-def _difference(found: str, expected: str) -> str:
+def _difference(stored: str, expected: str) -> str:
     """Names what differs between two fingerprints; empty if it cannot be read from them."""
-    if found == expected:
+    if stored == expected:
         return ""
     try:
-        before, now = (_flat(json.loads(one.partition(" ")[2])) for one in (found, expected))
+        before, now = (_flat(json.loads(one.partition(" ")[2])) for one in (stored, expected))
     except (ValueError, AttributeError, RecursionError):
         return ""
     names = [name for name in {**before, **now} if before.get(name) != now.get(name)]
@@ -176,16 +176,16 @@ def restored(
     """
     if not os.path.lexists(path):
         return start(()), ()
-    found = _read(path)
-    if found.fingerprint == expected:
-        shapes, structure = tree.flatten(jax.eval_shape(lambda: start(found.stages)))
-        if [(leaf.shape, leaf.dtype) for leaf in found.leaves] == [
+    stored = _read(path)
+    if stored.fingerprint == expected:
+        shapes, structure = tree.flatten(jax.eval_shape(lambda: start(stored.stages)))
+        if [(leaf.shape, leaf.dtype) for leaf in stored.leaves] == [
             (shape.shape, shape.dtype) for shape in shapes
         ]:
-            leaves = [jax.numpy.asarray(leaf) for leaf in found.leaves]
-            return tree.unflatten(structure, leaves), found.stages
+            leaves = [jax.numpy.asarray(leaf) for leaf in stored.leaves]
+            return tree.unflatten(structure, leaves), stored.stages
     raise InputError(
-        f"{path}: a checkpoint of another training{_difference(found.fingerprint, expected)}. "
+        f"{path}: a checkpoint of another training{_difference(stored.fingerprint, expected)}. "
         "Give the settings, seed and drone that it was started with, or another folder."
     )
 
@@ -233,10 +233,10 @@ def ends(stages: Sequence[int], evaluations: int, from_zero: bool) -> list[int]:
         evaluations: in the first stage; as often per update in the others.
         from_zero: whether the policy is evaluated before the first update, too.
     """
-    found, first = [0] * (from_zero and bool(stages)), 0
+    updates, first = [0] * (from_zero and bool(stages)), 0
     for end in stages:
         per_update = min(1.0, evaluations / stages[0])
         count = max(1, round((end - first) * per_update))
-        found += [first + round((end - first) * number / count) for number in range(1, count + 1)]
+        updates += [first + round((end - first) * number / count) for number in range(1, count + 1)]
         first = end
-    return found
+    return updates

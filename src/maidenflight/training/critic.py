@@ -17,7 +17,7 @@ SMALLEST_DEVIATION = 1e-5
 class Moments(NamedTuple):
     """Mean and variance of all samples so far."""
 
-    seen: Float[Array, ""]
+    samples: Float[Array, ""]
     """How many samples."""
     mean: Float[Array, "..."]
     variance: Float[Array, "..."]
@@ -101,8 +101,8 @@ def moments_of(samples: Float[Array, "n ..."]) -> Moments:
 
 def merged(one: Moments, other: Moments) -> Moments:
     """Moments of the samples of both. Source: Chan, Golub and LeVeque 1983, eq. 2.1."""
-    count = one.seen + other.seen
-    share, step = other.seen / count, other.mean - one.mean
+    count = one.samples + other.samples
+    share, step = other.samples / count, other.mean - one.mean
     variance = (
         (1.0 - share) * one.variance + share * other.variance + share * (1.0 - share) * step**2
     )

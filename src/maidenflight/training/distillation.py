@@ -107,7 +107,7 @@ class Teacher:
     """A policy without a memory that also sees what it flies."""
 
     policy: Policy
-    told: Float[Array, "first 19"]
+    known_weights: Float[Array, "first 19"]
     """Weights of `known` in the first layer."""
     mean: Float[Array, "19"]
     deviation: Float[Array, "19"]
@@ -117,7 +117,7 @@ class Teacher:
     ) -> Float[Array, "4+M"]:
         """Action for an observation of a drone; a memory in it is handed on as it is."""
         first, *others = self.policy.biases
-        first = first + self.told @ ((known(drone) - self.mean) / self.deviation)
+        first = first + self.known_weights @ ((known(drone) - self.mean) / self.deviation)
         weights, _, none = self.policy.network
         return self.policy.with_network((weights, (first, *others), none))(observation)
 
@@ -125,13 +125,13 @@ class Teacher:
     def network(self) -> Any:
         """What a gradient changes: weights, biases, and weights of what is known."""
         weights, biases, _ = self.policy.network
-        return weights, biases, self.told
+        return weights, biases, self.known_weights
 
     def with_network(self, network: Any) -> "Teacher":
         """The same teacher with another network."""
-        weights, biases, told = network
+        weights, biases, known_weights = network
         policy = self.policy.with_network((weights, biases, None))
-        return dataclasses.replace(self, policy=policy, told=told)
+        return dataclasses.replace(self, policy=policy, told=known_weights)
 
 
 class _Learner(NamedTuple):
@@ -152,7 +152,7 @@ def begin(env: Environment, settings: Distillation, boxes: Distribution, keys: A
     """Untrained learners and teachers, one per key and distribution of drones, all stacked."""
 
     def one(box: Distribution, key: Array) -> _Learner:
-        learner = analytic_gradient.untaught(env, settings, box, key)
+        learner = analytic_gradient.init_learner(env, settings, box, key)
         teacher = _teacher(env, settings, box, learner.instances, jax.random.fold_in(key, 1))
         teaching = optimiser_of(settings).init(teacher.network)
         return _Learner(*learner, teacher, teaching, learner.optimiser)
@@ -196,10 +196,10 @@ def _imitation(
         wanted = lax.stop_gradient(teacher(drone.parameters, observation))
         # A teacher's action beyond the range of commands is as good as its end.
         difference = output[:ACTION_SIZE] - jnp.clip(wanted[:ACTION_SIZE], -1.0, 1.0)
-        held = jnp.concatenate([lax.stop_gradient(output[:ACTION_SIZE]), output[ACTION_SIZE:]])
-        after, step_result = stepping.step(env, env_state, held, drone.parameters, key)
-        kept, lost = analytic_gradient.unless_lost(env_state, after, step_result)
-        return kept, (jnp.where(lost, 0.0, squared(difference)), lost)
+        action = jnp.concatenate([lax.stop_gradient(output[:ACTION_SIZE]), output[ACTION_SIZE:]])
+        after, step_result = stepping.step(env, env_state, action, drone.parameters, key)
+        next_state, lost = analytic_gradient.unless_lost(env_state, after, step_result)
+        return next_state, (jnp.where(lost, 0.0, squared(difference)), lost)
 
     env_state, (costs, lost) = lax.scan(
         one, drone.env_state, jax.random.split(key, settings.horizon)
@@ -230,20 +230,20 @@ def _update(
         changed = {learned: after.policy, optimiser: after.optimiser, "instances": after.instances}
         return learner._replace(**changed)
 
-    flown = partial(analytic_gradient.segment, env, settings)
+    fly_segment = partial(analytic_gradient.segment, env, settings)
 
     def teach() -> _Learner:
-        def told(teacher: Teacher, drone: EnvInstance, key: Array) -> Any:
-            return flown(partial(teacher, drone.parameters), drone, key)
+        def fly_teacher(teacher: Teacher, drone: EnvInstance, key: Array) -> Any:
+            return fly_segment(partial(teacher, drone.parameters), drone, key)
 
-        return descended("teacher", "teaching", told)
+        return descended("teacher", "teaching", fly_teacher)
 
     def imitate() -> _Learner:
         imitated = partial(_imitation, env, settings, learner.teacher)
         return descended("policy", "imitating", imitated)
 
     def alone() -> _Learner:
-        return descended("policy", "optimiser", flown, settings.going_on)
+        return descended("policy", "optimiser", fly_segment, settings.going_on)
 
     phase = jnp.minimum(number // share, len(PHASES) - 1).astype(jnp.int32)
     return lax.switch(phase, [teach, imitate, alone])

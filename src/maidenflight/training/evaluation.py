@@ -58,7 +58,7 @@ def evaluate(
         steps: control periods of an episode, by default the task's duration; static.
     """
     starts = _starts(env, box, jax.random.split(key, episodes))
-    return _means(_flown(env, policy, starts, steps))
+    return _means(_fly_episode(env, policy, starts, steps))
 
 
 class Starts(NamedTuple):
@@ -99,10 +99,10 @@ def evaluate_together(
     """
 
     def fly(policies: Policy, starts: Starts) -> _Episode:
-        return jax.vmap(partial(_flown, env))(policies, starts)
+        return jax.vmap(partial(_fly_episode, env))(policies, starts)
 
-    flown = over_devices(fly, num_envs, starts.keys.shape[1])(policies, starts)
-    return jax.vmap(_means)(flown)
+    episodes = over_devices(fly, num_envs, starts.keys.shape[1])(policies, starts)
+    return jax.vmap(_means)(episodes)
 
 
 class _Episode(NamedTuple):
@@ -122,7 +122,9 @@ def _starts(env: Environment, box: Distribution, keys: Array) -> Starts:
     return Starts(jax.vmap(partial(randomized_reset, env, box))(launch_keys), keys)
 
 
-def _flown(env: Environment, policy: Policy, starts: Starts, steps: int | None = None) -> _Episode:
+def _fly_episode(
+    env: Environment, policy: Policy, starts: Starts, steps: int | None = None
+) -> _Episode:
     """Flies each episode; `env`, `policy` and `steps` as for `evaluate`."""
     periods = round(env.task.duration * env.controller.interface.rate) if steps is None else steps
 

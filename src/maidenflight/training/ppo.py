@@ -106,9 +106,9 @@ def _critic_observation(
     env: Environment, settings: PPO, centre: Parameters, drone: EnvInstance
 ) -> Float[Array, "S"]:
     """The policy's observation and, with `critic_sees_truth`, true state and parameters."""
-    seen = environment.observation(env, drone.env_state)
+    observation = environment.observation(env, drone.env_state)
     if not settings.critic_sees_truth:
-        return seen
+        return observation
     state = drone.env_state.state
     relative = state._replace(position=state.position - env.task.reference(drone.env_state.time))
     own, middle = (
@@ -119,7 +119,7 @@ def _critic_observation(
         value / jnp.where(nominal == 0, 1.0, nominal)
         for value, nominal in zip(own, middle, strict=True)
     ]
-    return jnp.concatenate([seen, *relative, *constants])
+    return jnp.concatenate([observation, *relative, *constants])
 
 
 def _rollout(
@@ -158,18 +158,18 @@ def _rollout(
             EnvInstance(env_state, drone.parameters),
             settings.discount * discounted + step_result.reward,
         )
-        flown = (step_result.reward, discounted, step_result.terminated, step_result.truncated)
+        outcome = (step_result.reward, discounted, step_result.terminated, step_result.truncated)
         done = step_result.terminated | step_result.truncated
         reset = tree.map(lambda leaf: leaf[number % count], resets)
         carry = tree.map(
             lambda new, old: jnp.where(done, new, old), (reset, 0.0), (after, discounted)
         )
-        return carry, _Period(observe(drone), observe(after), action, noise, *flown)
+        return carry, _Period(observe(drone), observe(after), action, noise, *outcome)
 
     noises = jax.random.normal(noise_key, (settings.horizon, ACTION_SIZE))
     periods = (jnp.arange(settings.horizon), noises, jax.random.split(key, settings.horizon))
-    (drone, discounted), flown = lax.scan(one, (drone, discounted), periods)
-    return drone, discounted, flown
+    (drone, discounted), rollout = lax.scan(one, (drone, discounted), periods)
+    return drone, discounted, rollout
 
 
 def surrogate(
@@ -233,18 +233,18 @@ def _fit(
 
 
 def _advantages_and_targets(
-    settings: PPO, learner: _Learner, flown: _Period
+    settings: PPO, learner: _Learner, period: _Period
 ) -> tuple[Float[Array, "num_envs T"], Float[Array, "num_envs T"]]:
     """Advantage of each action and the critic's target for its observation."""
     value = jax.vmap(jax.vmap(partial(value_of, learner.observation_moments, learner.critic)))
-    values, values_after = value(flown.critic_observation), value(flown.next_critic_observation)
+    values, values_after = value(period.critic_observation), value(period.next_critic_observation)
     rewards = jnp.clip(
-        flown.reward / learner.returns.deviation, -settings.reward_clip, settings.reward_clip
+        period.reward / learner.returns.deviation, -settings.reward_clip, settings.reward_clip
     )
     estimate = jax.vmap(
         partial(advantages, discount=settings.discount, gae_lambda=settings.gae_lambda)
     )
-    gains = estimate(rewards, values, values_after, flown.terminated, flown.truncated)
+    gains = estimate(rewards, values, values_after, period.terminated, period.truncated)
     if not settings.normalize_advantages:
         return gains, gains + values
     moments = moments_of(gains.reshape(-1))
@@ -267,14 +267,14 @@ def _update(
         + (settings.initial_noise_std - settings.final_noise_std) * remaining
     )
     fly = jax.vmap(partial(_rollout, env, settings, box, learner.policy, deviation))
-    instances, discounted, flown = fly(
+    instances, discounted, rollout = fly(
         learner.instances, learner.discounted, own(jax.random.split(flight_key, settings.num_envs))
     )
-    samples = flown, *_advantages_and_targets(settings, learner, flown)
+    samples = rollout, *_advantages_and_targets(settings, learner, rollout)
     # A memory's gradient goes through the periods of a rollout; else each stands for itself.
     length = settings.horizon if env.spec.memory else 1
     sequences = tree.map(lambda leaf: leaf.reshape(-1, length, *leaf.shape[2:]), samples[:2])
-    flown, _, targets = tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), samples)
+    rollout, _, targets = tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), samples)
 
     def actor_cost(network: Any, some: tuple[_Period, Array]) -> Float[Array, ""]:
         policy = learner.policy.with_network(network)
@@ -312,13 +312,13 @@ def _update(
         learner.critic,
         learner.optimisers[1],
         settings.critic_learning_rate,
-        (flown.critic_observation, targets),
+        (rollout.critic_observation, targets),
         settings.critic_passes,
         settings.critic_minibatches,
         critic_key,
     )
-    moments = merged(learner.observation_moments, moments_of(flown.critic_observation))
-    returns = merged(learner.returns, moments_of(flown.discounted))
+    moments = merged(learner.observation_moments, moments_of(rollout.critic_observation))
+    returns = merged(learner.returns, moments_of(rollout.discounted))
     policy = _normalizing(learner.policy.with_network(network), moments)
     return _Learner(
         policy, critic, (actor_optimiser, critic_optimiser), moments, returns, instances, discounted
@@ -330,8 +330,8 @@ def _actions(policy: Policy, periods: _Period) -> Float[Array, "L 4"]:
     size = policy.observation_mean.size
 
     def one(memory: Float[Array, "M"], period: _Period) -> tuple[Array, Float[Array, "4"]]:
-        seen = jnp.concatenate([period.critic_observation[:size], memory])
-        action, memory = jnp.split(policy(seen), [ACTION_SIZE])
+        observation = jnp.concatenate([period.critic_observation[:size], memory])
+        action, memory = jnp.split(policy(observation), [ACTION_SIZE])
         return jnp.where(period.terminated | period.truncated, 0.0, memory), action
 
     first = periods.critic_observation[0, size : size + policy.spec.memory]

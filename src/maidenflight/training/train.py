@@ -30,13 +30,13 @@ from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.tasks.tasks import Task
 from maidenflight.training import analytic_gradient, checkpoint, distillation, ppo
 from maidenflight.training.analytic_gradient import AnalyticGradient
-from maidenflight.training.asked import Asked, checked
 from maidenflight.training.checkpoint import Checkpoint
 from maidenflight.training.devices import placed
 from maidenflight.training.distillation import Distillation
 from maidenflight.training.evaluation import Evaluation, Starts, evaluate_together, starts_of
 from maidenflight.training.ppo_settings import PPO
 from maidenflight.training.settings import Settings
+from maidenflight.training.training_spec import TrainingSpec, validate
 
 
 class Method(NamedTuple):
@@ -131,11 +131,11 @@ def train(
     """
     settings = AnalyticGradient() if settings is None else settings
     method = _method_of(settings)
-    asked = checked(task, controller, box, keys, settings, policy)
-    env, drones, from_zero = asked.env, asked.drones, asked.initial is not None
+    spec = validate(task, controller, box, keys, settings, policy)
+    env, drones, from_zero = spec.env, spec.drones, spec.initial is not None
     place = saved if isinstance(saved, Checkpoint | None) else Checkpoint(saved)
-    path, fingerprint = None if place is None else place.path, asked.fingerprint()
-    state, stages, starts = _begin(method, asked, place, fingerprint)
+    path, fingerprint = None if place is None else place.path, spec.fingerprint()
+    state, stages, starts = _begin(method, spec, place, fingerprint)
     stages = checkpoint.extended(
         path, stages, settings.updates, settings.evaluations, int(state.scored), from_zero
     )
@@ -156,18 +156,20 @@ def train(
     for number in range(int(state.scored)):
         report(state, number)
     to_score = range(int(state.scored), len(ends))
-    beside = _compiling_scores(env, settings, state.learners.policy, starts) if to_score else None
+    compilation = (
+        _compiling_scores(env, settings, state.learners.policy, starts) if to_score else None
+    )
     for number in to_score:
         first = ends[number - 1] if number else 0
         learners = method.learn(env, settings, drones, state.learners, keys, first, ends[number])
-        if beside is not None:
-            beside.join()
+        if compilation is not None:
+            compilation.join()
         scores = evaluate_together(env, settings.num_envs, learners.policy, starts)
         if not np.all(np.isfinite(scores.episode_return)):
-            kept = f" {path} holds the training as it was at update {first}."
+            hint = f" {path} holds the training as it was at update {first}."
             raise InputError(
                 f"training diverged between updates {first} and {ends[number]}: a policy's return "
-                f"is not a number.{kept if path is not None and number else ''} Train again with"
+                f"is not a number.{hint if path is not None and number else ''} Train again with"
                 " a smaller learning_rate, or over drones that differ less."
             )
         state = _advanced(state, learners, scores)
@@ -188,30 +190,30 @@ def _method_of(settings: Settings) -> Method:
 
 
 def _begin(
-    method: Method, asked: Asked, saved: Checkpoint | None, fingerprint: str
+    method: Method, spec: TrainingSpec, saved: Checkpoint | None, fingerprint: str
 ) -> tuple[_State, tuple[int, ...], Starts]:
     """The state in which training begins, the stages that it has behind it, and its episodes."""
-    env, settings, drones, keys = asked.env, asked.settings, asked.drones, asked.keys
+    env, settings, drones, keys = spec.env, spec.settings, spec.drones, spec.keys
 
     def start(stages: tuple[int, ...]) -> _State:
         # Of a checkpoint, which has stages, shapes alone are asked for.
         begin = method.begin if stages else partial(_begun, method.begin)
         learners = begin(env, settings, drones, keys)
-        if asked.initial is not None:
-            learners = learners._replace(policy=_repeated(asked.initial, len(keys)))
+        if spec.initial is not None:
+            learners = learners._replace(policy=_repeated(spec.initial, len(keys)))
         every = stages or (settings.updates,)
-        count = len(checkpoint.ends(every, settings.evaluations, asked.initial is not None))
+        count = len(checkpoint.ends(every, settings.evaluations, spec.initial is not None))
         nothing = Evaluation(*(jnp.full((count, len(keys)), jnp.nan) for _ in Evaluation._fields))
         worst = Evaluation(*(jnp.full(len(keys), -jnp.inf) for _ in Evaluation._fields))
         return _State(learners, learners.policy, worst, nothing, jnp.zeros((), jnp.int32))
 
-    with ThreadPoolExecutor(1) as beside:
-        earlier = None if saved is None or saved.anew else saved.path
+    with ThreadPoolExecutor(1) as executor:
+        earlier = None if saved is None or saved.restart else saved.path
         if earlier is None or not os.path.lexists(earlier):
             # Meanwhile XLA compiles what makes learners and starts, which takes as long.
             shapes = jax.eval_shape(partial(method.begin, env), settings, drones, keys)
             shapes = placed(shapes, method.sharding, settings.num_envs)
-            beside.submit(method.learn.trace, env, settings, drones, shapes, keys, 0, 1)
+            executor.submit(method.learn.trace, env, settings, drones, shapes, keys, 0, 1)
         state, stages = (
             (start(()), ()) if earlier is None else checkpoint.restored(earlier, start, fingerprint)
         )

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from maidenflight import parameters, policy_file
     from maidenflight.deployment.check import check_export, check_frame
     from maidenflight.experiments import comparison, drones, envelope, flight_times
-    from maidenflight.experiments.as_flown import FIRMWARE as FIRMWARE_AS_FLOWN
-    from maidenflight.experiments.as_flown import controller_as_flown
     from maidenflight.experiments.policies import Policies, read_policies
+    from maidenflight.experiments.real_controller import FIRMWARE as REAL_FIRMWARE
+    from maidenflight.experiments.real_controller import real_controller
     from maidenflight.experiments.transfer import transfer
     from maidenflight.flights import flight_plan
     from maidenflight.flights.flight_plan import FlightPlan

@@ -70,13 +70,13 @@ class Demo(Verb):
         """
         Thread(target=_compile_training, args=(stages.train,), daemon=True).start()
         seconds: dict[str, float] = {}
-        found: dict[str, Result] = {}
+        stage_results: dict[str, Result] = {}
 
         def run(verb: Verb, place: str, summary: str) -> None:
             progress.log(f"{verb.name:<9} {summary}", always=True)
             progress.move(0, None, f"{verb.name}: compiling and running")
             began = time.perf_counter()
-            found[verb.name] = verb.run(output / place, _Stage(progress, verb.name))
+            stage_results[verb.name] = verb.run(output / place, _Stage(progress, verb.name))
             seconds[verb.name] = round(time.perf_counter() - began, 2)
 
         def configure(verb: Any, **settings: Any) -> Any:
@@ -107,12 +107,15 @@ class Demo(Verb):
             f"{train.policies * transfer.trials} zero-shot flights in the virtual reality they "
             "have not seen",
         )
-        best = Path(found["transfer"].content["best"])
+        best = Path(stage_results["transfer"].content["best"])
         run(configure(Export(policy=best)), run_folder.FIRMWARE, "the best policy to C99")
         stage_file = run_folder.write_stages(output, self.seed, seconds)
         manifest.append(stage_file, self.name, {"stages": [stage_file]}, self.make_record())
         run(Report(source=output), run_folder.REPORT, "one page to look at")
-        identified, flights = found["identify"].value, found["transfer"].content["flights"]
+        identified, flights = (
+            stage_results["identify"].value,
+            stage_results["transfer"].content["flights"],
+        )
         truth = core.read_truth(output / recorded / run_folder.REALITY, identified.estimates)
         return Result(
             content={
@@ -131,13 +134,13 @@ class Demo(Verb):
             summary=[
                 *core.estimates_output.tabulate_estimates(identified, truth),
                 *core.estimates_output.describe_unidentifiable(identified),
-                *_summarize_flights(found["transfer"].value.table),
+                *_summarize_flights(stage_results["transfer"].value.table),
                 "wall time: "
                 + ", ".join(f"{name} {spent:.0f} s" for name, spent in seconds.items()),
                 *_list_files(output, best),
             ],
             notes=identified.notes,
-            value=found,
+            value=stage_results,
         )
 
 

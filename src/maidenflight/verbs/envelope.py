@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 class Envelope(InRealities):
     """Find how hard a flight may be before POLICIES do not fly it.
 
-    A flight is flown while its mean distance from the set-point is at most 10 cm and no guard
+    A flight is all_rows while its mean distance from the set-point is at most 10 cm and no guard
     trips; the envelope is what 95 % of flights reach. Speed grows within a flight, on a reference
     that gets faster; each grade of another condition is a flight of 20 s of what the policies were
     trained for. raptor and policies by others fly as in transfer. All of it is simulated.
@@ -64,9 +64,9 @@ class Envelope(InRealities):
                 names=fleet.names,
             )
             run_folder.ENVELOPE.write(path, polars.concat(parts.values()), record)
-        flown = polars.concat(parts[place.name, axis] for place, axis in plan)
-        run_folder.ENVELOPE.write(path, flown, record)
-        summary = core.envelope.summary(flown)
+        all_rows = polars.concat(parts[place.name, axis] for place, axis in plan)
+        run_folder.ENVELOPE.write(path, all_rows, record)
+        summary = core.envelope.summary(all_rows)
         picture = results.write(path.with_suffix(".svg"), core.svg(core.envelope_figure(summary)))
         rows = summary.to_dicts()
         return self.conclude(
@@ -80,7 +80,7 @@ class Envelope(InRealities):
             record=record,
             rows=summary.select(polars.exclude(polars.List)).to_dicts(),
             notes=notes,
-            value=flown,
+            value=all_rows,
         )
 
 
@@ -88,8 +88,8 @@ def _read_parts(path: Path, record: dict[str, Any]) -> "dict[tuple[str, str], Da
     """Reads what an interrupted run has left, by reality and axis."""
     if not path.is_file():
         return {}
-    rows, found = run_folder.ENVELOPE.read(path)
-    if found != record:
+    rows, file_record = run_folder.ENVELOPE.read(path)
+    if file_record != record:
         raise InputError(
             f"{path}: of other policies, settings or another version. Give another folder (-o), or "
             "--overwrite instead of --resume."
@@ -107,6 +107,6 @@ def _tabulate(summary: list[Row]) -> Table:
         **{"envelope": "{envelope:.3g}", "95 %": "{low:.3g} to {high:.3g}"},
         **{"median": "{median:.3g}", "physics": "{limit:.3g}", "unit": "{unit}"},
     }
-    title = "Flown within 10 cm by 95 % of flights, simulated; -: not even the easiest"
+    title = "SimulatedFlight within 10 cm by 95 % of flights, simulated; -: not even the easiest"
     rows = [{**row, "limit": row["limit"] if row["limit"] > 0 else None} for row in summary]
     return Table(title, columns, rows)

@@ -15,17 +15,17 @@ _WIDTH = 118
 
 
 def tabulate_estimates(
-    found: Identification, truth: Mapping[str, str | float] | None = None
+    result: Identification, truth: Mapping[str, str | float] | None = None
 ) -> list[Table | str]:
     """Returns identified parameters, beside the truth where it is known.
 
     Args:
-        found: the identification.
+        result: the result.
         truth: by parameter, in SI units, or as text in the unit that is shown.
     """
-    replayed = found.objective == "replay"
+    replayed = result.objective == "replay"
     rows: list[dict[str, Any]] = []
-    for name, estimate in found.estimates.items():
+    for name, estimate in result.estimates.items():
         scale, unit = scale_of(name, estimate.value)
         true = (truth or {}).get(name, "")
         rows.append(
@@ -60,10 +60,10 @@ def _two_digits(value: float) -> str:
     return f"{float(f'{value:.2g}'):g}"
 
 
-def describe_unidentifiable(found: Identification) -> list[str]:
+def describe_unidentifiable(result: Identification) -> list[str]:
     """Returns what the flights do not determine, with the ranges that are plausible."""
     ranges = []
-    for name, (low, high) in found.unidentified.items():
+    for name, (low, high) in result.unidentified.items():
         scale, unit = scale_of(name, high)
         ranges.append(f"{name} {low * scale:.3g} .. {high * scale:.3g} {unit}".strip())
     text = (
@@ -73,18 +73,18 @@ def describe_unidentifiable(found: Identification) -> list[str]:
     return [fill(text, _WIDTH)] if ranges else []
 
 
-def tabulate_gains(found: Identification) -> list[Table | str]:
+def tabulate_gains(result: Identification) -> list[Table | str]:
     """Returns the log-likelihood gain of each group of parameters, where the flights chose them."""
-    if not found.gains:
+    if not result.gains:
         return []
     rows = []
-    for group in found.gains:
+    for group in result.gains:
         gain, error = with_error(group.log_likelihood_gain, group.standard_error)
-        kept = "kept" if group.kept else "not kept"
-        rows.append({"group": group.group, "gain": gain, "error": error, "kept": kept})
+        verdict = "kept" if group.kept else "not kept"
+        rows.append({"group": group.group, "gain": gain, "error": error, "kept": verdict})
     columns = {"parameters": "{group}", "gain a row\n(nats)": "{gain}"}
     columns |= {"standard\nerror": "{error}", "": "{kept}"}
-    unknown = any(group.standard_error is None for group in found.gains)
+    unknown = any(group.standard_error is None for group in result.gains)
     note = "unknown: one held-out segment of flight gives no standard error; give more flights."
     return [
         Table("Log-likelihood gain on held-out flights", columns, rows),
@@ -92,30 +92,30 @@ def tabulate_gains(found: Identification) -> list[Table | str]:
     ]
 
 
-def describe_fit(found: Identification, start: str) -> list[str]:
+def describe_fit(result: Identification, start: str) -> list[str]:
     """Returns what estimates rest on, the noise, and the fit beside that of the start."""
     lines = []
-    if not {"mass", *GEOMETRY} & {COMPONENTS[name][0] for name in found.estimates}:
-        mass, arm = float(found.parameters.mass), arm_length(found.parameters)
+    if not {"mass", *GEOMETRY} & {COMPONENTS[name][0] for name in result.estimates}:
+        mass, arm = float(result.parameters.mass), arm_length(result.parameters)
         lines += [
             f"kept from {start}: mass {mass * 1e3:.4g} g and rotors {arm * 1e3:.4g} mm from the "
             "centre, on which inertias and torques depend;",
             "if yours differ, give --mass, or your drone with --start.",
         ]
-    if found.noise:
+    if result.noise:
         levels = (
             f"{name} {value:.3g} {QUANTITIES[name].unit}".removesuffix(" -")
-            for name, value in found.noise.items()
+            for name, value in result.noise.items()
             if value
         )
         lines.append(fill(f"noise found: {', '.join(levels)}", _WIDTH))
     fit = (
-        f"mean error of a replayed window {found.value:.4g} ({found.start_value:.4g} for {start})"
-        if found.objective == "replay"
-        else f"log-likelihood {-found.value:.4g} nats a row ({-found.start_value:.4g} for {start}; "
-        "more is better)"
+        f"mean error of a replayed window {result.value:.4g} ({result.start_value:.4g} for {start})"
+        if result.objective == "replay"
+        else f"log-likelihood {-result.value:.4g} nats a row ({-result.start_value:.4g} for {start}"
+        "; more is better)"
     )
     return [
         *lines,
-        f"{fit}, after {found.evaluations} evaluations of it in {found.seconds:.1f} s",
+        f"{fit}, after {result.evaluations} evaluations of it in {result.seconds:.1f} s",
     ]

@@ -72,14 +72,14 @@ class Export(Verb):
         record = self.make_record([self.policy], policy=None, control=interface.name, rotors=rotors)
         if "seed" not in keywords_of(self.to):
             record.pop("seed")
-        given: dict[str, Any] = {
+        options: dict[str, Any] = {
             "name": self.policy.stem,
             "hover": file.hover,
             "seed": self.seed,
             "record": record,
         }
-        given |= {} if self.propellers is None else {"propellers": self.propellers}
-        written = export(file.policy, output, self.to, **given)
+        options |= {} if self.propellers is None else {"propellers": self.propellers}
+        written = export(file.policy, output, self.to, **options)
         home = self.policy.parent
         home = home.parent if home.name == run_folder.POLICIES else home
         listed = False

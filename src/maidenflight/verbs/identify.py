@@ -103,7 +103,7 @@ class Identify(Verb):
 
     def places(self, output: Path) -> list[Path]:
         """Returns the drone's file, the evaluations and the picture."""
-        return [output, run_folder.beside(output), run_folder.picture_beside(output)]
+        return [output, run_folder.evaluations_path(output), run_folder.picture_path(output)]
 
     def check_early(self) -> None:
         """Refuses settings of a replay where there is none."""
@@ -129,14 +129,16 @@ class Identify(Verb):
         def on_progress(now: core.Stage) -> None:
             show(*overall.reach(now))
             if now.untold:
-                untold = ", ".join(now.untold)
-                progress.note(f"these flights cannot tell {untold}; plausible ranges are kept")
+                unidentifiable = ", ".join(now.untold)
+                progress.note(
+                    f"these flights cannot tell {unidentifiable}; plausible ranges are kept"
+                )
 
         flights = core.read_flights(
             *(self.logs, lambda done, of: show(*overall.read(done, of)), self.most_seconds),
             *(settings.lead_in, self.commands, self.battery_law, self.ignore, self.faulty),
         )
-        found = core.identify(
+        identification = core.identify(
             flights,
             settings,
             start=self.first.parameters,
@@ -145,7 +147,9 @@ class Identify(Verb):
             key=self.key,
             on_progress=on_progress,
         )
-        over = self.over if isinstance(self.over, str) else list(self.over or found.estimates)
+        over = (
+            self.over if isinstance(self.over, str) else list(self.over or identification.estimates)
+        )
         record = self.make_record(
             [*flights.paths, *shared.own_files(self.start)],
             over=over,
@@ -153,21 +157,24 @@ class Identify(Verb):
         )
         notes = [
             *core.note_mass(self.start, self.mass, flights),
-            *core.note_kept_at_bounds(self.first, found.estimates),
+            *core.note_kept_at_bounds(self.first, identification.estimates),
         ]
-        found = dataclasses.replace(found, notes=(*found.notes, *notes))
-        found.write(output, record)
+        identification = dataclasses.replace(identification, notes=(*identification.notes, *notes))
+        identification.write(output, record)
         _, evaluations, picture = self.places(output)
-        run_folder.EVALUATIONS.write(evaluations, found.search)
-        results.write(picture, core.svg(core.identification_figure(found, self.first.parameters)))
+        run_folder.EVALUATIONS.write(evaluations, identification.search)
+        results.write(
+            picture, core.svg(core.identification_figure(identification, self.first.parameters))
+        )
         return Result(
-            content=_to_content(flights, found) | {"output": str(output), "picture": str(picture)},
+            content=_to_content(flights, identification)
+            | {"output": str(output), "picture": str(picture)},
             summary=[
-                *core.logs.describe_flights(flights, f"; {found.windows} windows of rows"),
-                *core.estimates_output.tabulate_gains(found),
-                *core.estimates_output.tabulate_estimates(found),
-                *core.estimates_output.describe_unidentifiable(found),
-                *core.estimates_output.describe_fit(found, self.start),
+                *core.logs.describe_flights(flights, f"; {identification.windows} windows of rows"),
+                *core.estimates_output.tabulate_gains(identification),
+                *core.estimates_output.tabulate_estimates(identification),
+                *core.estimates_output.describe_unidentifiable(identification),
+                *core.estimates_output.describe_fit(identification, self.start),
             ],
             written={"drone": [output], "evaluations": [evaluations], "picture": [picture]},
             read={"logs": flights.paths},
@@ -179,12 +186,12 @@ class Identify(Verb):
                     "low": float(one.interval[0]),
                     "high": float(one.interval[1]),
                 }
-                for name, one in found.estimates.items()
+                for name, one in identification.estimates.items()
             ],
-            notes=found.notes,
+            notes=identification.notes,
             next=("validate", output, "OTHER_LOGS"),
             next_remark="flights that it was not identified from",
-            value=found,
+            value=identification,
         )
 
     @cached_property
@@ -204,22 +211,24 @@ class Identify(Verb):
         return core.Replay(**common, **{name: own[name] for name in own if own[name] is not None})
 
 
-def _to_content(flights: "core.Flights", found: "core.Identification") -> dict[str, Any]:
+def _to_content(flights: "core.Flights", identification: "core.Identification") -> dict[str, Any]:
     estimate = ("value", "interval", "trial_mean", "trial_sd", "between_sd", "valley")
     return {
         "parameters": {
             name: {part: getattr(one, part) for part in estimate}
-            for name, one in found.estimates.items()
+            for name, one in identification.estimates.items()
         },
-        "expected": {name: dataclasses.asdict(one) for name, one in found.expected.items()},
-        "unidentified": found.unidentified,
-        "noise": found.noise,
-        "gains": [dataclasses.asdict(gain) for gain in found.gains],
-        "objective": found.objective,
-        "value": found.value,
-        "windows": found.windows,
-        "evaluations": found.evaluations,
-        "seconds": round(found.seconds, 3),
+        "expected": {
+            name: dataclasses.asdict(one) for name, one in identification.expected.items()
+        },
+        "unidentified": identification.unidentified,
+        "noise": identification.noise,
+        "gains": [dataclasses.asdict(gain) for gain in identification.gains],
+        "objective": identification.objective,
+        "value": identification.value,
+        "windows": identification.windows,
+        "evaluations": identification.evaluations,
+        "seconds": round(identification.seconds, 3),
         "flights": core.logs.to_content(flights),
-        "notes": found.notes,
+        "notes": identification.notes,
     }

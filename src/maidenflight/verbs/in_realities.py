@@ -29,10 +29,10 @@ class FliesPolicies(Verb):
 
     def choose_task(self, task: str | None, progress: Progress) -> tuple[str, list[str]]:
         """Returns what is flown, and notes on policies that were trained for another task."""
-        flown, notes = self.fleet.choose_task(task)
+        chosen, notes = self.fleet.choose_task(task)
         for note in notes:
             progress.note(note)
-        return flown, notes
+        return chosen, notes
 
     def conclude(
         self,

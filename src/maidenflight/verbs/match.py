@@ -56,22 +56,22 @@ class Match(Verb):
         flights = core.read_flights(
             *(self.logs, None, self.most_seconds, 0, self.commands, self.battery_law, self.ignore)
         )
-        flown = core.flown_by(flights.flights, policies)
-        if not flown:
+        matched_flights = core.flown_by(flights.flights, policies)
+        if not matched_flights:
             raise InputError(
                 f"{self.logs}: none of {len(policies)} policies gives the commands of any of "
                 f"{len(flights)} flights. Give the policies that flew, and logs at their rate that "
                 "hold the estimates which the policies saw."
             )
-        found = core.match(
-            flown,
+        match = core.match(
+            matched_flights,
             policies,
             core.drones.possible_drones(
                 self.first, core.drones.choose_prediction(self.first), self.seed
             ),
             self.key,
             loop,
-            core.controller_as_flown,
+            core.real_controller,
             lambda done, of, cost: progress.move(done, of, f"difference {cost:.3g}"),
         )
         start = shared.own_files(self.start)
@@ -81,29 +81,29 @@ class Match(Verb):
             objective=core.CLOSED_LOOP,
             **dataclasses.asdict(loop),
         )
-        source = core.source_of([flight for own in flown.values() for flight in own])
-        core.merge_match(self.first, found, source, record).write(output)
+        source = core.source_of([flight for own in matched_flights.values() for flight in own])
+        core.merge_match(self.first, match, source, record).write(output)
         values = {
             name: {"value": value, "standard_error": error}
-            for name, (value, error) in found.found.items()
+            for name, (value, error) in match.found.items()
         }
         behaviour = {
             name: {"before": round(float(before), 4), "after": round(float(after), 4)}
-            for name, before, after in zip(core.BEHAVIOUR, found.before, found.after, strict=True)
+            for name, before, after in zip(core.BEHAVIOUR, match.before, match.after, strict=True)
         }
         return Result(
             content={
                 "parameters": values,
                 "behaviour": behaviour,
-                "policies": found.policies,
-                "compared": found.flights,
-                "evaluations": found.evaluations,
+                "policies": match.policies,
+                "compared": match.flights,
+                "evaluations": match.evaluations,
                 "flights": core.logs.to_content(flights),
                 "output": str(output),
             },
             summary=[
-                *_tabulate(found),
-                f"{found.flights} of {len(flights)} flights, of {found.policies} policies, were "
+                *_tabulate(match),
+                f"{match.flights} of {len(flights)} flights, of {match.policies} policies, were "
                 "compared",
             ],
             written={"drone": [output]},
@@ -111,14 +111,14 @@ class Match(Verb):
             record=record,
             rows=[{"parameter": name, **one} for name, one in values.items()],
             next=("predict", "POLICIES", "--drone", output),
-            value=found,
+            value=match,
         )
 
 
-def _tabulate(found: "core.Match") -> list[Table]:
+def _tabulate(match: "core.Match") -> list[Table]:
     """Returns what a comparison of closed loops found."""
     rows = []
-    for name, (value, error) in found.found.items():
+    for name, (value, error) in match.found.items():
         scale, unit = core.logs.scale_of(name, value)
         low, high = max(value - 1.96 * error, 0.0) * scale, (value + 1.96 * error) * scale
         rows.append({"name": name, "value": value * scale, "low": low, "high": high, "unit": unit})
@@ -126,7 +126,7 @@ def _tabulate(found: "core.Match") -> list[Table]:
     columns |= {"95 % interval": "{low:.4g} .. {high:.4g}", "unit": "{unit}"}
     shares = [
         {"of": name, "before": math.exp(before), "after": math.exp(after)}
-        for name, before, after in zip(core.BEHAVIOUR, found.before, found.after, strict=True)
+        for name, before, after in zip(core.BEHAVIOUR, match.before, match.after, strict=True)
     ]
     return [
         Table("Parameters of the closed loop", columns, rows),

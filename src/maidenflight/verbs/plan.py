@@ -60,7 +60,7 @@ class Plan(Verb):
         """Plans; writes the plan."""
         cure = "Plan for a drone's TOML file or name, or virtual:SEED."
         known = core.must_be_virtual(core.drones.find_reality(self.drone, self.accept_bounds), cure)
-        found = core.planning.plan(
+        flight_plan = core.planning.plan(
             known,
             core.planning.Request(
                 *(self.room, self.seconds, self.interest, self.rate, self.motors),
@@ -73,7 +73,7 @@ class Plan(Verb):
         )
         drone = shared.own_files(self.drone)
         record = self.make_record(drone)
-        plan = dataclasses.replace(found.plan, record=record)
+        plan = dataclasses.replace(flight_plan.plan, record=record)
         plan.write(output)
         return Result(
             content={
@@ -83,13 +83,13 @@ class Plan(Verb):
                 ],
                 "seconds": plan.seconds,
                 "expected": {name: dataclasses.asdict(one) for name, one in plan.expected.items()},
-                "untold": list(found.untold),
-                "left_out": found.left_out,
+                "untold": list(flight_plan.untold),
+                "left_out": flight_plan.left_out,
                 "extremes": None if plan.extremes is None else dataclasses.asdict(plan.extremes),
-                "notes": list(found.notes),
+                "notes": list(flight_plan.notes),
                 "output": str(output),
             },
-            summary=_summarize(found),
+            summary=_summarize(flight_plan),
             written={"plan": [output]},
             read={"drone": drone},
             record=record,
@@ -97,22 +97,22 @@ class Plan(Verb):
                 {"manoeuvre": block.manoeuvre.name, "seconds": block.seconds}
                 for block in plan.blocks
             ],
-            notes=found.notes,
+            notes=flight_plan.notes,
             next=("record", "--plan", output),
-            value=dataclasses.replace(found, plan=plan),
+            value=dataclasses.replace(flight_plan, plan=plan),
         )
 
 
-def _summarize(found: "core.planning.Planned") -> list[Table | str]:
+def _summarize(flight_plan: "core.planning.Planned") -> list[Table | str]:
     """Returns the manoeuvres, the intervals to expect, and how far the drone goes."""
-    plan = found.plan
+    plan = flight_plan.plan
     blocks = [{"name": one.manoeuvre.name, "seconds": one.seconds} for one in plan.blocks]
     rows = [
         {
             **dataclasses.asdict(one),
             "name": name,
             "unit": core.QUANTITIES[core.COMPONENTS[name][0]].unit,
-            "remark": "not determined" if name in found.untold else "",
+            "remark": "not determined" if name in flight_plan.untold else "",
         }
         for name, one in plan.expected.items()
     ]

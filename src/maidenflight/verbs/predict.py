@@ -62,24 +62,24 @@ class Predict(FliesPolicies):
         progress.move(0, None, "compiling")
         usual = core.drones.choose_prediction(self.drone)
         randomization = usual if self.randomize is None else self.randomize
-        flown = core.flight_times.predict_flight_times(
+        prediction = core.flight_times.predict_flight_times(
             fleet.own,
             core.drones.possible_drones(self.drone, randomization, self.seed, self.today),
             self.key,
             trials=self.trials,
             duration=self.duration,
-            controller_for=core.controller_as_flown
-            if self.firmware == core.FIRMWARE_AS_FLOWN
+            controller_for=core.real_controller
+            if self.firmware == core.REAL_FIRMWARE
             else partial(core.control.controller_for, firmware=self.firmware),
             names=fleet.own_names,
             on_policy=lambda done, of: progress.move(done, of, "policies flown"),
         )
         drone = shared.own_files(self.drone)
         record = self.make_record([*drone, *fleet.paths], policies=None, randomize=randomization)
-        run_folder.PREDICTION.write(output, flown, record)
-        parts = flown.partition_by("policy", maintain_order=True)
+        run_folder.PREDICTION.write(output, prediction, record)
+        parts = prediction.partition_by("policy", maintain_order=True)
         ends = [Counter(part["end_reason"].to_list()) for part in parts]
-        rows = core.flight_times.summary(flown).to_dicts()
+        rows = core.flight_times.summary(prediction).to_dicts()
         means = [round(row["mean"], 6) for row in rows]
         quantiles = {f"{one / 100:g}": f"quantile_{one}" for one in core.flight_times.QUANTILES}
         policies = [
@@ -105,7 +105,7 @@ class Predict(FliesPolicies):
             record=record,
             rows=rows,
             notes=notes,
-            value=flown,
+            value=prediction,
         )
 
 

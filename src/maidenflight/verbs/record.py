@@ -64,11 +64,11 @@ class Record(Verb):
         settled: dict[str, Any] = {"reality": drone.name, "flights": count}
         if plan is not None:
             settled |= {"duration": seconds, "controller": None, "excitation": None}
-            flown = core.recording.record_plan(
+            recorded = core.recording.record_plan(
                 drone, plan, self.key, count, self.rate, self.firmware
             )
         else:
-            flown = core.recording.record(
+            recorded = core.recording.record(
                 *(drone, self.key, count, seconds, self.excitation),
                 rate=self.rate,
                 firmware=self.firmware,
@@ -76,7 +76,7 @@ class Record(Verb):
             )
         plans = shared.own_files(self.plan)
         record = self.make_record(plans, **settled)
-        logs = core.logs.write_logs(output, {one.name: one for one in flown}, record)
+        logs = core.logs.write_logs(output, {one.name: one for one in recorded}, record)
         truth, own = output / run_folder.REALITY, getattr(drone, "parameters", None)
         if isinstance(own, core.Parameters):
             core.DroneFile(own, record=record).write(truth)
@@ -94,7 +94,7 @@ class Record(Verb):
             written={"logs": logs, "truth": known},
             read={"plan": plans},
             record=record,
-            rows=[{"flight": one.name, "seconds": one.duration} for one in flown],
+            rows=[{"flight": one.name, "seconds": one.duration} for one in recorded],
             next=("identify", output),
-            value=flown,
+            value=recorded,
         )

@@ -75,8 +75,8 @@ class Report(Verb):
     def _files(self) -> Any:
         """Returns the files that are given."""
         names = ("logs", "drone", "truth", "policies", "flights", "validation", "prediction")
-        given = {name: getattr(self, name) for name in (*names, "study")}
-        return {name: value for name, value in given.items() if value}
+        options = {name: getattr(self, name) for name in (*names, "study")}
+        return {name: value for name, value in options.items() if value}
 
     def _find_source(self) -> Path | None:
         return Path() if self.source is None and not self._files else self.source

@@ -60,14 +60,14 @@ def policies() -> Any:
         several(text("a policy file or a folder of them")),
         argument=True,
         files=True,
-        made_by="train",
+        producer="train",
     )
 
 
 def drone(default: Any, help: str = "", **more: Any) -> Any:
     """Declares the drone of a verb."""
     values = text("a drone's name or TOML file", "DRONE")
-    return setting(values, default, help, group=DRONES, files=True, made_by="identify", **more)
+    return setting(values, default, help, group=DRONES, files=True, producer="identify", **more)
 
 
 def realities(default: Any, help: str) -> Any:
@@ -178,9 +178,9 @@ def width_or(*words: str) -> Any:
     return either(number(0.0, 0.9), *words)
 
 
-def own_files(*given: Any) -> list[str]:
+def own_files(*values: Any) -> list[str]:
     """Returns those of some paths and names that are files, for records."""
-    return [str(one) for one in given if one is not None and Path(one).is_file()]
+    return [str(one) for one in values if one is not None and Path(one).is_file()]
 
 
 def must_exist(drone: Any) -> None:

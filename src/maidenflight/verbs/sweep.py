@@ -90,7 +90,7 @@ class Sweep(Verb):
         return Result(
             content={
                 "tasks": now.tasks,
-                "found": now.found,
+                "found": now.existing_count,
                 "computed": now.computed,
                 "failed": list(now.failed),
                 "waiting": len(waiting),
@@ -102,7 +102,7 @@ class Sweep(Verb):
                 f"{rows.height} rows, written to {address}/{run_folder.STUDY.name}",
             ],
             next=("report", address),
-            error=core.sweeping.told(study, failures, address) if failures else "",
+            error=core.sweeping.describe_failures(study, failures, address) if failures else "",
             value=rows,
         )
 

@@ -28,7 +28,7 @@ from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row, Verb
 from maidenflight.verbs import core, shared
 
-_FLIGHT, _SEEN, _METHOD, _WATCH = "Task", "Observation and network", "Method", "Watching"
+_FLIGHT, _OBSERVATION, _METHOD, _WATCH = "Task", "Observation and network", "Method", "Watching"
 _OF_RAPTOR = ("control", "history", "look_ahead", "look_ahead_spacing", "memory", "hidden")
 """Settings that RAPTOR's form settles."""
 _OF_A_POLICY = (*_OF_RAPTOR, "paper_scales", "form")
@@ -97,17 +97,21 @@ class Train(Verb):
         name="for",
     )
     history: int = setting(
-        whole(1, 50), 2, "Last instants in an observation.", group=_SEEN, rare=True
+        whole(1, 50), 2, "Last instants in an observation.", group=_OBSERVATION, rare=True
     )
     look_ahead: int = setting(
         whole(0, 50),
         0,
         "Points of the reference ahead of time in an observation.",
         rare=True,
-        group=_SEEN,
+        group=_OBSERVATION,
     )
     look_ahead_spacing: float = setting(
-        number(0.001, 10.0), 0.1, "Time between two of these points [s].", group=_SEEN, rare=True
+        number(0.001, 10.0),
+        0.1,
+        "Time between two of these points [s].",
+        group=_OBSERVATION,
+        rare=True,
     )
     memory: int = setting(
         whole(0, 256),
@@ -324,7 +328,7 @@ class Train(Verb):
             learner,
             policy=self.spec if start is None else start,
             on_progress=on_progress,
-            saved=core.Checkpoint(saved, anew=not self.resume),
+            saved=core.Checkpoint(saved, restart=not self.resume),
         )
 
     @contextmanager
@@ -342,7 +346,7 @@ class Train(Verb):
         controller = core.control.controller_for(policy.interface)
         drone = core.parameters.read(self.drone)
         centre = core.control.in_fitting_steps(drone, controller)
-        flown = core.transfer(
+        test_flights = core.transfer(
             [policy],
             [core.VirtualDrone(core.parameters.name_of(self.drone), centre)],
             1,
@@ -350,7 +354,7 @@ class Train(Verb):
             controller=controller,
             duration=WATCHED_DURATION_S,
         )
-        return flown.flights[0]
+        return test_flights.flights[0]
 
     def discard_state(self, output: Path) -> None:
         """Removes the checkpoint, which is larger than the policies."""

@@ -42,7 +42,7 @@ class Transfer(InRealities):
         progress.move(0, None, "compiling and flying")
         if self.rate is not None:
             own = [replace(one, interface=replace(one.interface, rate=self.rate)) for one in own]
-        flown = core.transfer(
+        transfer = core.transfer(
             [*own, *fleet.foreign],
             self.realities,
             self.trials,
@@ -52,15 +52,15 @@ class Transfer(InRealities):
             names=fleet.names,
         )
         record = self.make_flight_record(task)
-        logs = core.logs.write_logs(output, {one.name: one for one in flown.flights}, record)
-        table = run_folder.FLIGHTS.write(output / run_folder.FLIGHTS.name, flown.table)
-        flights, summary = flown.table.to_dicts(), core.comparison.summarize(flown.table)
+        logs = core.logs.write_logs(output, {one.name: one for one in transfer.flights}, record)
+        table = run_folder.FLIGHTS.write(output / run_folder.FLIGHTS.name, transfer.table)
+        flights, summary = transfer.table.to_dicts(), core.comparison.summarize(transfer.table)
         notes += core.comparison.describe_limit_cycles(summary)
         rows = summary.to_dicts()
         return self.conclude(
             {"flights": flights, "summary": rows},
             [*([tabulate_flights(flights)] if len(flights) <= _FEW else []), _tabulate(rows)],
-            fleet.path_of(core.comparison.best_in_transfer(flown.table, fleet.own_names)),
+            fleet.path_of(core.comparison.best_in_transfer(transfer.table, fleet.own_names)),
             "longest mean flight; among equals no limit cycle and the smallest mean error",
             output,
             written={"flights": [table], "flight_logs": logs},
@@ -68,7 +68,7 @@ class Transfer(InRealities):
             record=record,
             rows=rows,
             notes=notes,
-            value=flown,
+            value=transfer,
         )
 
 

@@ -38,7 +38,7 @@ class Validate(Verb):
 
     def places(self, output: Path) -> list[Path]:
         """Returns the table of errors and that of windows."""
-        return [output, run_folder.windows_beside(output)]
+        return [output, run_folder.windows_path(output)]
 
     def check_early(self) -> None:
         """Refuses logs in a drone's place, and a file that is not there."""
@@ -125,9 +125,9 @@ def _tabulate(
     for row in errors:
         first = row["model"] == errors[0]["model"]
         cells = {"model": row["model"], "ahead": f"{row['horizon']:g} s" if first else ""}
-        for name, shown in core.ERRORS.items():
+        for name, format in core.ERRORS.items():
             worse = not row[name] <= baseline[row["horizon"]][name]
-            value = f"{row[name] * shown.scale:#.3g}".removesuffix(".")
+            value = f"{row[name] * format.scale:#.3g}".removesuffix(".")
             cells[name] = f"{'* ' if worse else ''}{value}"
         rows.append(cells)
     columns = {"ahead": "{ahead}", "model": "{model}"}

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from test_c import COMPILERS, Flown
+from test_c import COMPILERS, SimulatedFlight
 
 from damaged_json import damaged
 from maidenflight import policy, policy_file
@@ -433,7 +433,11 @@ def test_published_policies_exported_give_what_their_drones_logged(
     path = shared_data / "authors/json_models" / f"{name}.json"
     given = read(path if path.exists() else written_anew(shared_data, tmp_path, name)).policy
     rows = 100 // given.interface.rate
-    drone = Flown(export_c(given, tmp_path)[0].parent, given.spec.history) if COMPILERS else None
+    drone = (
+        SimulatedFlight(export_c(given, tmp_path)[0].parent, given.spec.history)
+        if COMPILERS
+        else None
+    )
     assert drone is None or drone.self_test()
     number = name.rpartition("_")[2]
     errors, rounded = [], []

@@ -13,7 +13,14 @@ from maidenflight.integrations.radio.blocks import (
     TUMBLED,
     reading,
 )
-from maidenflight.integrations.radio.watch import Limits, Seen, Standing, Watch, objections, settled
+from maidenflight.integrations.radio.watch import (
+    FlightStatus,
+    Limits,
+    PreflightState,
+    Watch,
+    preflight_failures,
+    settled,
+)
 
 VALUES = dict.fromkeys((*STATE.variables, *MOTORS.variables), 0.0) | {
     "stateEstimateZ.x": 100.0,
@@ -34,7 +41,7 @@ def seen(now=0.0, setpoint=HERE, lost="", broken="", stops=0, received=None, **v
         VALUES | {name.replace("_", ".", 1): value for name, value in values.items()},
         now if received is None else received,
     )
-    return Seen(now, told, setpoint, (0.0, 0.0, 0.0), lost, broken, stops)
+    return FlightStatus(now, told, setpoint, (0.0, 0.0, 0.0), lost, broken, stops)
 
 
 def test_a_packet_in_our_units_and_signs():
@@ -112,8 +119,10 @@ def test_the_gravest_reason_is_told():
 def test_a_fit_drone_may_fly():
     still = ((0.01, 0.01, 0.02),) * 10
     assert (
-        objections(
-            Standing(seen().reading, ("deck.bcFlow2",), still, False), Limits(), needs_policy=False
+        preflight_failures(
+            PreflightState(seen().reading, ("deck.bcFlow2",), still, False),
+            Limits(),
+            needs_policy=False,
         )
         == []
     )

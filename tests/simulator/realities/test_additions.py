@@ -11,7 +11,12 @@ from maidenflight.integrations.plant.running_plant import plant_of
 from maidenflight.registry import REALITIES
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.realities.additions import jump_of, split, with_additions
-from maidenflight.simulator.realities.around import SENSORS, Late, Sensing, Uneven
+from maidenflight.simulator.realities.around import (
+    SENSORS,
+    DelayWrapper,
+    MotorBiasWrapper,
+    SensorWrapper,
+)
 from maidenflight.simulator.realities.reality import checked, reality, seed_of
 from maidenflight.simulator.realities.stepped import Stepped
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone
@@ -83,13 +88,13 @@ def test_what_cannot_be_added_is_refused(name: str) -> None:
 
 def test_a_latency_between_two_steps_is_refused() -> None:
     with pytest.raises(InputError, match="2 ms"):
-        Late(NumpyDrone(), 0.003)
+        DelayWrapper(NumpyDrone(), 0.003)
 
 
 def test_a_wrapped_latency_is_that_of_the_simulator(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(REALITIES.own, "numpy", lambda seed: NumpyDrone(latency_steps=2))
     late, twin = reality("numpy:0+10ms"), NumpyDrone(latency_steps=12)
-    assert isinstance(late, Late)
+    assert isinstance(late, DelayWrapper)
     assert checked(late) is late
     assert late.name == "numpy+10ms"
     commands = 0.58 + 0.05 * np.sin(np.arange(60)[:, None] / 5 + np.arange(4.0))
@@ -192,7 +197,7 @@ def test_motors_of_other_realities_differ_by_it(
             reality(f"numpy:0+{addition}")
         return
     uneven, twin = reality(f"numpy:0+{addition}"), NumpyDrone()
-    assert isinstance(uneven, Uneven)
+    assert isinstance(uneven, MotorBiasWrapper)
     uneven.reset(START, 0)
     twin.reset(START, 0)
     for _ in range(30):
@@ -213,7 +218,7 @@ def test_a_reality_that_is_not_given_motor_commands_has_no_trim() -> None:
 @pytest.mark.slow
 def test_sensors_read_with_the_noise_that_they_are_said_to_have() -> None:
     drone = with_additions(NumpyDrone(latency_steps=0), ["sensors"])
-    assert isinstance(drone, Sensing)
+    assert isinstance(drone, SensorWrapper)
     seen = []
     for seed in range(40):
         drone.reset(START, seed)
@@ -235,7 +240,7 @@ def test_sensors_read_with_the_noise_that_they_are_said_to_have() -> None:
 
 
 def test_estimates_come_at_100_hz_the_gyro_at_each_step_and_a_seed_repeats_them() -> None:
-    drone = Sensing(NumpyDrone())
+    drone = SensorWrapper(NumpyDrone())
     flights = []
     for seed in (3, 3, 4):
         drone.reset(START, seed)
@@ -256,7 +261,7 @@ def test_estimates_come_at_100_hz_the_gyro_at_each_step_and_a_seed_repeats_them(
 @pytest.mark.slow
 def test_estimates_are_as_late_as_they_are_said_to_be() -> None:
     """Falling at a constant speed, the estimate lags by its age."""
-    drone = Sensing(NumpyDrone(latency_steps=0))
+    drone = SensorWrapper(NumpyDrone(latency_steps=0))
     gaps = []
     for seed in range(30):
         drone.reset(START, seed)

@@ -97,7 +97,7 @@ def test_a_figure_eight_crosses_its_centre_twice_a_period_once_each_way(period):
 )
 def test_a_quickening_reference_starts_at_rest_and_gains_speed_evenly_to_its_fastest(make, length):
     """The distance on a circle is by hand: half of the fastest times the time, to the end."""
-    reference, end, period = make(2.0), trajectories.QUICKENING, np.pi * length / 2.0
+    reference, end, period = make(2.0), trajectories.RAMP_DURATION_S, np.pi * length / 2.0
     times = np.linspace(0.0, end, 3001)
     speeds = np.linalg.norm(jax.vmap(velocity(reference))(jnp.asarray(float32(times))), axis=1)
     after = np.linspace(end, end + period, 3001)

@@ -7,7 +7,7 @@ from typing import Any
 from maidenflight.errors import InputError, optional
 from maidenflight.studies import worker
 from maidenflight.studies.engine import Resources
-from maidenflight.studies.worker import FAILED, LOST, Ending, Order
+from maidenflight.studies.worker import FAILED, LOST, Order, TaskResult
 
 _MOST = 1000
 """Tasks that Ray holds at once; it starts them as there are resources."""
@@ -55,7 +55,7 @@ class OnRay:
         """See `Engine`."""
         self._busy[self._perform.remote(order)] = order.key
 
-    def ended(self, timeout: float) -> Sequence[Ending]:
+    def ended(self, timeout: float) -> Sequence[TaskResult]:
         """See `Engine`."""
         if not self._busy:
             return []
@@ -67,9 +67,9 @@ class OnRay:
                 try:
                     endings.append(self._ray.get(reference))
                 except self._ray.exceptions.RayTaskError as error:
-                    endings.append(Ending(key, FAILED, str(error)))
+                    endings.append(TaskResult(key, FAILED, str(error)))
                 except self._ray.exceptions.RayError as error:
-                    endings.append(Ending(key, LOST, str(error).strip().split("\n")[0]))
+                    endings.append(TaskResult(key, LOST, str(error).strip().split("\n")[0]))
         return endings
 
     def close(self) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 from maidenflight.errors import InputError, optional
 from maidenflight.studies import worker
 from maidenflight.studies.engine import Resources
-from maidenflight.studies.worker import FAILED, LOST, Ending, Order
+from maidenflight.studies.worker import FAILED, LOST, Order, TaskResult
 
 _MOST = 200
 """Jobs in the queue at once unless told otherwise; many clusters allow a few hundred a user."""
@@ -28,7 +28,7 @@ _UNDER_WAY = {
 """States of jobs that may still write a result."""
 
 
-def in_job(order: Order) -> Ending:
+def in_job(order: Order) -> TaskResult:
     """Does a task in a job; JAX sees no GPU where none was asked for."""
     if not order.gpus:
         os.environ["CUDA_VISIBLE_DEVICES"] = ""
@@ -90,13 +90,13 @@ class Slurm:
         try:
             self._busy[order.key] = self._executor.submit(in_job, order)
         except self._submitit.core.utils.FailedJobError as error:
-            said = " ".join(str(error).split())[-300:]
+            message = " ".join(str(error).split())[-300:]
             raise InputError(
-                f"SLURM refuses the job of {order.label} ({said}). Give other options: --slurm "
+                f"SLURM refuses the job of {order.label} ({message}). Give other options: --slurm "
                 "NAME=VALUE, --cpus, --gpus."
             ) from error
 
-    def ended(self, timeout: float) -> Sequence[Ending]:
+    def ended(self, timeout: float) -> Sequence[TaskResult]:
         """See `Engine`."""
         until = time.monotonic() + timeout
         while True:
@@ -123,8 +123,8 @@ class Slurm:
             return set()
         self._listed = time.monotonic()
         try:
-            asked = ["squeue", "--noheader", "--me", "--states=all", "--format=%A %T"]
-            listed = subprocess.run(asked, capture_output=True, text=True, check=True, timeout=60)
+            command = ["squeue", "--noheader", "--me", "--states=all", "--format=%A %T"]
+            listed = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
         except (OSError, subprocess.SubprocessError):  # no answer says nothing of jobs
             return set()
         there = {
@@ -136,16 +136,16 @@ class Slurm:
         lost, self._gone = gone & self._gone, gone
         return lost
 
-    def _ending(self, key: str, job: Any) -> Ending:
+    def _ending(self, key: str, job: Any) -> TaskResult:
         del self._busy[key]
         if not self._over(job):
-            return Ending(key, LOST, f"job {job.job_id} left the queue without a result")
+            return TaskResult(key, LOST, f"job {job.job_id} left the queue without a result")
         try:
             return job.result()
         except self._submitit.core.utils.UncompletedJobError as error:
-            return Ending(key, LOST, str(error).strip().split("\n")[0])
+            return TaskResult(key, LOST, str(error).strip().split("\n")[0])
         except Exception as error:  # what stopped the job before the task
-            return Ending(key, FAILED, f"{type(error).__name__}: {error}")
+            return TaskResult(key, FAILED, f"{type(error).__name__}: {error}")
 
     def close(self) -> None:
         """See `Engine`."""

@@ -59,11 +59,11 @@ def to_authors_json(policy: Policy) -> str:
         )
     weights, biases = ([np.asarray(array) for array in arrays] for arrays in policy.network[:2])
     with np.errstate(over="ignore"):
-        found = np.float32(check_sum(weights, biases)[0])
-    if not np.isfinite(found):
+        check = np.float32(check_sum(weights, biases)[0])
+    if not np.isfinite(check):
         raise InputError("policy: its check sum overflows float32. Training diverged: train again.")
     content = {
-        "check_sum": str(found),
+        "check_sum": str(check),
         "scaling_parameters": [
             np.asarray(policy.observation_mean).tolist(),
             _before_adding(deviation).tolist(),

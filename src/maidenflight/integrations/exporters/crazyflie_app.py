@@ -109,13 +109,13 @@ def export_crazyflie(
     folder = Path(directory)
     # The self-test runs on the small stack of the firmware's start-up, so layers stay off it.
     code = export_c(policy, folder / "src", hover=hover, seed=seed, record=record, reentrant=False)
-    made = {name: _text(name) for name in _VERBATIM}
-    made["app-config"] += PROPELLERS[propellers]
-    made |= {
+    files = {name: _text(name) for name in _VERBATIM}
+    files["app-config"] += PROPELLERS[propellers]
+    files |= {
         name: Template(_text(f"{name}.template")).substitute(content)
         for name in ("src/maidenflight.c", "README.md")
     }
-    return [*code, *(results.write(folder / name, text) for name, text in made.items())]
+    return [*code, *(results.write(folder / name, text) for name, text in files.items())]
 
 
 def drives() -> list[str]:

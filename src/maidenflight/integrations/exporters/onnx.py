@@ -57,15 +57,17 @@ def to_onnx(
     check_hover(hover)
     command, memory = described(policy.interface), policy.spec.memory
 
-    def table(name: str, columns: int, told: str) -> Any:
+    def table(name: str, columns: int, comment: str) -> Any:
         return helper.make_tensor_value_info(
-            name, TensorProto.FLOAT, ["batch", columns], doc_string=told
+            name, TensorProto.FLOAT, ["batch", columns], doc_string=comment
         )
 
     graph = helper.make_graph(
         [
-            helper.make_node(operator, given.split(), made.split(), **how)
-            for operator, given, made, how in _steps(len(policy.weights), policy.gru is not None)
+            helper.make_node(operator, input_names.split(), output_names.split(), **how)
+            for operator, input_names, output_names, how in _steps(
+                len(policy.weights), policy.gru is not None
+            )
         ],
         "policy",
         [
@@ -181,11 +183,11 @@ def _steps(layers: int, remembers: bool) -> list[tuple[str, str, str, dict[str, 
         if remembers and number == 1:
             steps += _RECURRENT
             values = "hidden_and_memory"
-    seen = "observation memory remembered" if remembers else "observation"
+    inputs = "observation memory remembered" if remembers else "observation"
     return [
         *steps,
         # Zero, or NaN where a number is not finite.
-        ("Concat", f"{seen} {values}", "numbers", {"axis": 1}),
+        ("Concat", f"{inputs} {values}", "numbers", {"axis": 1}),
         ("Mul", "numbers zero", "zeros", {}),
         ("ReduceSum", "zeros columns", "doubt", {}),
         ("Add", f"{values} doubt", "action", {}),

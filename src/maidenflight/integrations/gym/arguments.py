@@ -59,9 +59,9 @@ def world(
         raise InputError(f"spec: {beyond}, which a learner's own network would have to have.")
     controller = _controller(control, firmware)
     drones = _drones(parameters, controller)
-    flown = _task(task, options)
-    flown = rewards.shaped(flown) if rewards.checked(reward) == "shaped" else flown
-    return Environment.matching(drones.centre, flown, controller, spec=spec), drones
+    chosen = _task(task, options)
+    chosen = rewards.shaped(chosen) if rewards.checked(reward) == "shaped" else chosen
+    return Environment.matching(drones.centre, chosen, controller, spec=spec), drones
 
 
 def checked_render_mode(mode: str | None) -> str | None:
@@ -85,23 +85,23 @@ def _controller(name: str, firmware: str) -> Controller:
     return make() if name == "pwm" else make(firmware)
 
 
-def _drones(given: Drones, controller: Controller) -> Distribution:
-    if given is None or (isinstance(given, str) and given in DRONES):
-        named = crazyflie() if given is None else read(given)
+def _drones(drones: Drones, controller: Controller) -> Distribution:
+    if drones is None or (isinstance(drones, str) and drones in DRONES):
+        named = crazyflie() if drones is None else read(drones)
         return relative_box(
-            control.in_fitting_steps(named, controller), 0.10 if given is None else 0.0
+            control.in_fitting_steps(named, controller), 0.10 if drones is None else 0.0
         )
-    if isinstance(given, str | os.PathLike):
-        given = read(given)
-    if isinstance(given, Parameters):
-        return relative_box(given, 0.0)
-    if not callable(getattr(given, "draw", None)):
+    if isinstance(drones, str | os.PathLike):
+        drones = read(drones)
+    if isinstance(drones, Parameters):
+        return relative_box(drones, 0.0)
+    if not callable(getattr(drones, "draw", None)):
         raise InputError(
-            f"parameters = {given!r}: no drone. Give Parameters, something to draw them from such "
+            f"parameters = {drones!r}: no drone. Give Parameters, something to draw them from such "
             "as relative_box(crazyflie()), "
             f"a TOML file or one of: {', '.join(DRONES)}."
         )
-    return given
+    return drones
 
 
 def _tracking(

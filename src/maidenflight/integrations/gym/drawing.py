@@ -86,7 +86,7 @@ class Scene:
         )
         return np.asarray(picture.reduce(_FINE))
 
-    def _seen(self, points: Any) -> list[tuple[float, float]]:
+    def _project(self, points: Any) -> list[tuple[float, float]]:
         """Points [m] on the picture."""
         turned = (np.asarray(points, np.float64) - self._centre) @ self._axes.T
         scale = _FINE * SIZE[1] * 0.6 / self._reach / (1.0 - turned[:, 2] / (4.5 * self._reach))
@@ -98,7 +98,7 @@ class Scene:
         picture = Image.new("RGB", (SIZE[0] * _FINE, SIZE[1] * _FINE), _SKY)
         pen = ImageDraw.Draw(picture)
         ground, radius = self._centre * [1.0, 1.0, 0.0], 0.88 * self._reach
-        pen.polygon(self._seen(ground + radius * _CIRCLE), _FLOOR)
+        pen.polygon(self._project(ground + radius * _CIRCLE), _FLOOR)
         step = 0.25 * 2.0 ** max(0.0, np.ceil(np.log2(radius / 1.6)))
         for offset in np.arange(-np.floor(radius / step) * step, radius, step):
             half = np.sqrt(radius**2 - offset**2)
@@ -106,19 +106,19 @@ class Scene:
                 ((offset, -half, 0.0), (offset, half, 0.0)),
                 ((-half, offset, 0.0), (half, offset, 0.0)),
             ):
-                pen.line(self._seen(ground + np.array(line)), _GRID, _FINE)
-        pen.line(self._seen(self._path * [1, 1, 0]), _SHADOW, 2 * _FINE, "curve")
-        pen.line(self._seen(self._path), _PATH, 2 * _FINE, "curve")
+                pen.line(self._project(ground + np.array(line)), _GRID, _FINE)
+        pen.line(self._project(self._path * [1, 1, 0]), _SHADOW, 2 * _FINE, "curve")
+        pen.line(self._project(self._path), _PATH, 2 * _FINE, "curve")
         return picture
 
     def _draw_trail(self, pen: ImageDraw.ImageDraw) -> None:
         if len(self._trail) > 1:
-            pen.line(self._seen(list(self._trail)), _TRAIL, 2 * _FINE, "curve")
+            pen.line(self._project(list(self._trail)), _TRAIL, 2 * _FINE, "curve")
 
     def _draw_setpoint(
         self, pen: ImageDraw.ImageDraw, setpoint: np.ndarray, position: np.ndarray
     ) -> None:
-        (x, y), (u, v) = self._seen([setpoint, position])
+        (x, y), (u, v) = self._project([setpoint, position])
         pen.line([(x, y), (u, v)], _SETPOINT, _FINE)
         size = 4.5 * _FINE
         pen.ellipse((x - size, y - size, x + size, y + size), _SKY, _SETPOINT, 2 * _FINE)
@@ -134,17 +134,17 @@ class Scene:
         hubs = position + arm * self._hubs @ rotation.T
         for hub in hubs:
             disc = (hub + 0.55 * arm * _CIRCLE @ rotation.T) * down
-            pen.polygon(self._seen(disc), _SHADOW)
-        pen.line(self._seen([position * down, position]), _GRID, _FINE)
+            pen.polygon(self._project(disc), _SHADOW)
+        pen.line(self._project([position * down, position]), _GRID, _FINE)
         up = rotation[:, 2]
         for number in np.argsort(hubs @ self._axes[2]):
             hub, colour = hubs[number], _FRONT if self._hubs[number, 0] > 1e-3 else _BACK
-            pen.line(self._seen([position, hub]), _INK, 4 * _FINE)
-            disc = self._seen(hub + 0.12 * arm * up + 0.55 * arm * _CIRCLE @ rotation.T)
+            pen.line(self._project([position, hub]), _INK, 4 * _FINE)
+            disc = self._project(hub + 0.12 * arm * up + 0.55 * arm * _CIRCLE @ rotation.T)
             pen.polygon(disc, tuple(round(0.72 * 255 + 0.28 * c) for c in colour), colour, _FINE)
             tip = hub + up * arm * (0.12 + 1.5 * speed[number] ** 2)
-            pen.line(self._seen([hub + 0.12 * arm * up, tip]), colour, 3 * _FINE)
+            pen.line(self._project([hub + 0.12 * arm * up, tip]), colour, 3 * _FINE)
         nose = position + rotation @ np.array([0.5 * arm, 0.0, 0.0])
-        pen.line(self._seen([position, nose]), _FRONT, 5 * _FINE)
-        (x, y), size = self._seen([position])[0], 5 * _FINE
+        pen.line(self._project([position, nose]), _FRONT, 5 * _FINE)
+        (x, y), size = self._project([position])[0], 5 * _FINE
         pen.ellipse((x - size, y - size, x + size, y + size), _INK)

@@ -33,10 +33,10 @@ def spaces(interface: ControlInterface, spec: PolicySpec) -> tuple[Box, Box]:
 
     What an observation is stands in the first of them, which learners keep beside their policies.
     """
-    seen = Box(-_LARGEST, _LARGEST, (spec.size,), np.float32)
-    told = {name: value for name, value in spec.to_dict().items() if name in PolicySpec.OBSERVED}
-    vars(seen)[NOTE] = {"control": interface.name, "rate": interface.rate, **told}
-    return seen, Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
+    observations = Box(-_LARGEST, _LARGEST, (spec.size,), np.float32)
+    fields = {name: value for name, value in spec.to_dict().items() if name in PolicySpec.OBSERVED}
+    vars(observations)[NOTE] = {"control": interface.name, "rate": interface.rate, **fields}
+    return observations, Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
 
 
 class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -132,23 +132,23 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         Raises:
             InputError: no episode has begun, or the action has not four numbers.
         """
-        given = np.asarray(action, np.float32)
-        if self._groups is None or given.shape != (ACTION_SIZE,):
+        command = np.asarray(action, np.float32)
+        if self._groups is None or command.shape != (ACTION_SIZE,):
             wrong = (
                 "no episode has begun. Call reset() first"
                 if self._groups is None
-                else f"an action of shape {given.shape}, expected (4,)"
+                else f"an action of shape {command.shape}, expected (4,)"
             )
             raise InputError(f"step: {wrong}.")
-        self._groups, row = self._program.step(self._groups, given)
+        self._groups, row = self._program.step(self._groups, command)
         numbers = np.array(row)
         observation, (reward, reason, error, duration) = (
             numbers[: -flying.STATISTICS],
             numbers[-flying.STATISTICS :].tolist(),
         )
-        if reward != reward and not np.isfinite(given).all():
+        if reward != reward and not np.isfinite(command).all():
             raise InputError(
-                f"step: the action is {given}, expected four finite numbers. Has the policy "
+                f"step: the action is {command}, expected four finite numbers. Has the policy "
                 "diverged?"
             )
         if not reason:

@@ -117,22 +117,22 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Raises:
             InputError: no episode has begun, or there are not four numbers for each drone.
         """
-        given = np.asarray(actions, np.float32)
-        if self._groups is None or given.shape != self.action_space.shape:
+        commands = np.asarray(actions, np.float32)
+        if self._groups is None or commands.shape != self.action_space.shape:
             wrong = "no episode has begun. Call reset() first"
             wrong = (
                 wrong
                 if self._groups is None
-                else f"actions of shape {given.shape}, expected {self.action_space.shape}"
+                else f"actions of shape {commands.shape}, expected {self.action_space.shape}"
             )
             raise InputError(f"step: {wrong}.")
-        self._groups, rows = self._program.step_all(self._groups, given)
+        self._groups, rows = self._program.step_all(self._groups, commands)
         rows = np.array(rows)
         observations, (rewards, reasons, errors, durations) = (
             rows[:, : -flying.STATISTICS].copy(),
             rows[:, -flying.STATISTICS :].T,
         )
-        if np.isnan(rewards).any() and not np.isfinite(given).all():
+        if np.isnan(rewards).any() and not np.isfinite(commands).all():
             raise InputError(
                 "step: an action is not finite, expected finite numbers. Has the policy diverged?"
             )
@@ -154,7 +154,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def render(self) -> tuple[np.ndarray, ...] | None:
         """A picture of each drone and its reference, (480, 640, 3) uint8.
 
-        `None` where no `render_mode` was given.
+        `None` where no `render_mode` was commands.
         """
         if self.render_mode is None:
             return None
@@ -181,7 +181,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             )
             self._ready[:] = True
         new, observations = self._ahead
-        # Those that are prepared are kept, since a step takes over the arrays that it is given.
+        # Those that are prepared are kept, since a step takes over the arrays that it is commands.
         old = jax.tree.map(jnp.copy, new) if groups is None else groups
         self._groups = self._program.choose(whose, new, old)
         self._numbers += whose

@@ -116,13 +116,13 @@ def lag(
     lags = np.arange(-MAX_SHIFT_ROWS, MAX_SHIFT_ROWS + 1)
     matched = rows[::EVERY]
     power = _around((gyro**2).sum(axis=1), HALF, matched)
-    seen_power = (seen**2).sum(axis=1)
+    power_series = (seen**2).sum(axis=1)
     match = np.empty((len(matched), len(lags)))
     for number, shift in enumerate(lags):
         moved = np.clip(rows - shift, 0, rows[-1])
         both = _around(gyro[:, 0] * seen[moved, 0] + gyro[:, 1] * seen[moved, 1], HALF, matched)
         match[:, number] = both / np.maximum(
-            np.sqrt(power * _around(seen_power[moved], HALF, matched)), 1e-6
+            np.sqrt(power * _around(power_series[moved], HALF, matched)), 1e-6
         )
     path = _smoothest_path(match)
     inner = np.clip(path, 1, len(lags) - 2)

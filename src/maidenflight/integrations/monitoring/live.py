@@ -37,7 +37,7 @@ STEPS = "simulated steps"
 """Timeline of training."""
 _REACH = 0.06
 """From the drawn drone's centre to a rotor [m], about half as much again as a Crazyflie's, so that
-it is seen."""
+it is viewer_open."""
 _BLUE, _ORANGE, _GREEN, _PURPLE, _GREY, _INK = (
     (0, 103, 165),
     (194, 77, 0),
@@ -67,23 +67,23 @@ def show_flights(flights: Sequence[Flight], path: Path | None = None) -> None:
         InputError: rerun is not installed, or there is no row to show.
         WriteError: the file cannot be written.
     """
-    shown = [
+    parts = [
         part
         for flight in flights
         if len(part := flight.part(*usable(flight).indices(len(flight))[:2]))
     ]
-    if not shown:
+    if not parts:
         raise InputError("no flight to view: none of the logs has a row.")
     rerun, blueprint = _packages()
-    names = [f"{number:03d}_{_word(flight.name)}" for number, flight in enumerate(shown, 1)]
+    names = [f"{number:03d}_{_word(flight.name)}" for number, flight in enumerate(parts, 1)]
     tabs = [
         _flight_view(blueprint, name, flight)
-        for name, flight in zip(names[:TABBED], shown, strict=False)
+        for name, flight in zip(names[:TABBED], parts, strict=False)
     ]
     everything = (
         [
             blueprint.Spatial3DView(
-                name="All flights", origin="/", eye_controls=_eye(blueprint, shown)
+                name="All flights", origin="/", eye_controls=_eye(blueprint, parts)
             )
         ]
         if len(names) > 1
@@ -92,7 +92,7 @@ def show_flights(flights: Sequence[Flight], path: Path | None = None) -> None:
     with _recording(
         rerun, path, _layout(blueprint, blueprint.Tabs(*everything, *tabs))
     ) as recording:
-        for name, flight in zip(names, shown, strict=True):
+        for name, flight in zip(names, parts, strict=True):
             _describe(rerun, recording, name)
             _log_flight(rerun, recording, name, flight, 0.0, static=True)
 
@@ -116,13 +116,13 @@ def training(
         WriteError: the file cannot be written.
     """
     rerun, blueprint = _packages()
-    began, seen = 0.0, True
+    began, viewer_open = 0.0, True
     with _recording(rerun, path, _training_view(blueprint)) as recording:
         _describe(rerun, recording, "best")
 
         def show(progress: "Progress") -> None:
-            nonlocal began, seen
-            if not seen:
+            nonlocal began, viewer_open
+            if not viewer_open:
                 return
             recording.set_time(STEPS, sequence=int(progress.steps))
             recording.set_time(TIME, duration=began)
@@ -133,13 +133,13 @@ def training(
                         f"scores/{name}/policy_{number}", rerun.Scalars(scale * float(value))
                     )
             if progress.best is not None:
-                flown = fly(_best(progress))
+                flight = fly(_best(progress))
                 if began == 0.0:
-                    recording.send_blueprint(_training_view(blueprint, flown))
-                _log_flight(rerun, recording, "best", flown, began, static=False)
-                began += flown.duration + 0.5
-            seen = _sent(recording)
-            if not seen:
+                    recording.send_blueprint(_training_view(blueprint, flight))
+                _log_flight(rerun, recording, "best", flight, began, static=False)
+                began += flight.duration + 0.5
+            viewer_open = _sent(recording)
+            if not viewer_open:
                 print("the viewer is gone; training goes on without it", file=sys.stderr)
 
         yield show

@@ -15,7 +15,7 @@ from maidenflight.integrations.plant import crazysim, lock_step
 from maidenflight.integrations.plant.running_plant import RunningPlant, find_plant
 
 ADDRESS = "127.0.0.1:19960"
-"""Where datagrams are served unless another way is given."""
+"""Where datagrams are served unless another way is options."""
 
 
 def _address(text: str) -> tuple[str, int]:
@@ -40,39 +40,41 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("drone", help="a drone's TOML file or name, or near:, virtual: or far:SEED")
     way = parser.add_mutually_exclusive_group()
     way.add_argument("--pipe", action="store_true", help="one flight by standard input and output")
-    udp = f"flights by datagrams at HOST:PORT; {ADDRESS} unless another way is given"
+    udp = f"flights by datagrams at HOST:PORT; {ADDRESS} unless another way is options"
     way.add_argument("--udp", type=_address, metavar="HOST:PORT", help=udp)
     way.add_argument(
         "--crazysim", action="store_true", help="CrazySim's own messages, as fast as the clock goes"
     )
     parser.add_argument("--duration", type=_duration, help="seconds of flight at most")
     parser.add_argument("--seed", type=int, default=0, help="of the noise (default: 0)")
-    given = parser.parse_args(words)
-    steps = None if given.duration is None else round(given.duration * 1000)
+    options = parser.parse_args(words)
+    steps = None if options.duration is None else round(options.duration * 1000)
     try:
-        _serve(given, find_plant(given.drone, given.seed, not given.crazysim), steps)
+        _serve(options, find_plant(options.drone, options.seed, not options.crazysim), steps)
     except InputError as error:
         parser.error(str(error))
     except KeyboardInterrupt:
         sys.exit(130)
 
 
-def _serve(given: argparse.Namespace, begin: Callable[[], RunningPlant], steps: int | None) -> None:
+def _serve(
+    options: argparse.Namespace, begin: Callable[[], RunningPlant], steps: int | None
+) -> None:
     began = time.monotonic()
 
     def say(line: str) -> None:
         print(line, file=sys.stderr, flush=True)
 
-    def end(flown: int) -> None:
-        say(f"{flown / 1000:g} s of simulated flight in {time.monotonic() - began:.3g} s")
+    def end(steps_done: int) -> None:
+        say(f"{steps_done / 1000:g} s of simulated flight in {time.monotonic() - began:.3g} s")
 
-    if given.crazysim:
+    if options.crazysim:
         say(f"waiting for CrazySim at port {crazysim.FIRMWARE_PORT}; Ctrl-C ends")
         end(crazysim.serve(begin(), steps))
-    elif given.pipe:
+    elif options.pipe:
         end(lock_step.by_pipe(begin(), sys.stdin.buffer, sys.stdout.buffer, steps).steps)
     else:
-        host, port = given.udp or _address(ADDRESS)
+        host, port = options.udp or _address(ADDRESS)
         say(f"waiting for a firmware at {host}:{port}; Ctrl-C ends")
         for flight in lock_step.by_udp(begin, (host, port), steps):
             end(flight.steps)

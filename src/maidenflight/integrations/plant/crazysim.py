@@ -76,12 +76,12 @@ def serve(
         while steps is None or plant.number < steps:
             for packet, sender in _waiting(firmware):
                 peers["firmware"] = sender
-                given = motors(packet)
+                command = motors(packet)
                 if packet[:1] == HANDSHAKE and len(packet) == 1:
                     firmware.sendto(HANDSHAKE, sender)
                     begun = clock() - plant.number * STEP
-                elif given is not None:
-                    pwm = given
+                elif command is not None:
+                    pwm = command
                 elif "ground" in peers:
                     ground.sendto(packet, peers["ground"])
             for packet, sender in _waiting(ground):
@@ -102,18 +102,18 @@ def serve(
 
 def _waiting(line: socket.socket) -> list[tuple[bytes, tuple[str, int]]]:
     """What has come."""
-    found = []
+    processes = []
     while True:
         try:
             packet, sender = line.recvfrom(1024)
         except BlockingIOError:
-            return found
+            return processes
         if packet:
-            found.append((packet, sender))
+            processes.append((packet, sender))
 
 
 def _bound(port: int) -> socket.socket:
-    taken = f"port {port} of this machine is taken"
-    line = datagrams.listening(("127.0.0.1", port), taken, "Is another CrazySim running?")
+    message = f"port {port} of this machine is taken"
+    line = datagrams.listening(("127.0.0.1", port), message, "Is another CrazySim running?")
     line.setblocking(False)
     return line

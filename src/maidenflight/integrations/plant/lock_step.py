@@ -30,7 +30,7 @@ SENSORS = struct.Struct(f"<II{SIZE}f")
 MOTORS = struct.Struct("<I4H")
 HELLO = 0xFFFFFFFF
 """Step of the message by which a firmware begins a flight by UDP; the drone is put on the floor."""
-PATIENCE = 0.2
+ANSWER_TIMEOUT_S = 0.2
 """Time after which a message that was not answered is sent again [s]."""
 
 
@@ -49,7 +49,7 @@ def sensors(plant: RunningPlant) -> bytes:
     return SENSORS.pack(plant.number, fresh, *plant.readings.tolist())
 
 
-def flown(plant: RunningPlant, answer: bytes) -> bool:
+def step_once(plant: RunningPlant, answer: bytes) -> bool:
     """Flies a millisecond by an answer; not by one to another message.
 
     Raises:
@@ -88,7 +88,7 @@ def by_pipe(plant: RunningPlant, reader: BinaryIO, writer: BinaryIO, steps: int 
         answer = reader.read(MOTORS.size)
         if not answer:
             break
-        if not flown(plant, answer):
+        if not step_once(plant, answer):
             raise InputError(
                 f"plant: an answer to step {MOTORS.unpack(answer)[0]} of the message of step "
                 f"{plant.number}. Answer each message once, with its step."
@@ -134,7 +134,7 @@ def by_udp(
                 if plant is None or plant.number:
                     plant = begin()
                 peer = sender
-            elif plant is None or sender != peer or not flown(plant, answer):
+            elif plant is None or sender != peer or not step_once(plant, answer):
                 continue
             if steps is not None and plant.number >= steps:
                 yield _served(plant)
@@ -147,7 +147,7 @@ def _bound(address: tuple[str, int]) -> socket.socket:
     where = f"{address[0]}:{address[1]}"
     advice = "Give another with --udp HOST:PORT."
     line = datagrams.listening(address, f"cannot listen at {where}", advice)
-    line.settimeout(PATIENCE)
+    line.settimeout(ANSWER_TIMEOUT_S)
     return line
 
 

@@ -115,7 +115,7 @@ def begin(plant: Plant, parameters: Parameters, key: Array) -> PlantState:
     bias = sensors.turn_on_bias(parameters, normal[:3])
     force = jnp.array([0.0, 0.0, 1.0], jnp.float32) * parameters.gravity
     nothing = Readings(jnp.zeros(3), force, place, level, place[2], jnp.zeros(2), powered.voltage)
-    made = PlantState(
+    initial = PlantState(
         state=state,
         delay_line=jnp.zeros((latency.slots(STEP), 4)),
         actuators=powered,
@@ -125,8 +125,8 @@ def begin(plant: Plant, parameters: Parameters, key: Array) -> PlantState:
         filter=_at_rest(force),
         readings=nothing,
     )
-    seen = _read(made, force, parameters, normal[3:], uniform, posed=True)
-    return made._replace(readings=seen[1])
+    readings = _read(initial, force, parameters, normal[3:], uniform, posed=True)
+    return initial._replace(readings=readings[1])
 
 
 @partial(jax.jit, static_argnums=1)
@@ -160,8 +160,8 @@ def step(
     commands = latency.push(before.delay_line, actuators.rotor_speed_command(wanted))
     arriving = latency.delayed(latency.DelayLine(commands), parameters, 1)[0]
     near = dynamics.near_ground(parameters, before.state.position[2])
-    flown = plant.integrator(before.state, arriving, near)
-    state = dynamics.held_by_floor(flown, STANDING_HEIGHT_M)
+    advanced = plant.integrator(before.state, arriving, near)
+    state = dynamics.floor_reaction(advanced, STANDING_HEIGHT_M)
     gyro = sensors.low_pass(
         before.gyro, before.state.body_rates, state.body_rates, jnp.float32(STEP), parameters
     )
@@ -178,8 +178,8 @@ def step(
     )
     change = (state.velocity - before.state.velocity) / STEP
     force = _turned_back(state.quaternion, change.at[2].add(parameters.gravity))
-    kept, readings = _read(after, force, parameters, normal[4:], uniform, posed)
-    return after._replace(filter=kept, readings=readings)
+    next_filter, readings = _read(after, force, parameters, normal[4:], uniform, posed)
+    return after._replace(filter=next_filter, readings=readings)
 
 
 def _power(
@@ -214,18 +214,18 @@ def _read(
 ) -> tuple[Float[Array, "2 3"], Readings]:
     """The filter's memory, and the readings; those of the pose are kept unless it is read."""
     shaken = force + sensors.ACCELEROMETER_NOISE * np.float32(np.sqrt(2)) * normal[3:6]
-    kept, smooth = _filtered(now.filter, shaken)
+    next_filter, smooth = _filtered(now.filter, shaken)
     rates = now.gyro + now.gyro_bias + now.gyro_noise
     always = now.readings._replace(gyro=rates, accelerometer=smooth, battery=now.actuators.voltage)
     if not posed:
-        return kept, always
+        return next_filter, always
     blurred = sensors.measure(now.state, parameters, normal[6:15], uniform)
     up = jnp.maximum(rotations.axes(now.state.quaternion)[2][2], 0.1)
     far = jnp.maximum(now.state.position[2] / up, 1e-2)
     along = _turned_back(now.state.quaternion, now.state.velocity)
     p, q, _ = now.state.body_rates
     flow = jnp.stack([along[0] / far - q, along[1] / far + p]) + FLOW_NOISE * normal[19:21]
-    return kept, always._replace(
+    return next_filter, always._replace(
         position=blurred.position,
         quaternion=blurred.quaternion,
         range=far + RANGE_NOISE * normal[18],
@@ -257,8 +257,8 @@ def _at_rest(value: Float[Array, "3"]) -> Float[Array, "2 3"]:
 @cache
 def _coefficients() -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Of the accelerometer's filter: b0, b1, b2, and a1, a2 over a0 = 1."""
-    found: Any = scipy.signal.butter(2, sensors.ACCELEROMETER_CUTOFF, fs=1 / STEP)
-    b, a = ([float(one) for one in part] for part in found)
+    coefficients: Any = scipy.signal.butter(2, sensors.ACCELEROMETER_CUTOFF, fs=1 / STEP)
+    b, a = ([float(one) for one in part] for part in coefficients)
     return tuple(b), tuple(a[1:])
 
 
@@ -346,9 +346,9 @@ def find_plant(drone: str, seed: int, compensated: bool = True) -> Callable[[], 
             a flight.
     """
     known = find_reality(drone, accept_bounds=True)
-    found = must_be_virtual(known, "Give a drone's TOML file, or virtual:SEED.")
-    found.must_not_change()
-    law = battery.PLUS if compensated and found.thrust_law is not None else None
+    virtual = must_be_virtual(known, "Give a drone's TOML file, or virtual:SEED.")
+    virtual.must_not_change()
+    law = battery.PLUS if compensated and virtual.thrust_law is not None else None
     own = drone_of(drone)
     counts = full_scale_counts(own if Path(own).is_file() else "crazyflie") or battery.COUNTS
-    return partial(RunningPlant, dataclasses.replace(found, thrust_law=law), seed, counts)
+    return partial(RunningPlant, dataclasses.replace(virtual, thrust_law=law), seed, counts)

@@ -148,10 +148,10 @@ def _verify(
     if any(after.shape[1] != before.shape[0] for before, after in pairwise(weights)):
         raise ValueError("a layer's inputs are not the outputs of the layer before")
     with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is no check sum
-        found, size = check_sum(weights, biases)
-    if not math.isfinite(expected) or not abs(found - expected) <= TOLERANCE * max(1.0, size):
+        check, size = check_sum(weights, biases)
+    if not math.isfinite(expected) or not abs(check - expected) <= TOLERANCE * max(1.0, size):
         raise InputError(
-            f"{where}: check sum {found:.7g}, but the file says {expected:.7g}: a weight was "
+            f"{where}: check sum {check:.7g}, but the file says {expected:.7g}: a weight was "
             "changed. Export it again."
         )
 

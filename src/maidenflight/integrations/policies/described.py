@@ -91,23 +91,25 @@ _KEYS = {
 class DescribedPolicy:
     """A network and what its numbers are; follows the `ForeignPolicy` protocol."""
 
-    def __init__(self, name: str, where: str, told: Mapping[str, Any], network: Network) -> None:
+    def __init__(
+        self, name: str, where: str, description: Mapping[str, Any], network: Network
+    ) -> None:
         """Puts them together.
 
         Args:
             name: what tables call it.
             where: the file that messages name.
-            told: what `checked` gives.
+            description: what `checked` gives.
             network: the network.
         """
         self.name, self._where = name, where
-        self.rate = self.command_rate = told["rate"]
-        self._parts = [INPUTS[name] for name in told["inputs"]]
-        self._lowest, self._highest = told["range"]
-        self._power = 2 if told["commands"] == "rotor_speed" else 1
-        self._motors = np.array(told["motors"]) - 1
-        self._mean, self._std = told["mean"], told["std"]
-        self._spec: PolicySpec = told["spec"]
+        self.rate = self.command_rate = description["rate"]
+        self._parts = [INPUTS[name] for name in description["inputs"]]
+        self._lowest, self._highest = description["range"]
+        self._power = 2 if description["commands"] == "rotor_speed" else 1
+        self._motors = np.array(description["motors"]) - 1
+        self._mean, self._std = description["mean"], description["std"]
+        self._spec: PolicySpec = description["spec"]
         self._network = network
 
     def begin(self, hover: float, task: Task) -> Fly:
@@ -121,8 +123,8 @@ class DescribedPolicy:
             measurement: Measurement, setpoint: Float[np.ndarray, "3"]
         ) -> Float[np.ndarray, "4"]:
             nonlocal last, calls
-            seen = [np.asarray(part, np.float64) for part in measurement]
-            now = Instant._make([*seen, setpoint, velocity_at(calls / self.rate), last])
+            values = [np.asarray(part, np.float64) for part in measurement]
+            now = Instant._make([*values, setpoint, velocity_at(calls / self.rate), last])
             instant = (np.concatenate([part(now) for part in self._parts]) - self._mean) / self._std
             past.extend([instant] * (1 if past else self._spec.history))
             points = np.asarray(points_at(self._spec, task.reference, calls / self.rate))
@@ -137,13 +139,13 @@ class DescribedPolicy:
     def _run(self, numbers: np.ndarray) -> np.ndarray:
         """The four outputs."""
         try:
-            made = self._network(numbers)
+            output_values = self._network(numbers)
         except ValueError as error:
             raise InputError(
                 f"{self._where}: the network takes no {len(numbers)} inputs "
                 f"({str(error).splitlines()[0]:.120}). Check inputs, history and look_ahead."
             ) from error
-        output = np.ravel(made).astype(np.float64)
+        output = np.ravel(output_values).astype(np.float64)
         if output.shape != (4,) or not np.isfinite(output).all():
             raise InputError(f"{self._where}: outputs {output}; expected four finite numbers.")
         return output
@@ -155,16 +157,16 @@ def described(path: StrPath) -> DescribedPolicy:
     Raises:
         InputError: a package is not installed, or the files do not fit each other.
     """
-    told = _read(path)
-    file = Path(path).parent / str(told["network"])
+    description = _read(path)
+    file = Path(path).parent / str(description["network"])
     if file.suffix != ".zip":
-        told = checked(path, told)
-        network = onnx_file.network(file, told["output"], str(path))
+        description = checked(path, description)
+        network = onnx_file.network(file, description["output"], str(path))
     else:
-        scaled = told.get("normalization")
+        scaled = description.get("normalization")
         model = stable_baselines.read(file, None if scaled is None else file.parent / str(scaled))
-        told, network = checked(path, {"range": list(model.range)} | told), model.act
-    return DescribedPolicy(Path(path).stem, str(path), told, network)
+        description, network = checked(path, {"range": list(model.range)} | description), model.act
+    return DescribedPolicy(Path(path).stem, str(path), description, network)
 
 
 def of_own_environment(path: StrPath) -> DescribedPolicy:
@@ -182,8 +184,10 @@ def of_own_environment(path: StrPath) -> DescribedPolicy:
     scaling = Path(path).parent / stable_baselines.SCALING
     model = stable_baselines.read(path, scaling if scaling.is_file() else None)
     name = Path(path).stem + (f"+{scaling.stem}" if scaling.is_file() else "")
-    told = checked(path, {"network": Path(path).name, **stable_baselines.layout(path, model)})
-    return DescribedPolicy(name, str(path), told, model.act)
+    description = checked(
+        path, {"network": Path(path).name, **stable_baselines.layout(path, model)}
+    )
+    return DescribedPolicy(name, str(path), description, model.act)
 
 
 def _read(path: StrPath) -> dict[str, Any]:
@@ -193,56 +197,65 @@ def _read(path: StrPath) -> dict[str, Any]:
         InputError: it cannot be read, or a value makes no sense.
     """
     try:
-        told = inputs.from_toml(inputs.text(path))
+        content = inputs.from_toml(inputs.text(path))
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read as a policy's TOML file ({error}).") from error
-    if "network" not in told:
+    if "network" not in content:
         raise InputError(f"{path}: network is lacking; expected the name of a file beside it.")
-    return dict(told)
+    return dict(content)
 
 
-def checked(path: StrPath, given: Mapping[str, Any]) -> dict[str, Any]:
+def checked(path: StrPath, content: Mapping[str, Any]) -> dict[str, Any]:
     """What a description says, with what is usual where it says nothing.
 
     Raises:
         InputError: something is lacking or unknown, or a value makes no sense.
     """
-    zipped = str(given["network"]).endswith(".zip")
+    zipped = str(content["network"]).endswith(".zip")
     known = _KEYS - {"output"} if zipped else _KEYS - {"normalization"}
-    lacking = {"network", "rate", "inputs", "range", "commands"} - given.keys()
-    if lacking or given.keys() - known:
+    lacking = {"network", "rate", "inputs", "range", "commands"} - content.keys()
+    if lacking or content.keys() - known:
         raise InputError(
             f"{path}: {', '.join(sorted(lacking)) or 'nothing'} is lacking and "
-            f"{', '.join(sorted(given.keys() - known)) or 'nothing'} is unknown; expected network, "
-            f"rate, inputs, range, commands, and perhaps motors, {', '.join(OBSERVED)}, mean, std, "
-            f"{'normalization' if zipped else 'output'}."
+            f"{', '.join(sorted(content.keys() - known)) or 'nothing'} is unknown; expected "
+            f"network, rate, inputs, range, commands, and perhaps motors, {', '.join(OBSERVED)}, "
+            f"mean, std, {'normalization' if zipped else 'output'}."
         )
     usual: Any = {"motors": [1, 2, 3, 4], "history": 1, "output": None}
-    told: dict[str, Any] = {**usual, **given}
+    description: dict[str, Any] = {**usual, **content}
     for name in ("inputs", "range", "motors", "mean", "std"):
-        if name in told and not (isinstance(told[name], list) and told[name]):
-            raise InputError(f"{path}: {name} = {told[name]!r}; expected a list.")
-    unknown = [name for name in told["inputs"] if name not in INPUTS]
-    size = 0 if unknown else len(np.concatenate([INPUTS[one](_EXAMPLE) for one in told["inputs"]]))
-    told = {"mean": [0.0] * size, "std": [1.0] * size} | told
+        if name in description and not (isinstance(description[name], list) and description[name]):
+            raise InputError(f"{path}: {name} = {description[name]!r}; expected a list.")
+    unknown = [name for name in description["inputs"] if name not in INPUTS]
+    size = (
+        0
+        if unknown
+        else len(np.concatenate([INPUTS[one](_EXAMPLE) for one in description["inputs"]]))
+    )
+    description = {"mean": [0.0] * size, "std": [1.0] * size} | description
     wrong = {
         f"inputs {unknown}, of {', '.join(INPUTS)}": bool(unknown),
-        "rate, a divisor of 500": not _whole(told["rate"]) or 500 % told["rate"] != 0,
-        "range, two growing numbers": not _growing(told["range"]),
-        "commands, thrust or rotor_speed": told["commands"] not in ("thrust", "rotor_speed"),
-        "motors, 1 to 4 in any order": sorted(map(str, told["motors"])) != list("1234"),
-        f"mean and std, {size} numbers": {len(told["mean"]), len(told["std"])} != {size},
-        "mean, numbers": not all(map(inputs.is_number, told["mean"])),
-        "std, positive numbers": not all(inputs.is_number(one) and one > 0 for one in told["std"]),
+        "rate, a divisor of 500": not _whole(description["rate"]) or 500 % description["rate"] != 0,
+        "range, two growing numbers": not _growing(description["range"]),
+        "commands, thrust or rotor_speed": description["commands"] not in ("thrust", "rotor_speed"),
+        "motors, 1 to 4 in any order": sorted(map(str, description["motors"])) != list("1234"),
+        f"mean and std, {size} numbers": {len(description["mean"]), len(description["std"])}
+        != {size},
+        "mean, numbers": not all(map(inputs.is_number, description["mean"])),
+        "std, positive numbers": not all(
+            inputs.is_number(one) and one > 0 for one in description["std"]
+        ),
     }
-    if said := [what for what, is_wrong in wrong.items() if is_wrong]:
-        raise InputError(f"{path}: expected {'; '.join(said)}.")
+    if problems := [what for what, is_wrong in wrong.items() if is_wrong]:
+        raise InputError(f"{path}: expected {'; '.join(problems)}.")
     try:
-        spec = PolicySpec.from_dict({name: told[name] for name in OBSERVED if name in told})
+        spec = PolicySpec.from_dict(
+            {name: description[name] for name in OBSERVED if name in description}
+        )
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    arrays = {name: np.array(told[name]) for name in ("mean", "std")}
-    return told | arrays | {"spec": spec}
+    arrays = {name: np.array(description[name]) for name in ("mean", "std")}
+    return description | arrays | {"spec": spec}
 
 
 _EXAMPLE = Instant._make(

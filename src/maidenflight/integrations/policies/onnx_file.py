@@ -26,16 +26,16 @@ def network(path: Path, output: str | None, where: str) -> Network:
     """
     session = _session(path)
     names = [one.name for one in session.get_outputs()]
-    wanted, given = output or names[0], session.get_inputs()[0].name
+    wanted, input_name = output or names[0], session.get_inputs()[0].name
     if wanted not in names:
         raise InputError(f"{where}: output = {wanted!r}; the network has {', '.join(names)}.")
 
     def run(numbers: np.ndarray) -> np.ndarray:
         try:
-            (made,) = session.run([wanted], {given: numbers[None].astype(np.float32)})
+            (result,) = session.run([wanted], {input_name: numbers[None].astype(np.float32)})
         except Exception as error:  # onnxruntime's errors share no class but this
             raise ValueError(str(error)) from error
-        return made
+        return result
 
     return run
 

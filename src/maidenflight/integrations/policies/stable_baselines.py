@@ -67,10 +67,10 @@ class Model(NamedTuple):
         wanted = self.algorithm.observation_space.shape
         if numbers.shape != wanted:
             raise ValueError(f"it takes {wanted}")
-        seen = numbers.astype(np.float32)
+        observation = numbers.astype(np.float32)
         if self.scaling is not None:
-            seen = self.scaling.normalize_obs(seen)
-        return self.algorithm.predict(seen, deterministic=True)[0]
+            observation = self.scaling.normalize_obs(observation)
+        return self.algorithm.predict(observation, deterministic=True)[0]
 
 
 def read(path: StrPath, scaling: StrPath | None = None) -> Model:
@@ -171,14 +171,14 @@ def _scaling(path: StrPath, algorithm: Any) -> Any:
     """
     try:
         with Path(path).open("rb") as file:
-            found = pickle.load(file)
-        fits = found.observation_space.shape == algorithm.observation_space.shape
-        assert callable(found.normalize_obs)
+            scaling = pickle.load(file)
+        fits = scaling.observation_space.shape == algorithm.observation_space.shape
+        assert callable(scaling.normalize_obs)
     except Exception as error:  # whatever unpickling raises
         raise InputError(f"{path}: not what VecNormalize.save writes ({error!s:.120}).") from error
     if not fits:
         raise InputError(
-            f"{path}: of observations of {found.observation_space.shape}; the policy's are "
+            f"{path}: of observations of {scaling.observation_space.shape}; the policy's are "
             f"{algorithm.observation_space.shape}."
         )
-    return found
+    return scaling

@@ -30,7 +30,7 @@ from maidenflight.integrations.radio.clock import Clock
 from maidenflight.integrations.radio.row_files import RowFile
 from maidenflight.integrations.radio.watch import DECKS, Vector
 
-PATIENCE = 60.0
+CONNECTION_TIMEOUT_S = 60.0
 """Longest wait for a connection with all its tables [s]."""
 _TRIES = 20
 """How often a block is started anew to meet the other's instant; one of three tries does."""
@@ -51,7 +51,11 @@ class Crazyflie:
     """Of the estimated position, all that came [m2]."""
 
     def __init__(
-        self, uri: str, clock: Clock, cache: Path | None = None, patience: float = PATIENCE
+        self,
+        uri: str,
+        clock: Clock,
+        cache: Path | None = None,
+        patience: float = CONNECTION_TIMEOUT_S,
     ) -> None:
         """Connects and starts the log blocks.
 
@@ -96,7 +100,7 @@ class Crazyflie:
             self.has_policy = (
                 self._has_log(ACTIVE) and self._has_log(WHY) and self.parameter(ENABLE) is not None
             )
-            self.looks_ahead = self.parameter(AHEAD) is not None
+            self.has_look_ahead = self.parameter(AHEAD) is not None
             self.decks = tuple(deck for deck in DECKS if self.parameter(deck) == 1)
             self.blocks = (STATE, with_policy(MOTORS) if self.has_policy else MOTORS)
             self._start_blocks()
@@ -158,10 +162,10 @@ class Crazyflie:
         for block in (state, motors, variance):
             block.start()
         for tries in range(_TRIES):
-            seen = dict(self._stamps)
+            stamps = dict(self._stamps)
             self._wait(
-                lambda seen=seen: all(
-                    self._stamps.get(block.name) not in (None, seen.get(block.name))
+                lambda stamps=stamps: all(
+                    self._stamps.get(block.name) not in (None, stamps.get(block.name))
                     for block in self.blocks
                 )
             )

@@ -27,7 +27,7 @@ from maidenflight.integrations.radio.blocks import (
 )
 from maidenflight.integrations.radio.clock import Clock
 from maidenflight.integrations.radio.row_files import RowFile
-from maidenflight.integrations.radio.watch import Limits, Seen, Trip, Vector, Watch
+from maidenflight.integrations.radio.watch import FlightStatus, Limits, Trip, Vector, Watch
 
 CLIMB = 0.4
 """Speed of take-off and landing [m/s]."""
@@ -204,7 +204,7 @@ def _lead(
         assert drone.latest is not None
         broken = str(rows.error.strerror) if rows.error else ""
         trip = watch.trip(
-            Seen(clock.now(), drone.latest, place, ground, drone.lost, broken, stops())
+            FlightStatus(clock.now(), drone.latest, place, ground, drone.lost, broken, stops())
         )
         if trip:
             raise _BrokenOff(trip)
@@ -244,13 +244,16 @@ def _lead(
         began = clock.now()
 
         def place(seconds: float) -> Vector | None:
-            told = drone.latest
-            assert told is not None
+            estimate = drone.latest
+            assert estimate is not None
             # Old rows tell nothing of the policy; other guards judge their age.
-            fresh = not drone.lost and clock.now() - told.received < FRESH
-            if seconds > HANDOVER and fresh and not told.policy:
+            fresh = not drone.lost and clock.now() - estimate.received < FRESH
+            if seconds > HANDOVER and fresh and not estimate.policy:
                 raise _BrokenOff(
-                    Trip(f"the controller on board handed back to the PID ({told.why})", cut=False)
+                    Trip(
+                        f"the controller on board handed back to the PID ({estimate.why})",
+                        cut=False,
+                    )
                 )
             return _entry(reference, seconds)
 
@@ -299,7 +302,7 @@ def _land(drone: Drone, plan: Plan, limits: Limits, clock: Clock, stops: Callabl
     if sound is None:
         return True
     x, y, height = sound.position
-    watch, began, asked = Watch(limits), clock.now(), stops()
+    watch, began, stop_count = Watch(limits), clock.now(), stops()
     top = min(height, limits.ceiling)
     while clock.now() - began < (top + UNDER) / CLIMB + LAGGING:
         if drone.lost:
@@ -310,19 +313,19 @@ def _land(drone: Drone, plan: Plan, limits: Limits, clock: Clock, stops: Callabl
         drone.go_to((x, y, target))
         clock.sleep(PERIOD)
         now = drone.latest or sound
-        seen = Seen(
+        status = FlightStatus(
             clock.now(),
             now,
             now.position,
             now.position,
             "",
             "",
-            2 if stops() > max(asked, 1) else 0,
+            2 if stops() > max(stop_count, 1) else 0,
         )
-        trip = watch.trip(seen)
+        trip = watch.trip(status)
         if trip and trip.cut:
             return now.position[2] > TOUCHED
-        fresh = seen.now - now.received < limits.silence
+        fresh = status.now - now.received < limits.silence
         if fresh and now.position[2] < TOUCHED and target < TOUCHED:
             break
     return False

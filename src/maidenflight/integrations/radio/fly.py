@@ -41,7 +41,7 @@ class Fly(Verb):
         None,
         "Seconds of each; 10 unless given, 30 by the PID.",
     )
-    task: str = setting(choice(*names.FLOWN_TASKS), "circle", "What is flown.")
+    task: str = setting(choice(*names.REAL_TASKS), "circle", "What is flown.")
     height: float = setting(
         number(0.3, 1.6),
         1.0,
@@ -104,7 +104,7 @@ class Fly(Verb):
         if self.plan is not None:
             course = core.flight_plan.read(self.plan)
         count = self.flights or (4 if pid and self.plan is None else 1)
-        flown = record(
+        session_result = record(
             self.uri or "",
             output,
             course,
@@ -112,7 +112,10 @@ class Fly(Verb):
             self.seed,
             say=lambda line: print(line, file=sys.stderr, flush=True),
         )
-        complete = all(one.ending.reason == COMPLETE for one in flown) and len(flown) == count
+        complete = (
+            all(one.ending.reason == COMPLETE for one in session_result)
+            and len(session_result) == count
+        )
         return Result(
             content={
                 "flights": [
@@ -122,15 +125,15 @@ class Fly(Verb):
                         "packets": one.rows,
                         "log": str(one.log) if one.log else None,
                     }
-                    for one in flown
+                    for one in session_result
                 ],
                 "simulated": not real,
             },
-            summary=[f"{len(flown)} flights in {output}/"],
-            notes=[note for one in flown for note in one.notes],
+            summary=[f"{len(session_result)} flights in {output}/"],
+            notes=[note for one in session_result for note in one.notes],
             next=("identify", output),
             exit_code=0 if complete else 1,
-            value=flown,
+            value=session_result,
         )
 
 
@@ -140,10 +143,10 @@ def _recover(folder: Path) -> Result:
 
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder. Give the one that was recorded into, with -o.")
-    made, refused = recover(folder)
+    recovered, refused = recover(folder)
     return Result(
-        content={"logs": [str(path) for path in made], "refused": refused},
-        summary=[f"{len(made)} logs made of rows in {folder}/"],
+        content={"logs": [str(path) for path in recovered], "refused": refused},
+        summary=[f"{len(recovered)} logs made of rows in {folder}/"],
         notes=refused,
-        next=("identify", folder) if made else (),
+        next=("identify", folder) if recovered else (),
     )

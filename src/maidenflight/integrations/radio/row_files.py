@@ -159,7 +159,7 @@ def to_flight(path: Path) -> tuple[Flight, dict[str, Any], tuple[str, ...]]:
             f"{table.name}: {len(state)} packets of the state and {len(motors)} of the motors, "
             "too few for a flight."
         )
-    at, before, weight = _beside(stamps[state], stamps[motors])
+    at, before, weight = _sibling_name(stamps[state], stamps[motors])
     values = {name: read[name][state][at] for name in STATE.variables}
     for name in MOTORS.variables:
         series = read[name][motors]
@@ -189,12 +189,12 @@ def _record(table: Table) -> dict[str, Any]:
     return record
 
 
-def write_flight(path: Path, **said: Any) -> tuple[Path, tuple[str, ...]]:
+def write_flight(path: Path, **fields: Any) -> tuple[Path, tuple[str, ...]]:
     """Makes the flight log `NAME.csv` of `NAME.rows`.
 
     Args:
         path: file of rows.
-        said: what the log's record says beside what the rows' record does.
+        fields: what the log's record says beside what the rows' record does.
 
     Returns:
         The log, and notes.
@@ -204,7 +204,7 @@ def write_flight(path: Path, **said: Any) -> tuple[Path, tuple[str, ...]]:
         WriteError: it cannot be written.
     """
     flight, record, notes = to_flight(path)
-    record["settings"] = {**record.get("settings", {}), **said}
+    record["settings"] = {**record.get("settings", {}), **fields}
     return log.write(path.with_suffix(".csv"), flight, record), notes
 
 
@@ -214,16 +214,16 @@ def recover(folder: Path) -> tuple[list[Path], list[str]]:
     Returns:
         The logs made, and why others could not be.
     """
-    made, refused = [], []
+    recovered, refused = [], []
     for path in sorted(folder.glob(f"*{SUFFIX}")):
         if not path.with_suffix(".csv").exists():
             try:
-                made.append(
+                recovered.append(
                     write_flight(path, ended="unknown: the program ended before the flight did")[0]
                 )
             except InputError as error:
                 refused.append(str(error))
-    return made, refused
+    return recovered, refused
 
 
 def _packets(table: Table, block: Block, stamps: Float[np.ndarray, "N"]) -> Int[np.ndarray, "M"]:
@@ -248,7 +248,7 @@ def _unwrapped(stamps: Float[np.ndarray, "N"]) -> Float[np.ndarray, "N"]:
     return stamps + laps * _WRAP
 
 
-def _beside(
+def _sibling_name(
     state: Float[np.ndarray, "A"], motors: Float[np.ndarray, "B"]
 ) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "N"], Float[np.ndarray, "N"]]:
     """For which instants of one block the other is known.

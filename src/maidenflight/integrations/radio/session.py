@@ -21,7 +21,7 @@ from maidenflight.integrations.radio.blocks import ENABLE, PERIOD
 from maidenflight.integrations.radio.clock import Clock, WallClock
 from maidenflight.integrations.radio.crazyflie import Crazyflie
 from maidenflight.integrations.radio.flight import COMPLETE, Ending, Plan, fly
-from maidenflight.integrations.radio.watch import Limits, Standing
+from maidenflight.integrations.radio.watch import Limits, PreflightState
 from maidenflight.simulator.tasks import tasks
 from maidenflight.simulator.tasks.trajectories import Trajectory
 
@@ -68,7 +68,7 @@ class Course:
         return own
 
 
-class Flown(NamedTuple):
+class FlightResult(NamedTuple):
     """A flight and what is left of it."""
 
     name: str
@@ -156,18 +156,18 @@ def stop_requests() -> Iterator[Callable[[], int]]:
     Yields:
         How often somebody has asked to stop.
     """
-    asked = 0
+    count_so_far = 0
 
     def count(*_: object) -> None:
-        nonlocal asked
-        asked += 1
+        nonlocal count_so_far
+        count_so_far += 1
 
     wanted = [
         getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
     ]
     before = {number: signal.signal(number, count) for number in wanted}
     try:
-        yield lambda: asked
+        yield lambda: count_so_far
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -209,9 +209,9 @@ def check(
         clock.sleep(0.05)
     if drone.lost or drone.latest is None:
         return [f"the link is down ({drone.lost or 'no rows'}); connect again"]
-    return watch.objections(
-        Standing(
-            drone.latest, drone.decks, tuple(drone.variance), drone.has_policy, drone.looks_ahead
+    return watch.preflight_failures(
+        PreflightState(
+            drone.latest, drone.decks, tuple(drone.variance), drone.has_policy, drone.has_look_ahead
         ),
         limits,
         needs_policy,
@@ -228,7 +228,7 @@ def flights(
     clock: Clock,
     stops: Callable[[], int],
     say: Callable[[str], None],
-) -> list[Flown]:
+) -> list[FlightResult]:
     """Flies plans one after the other, as long as each one ends as it should.
 
     Writes a file of rows and a log for each.
@@ -248,22 +248,22 @@ def flights(
             drone has landed then.
         WriteError: the file of rows cannot be made.
     """
-    flown: list[Flown] = []
+    results_so_far: list[FlightResult] = []
     for number, plan in enumerate(plans):
         against = check(drone, limits, clock, stops, plan.policy)
         if stops():
             say("no further flight: stopped by hand")
             break
-        if against and not flown:
+        if against and not results_so_far:
             raise InputError(f"{drone.uri}: not taking off: {'; '.join(against)}.")
         if against:
             say(f"no further flight: {'; '.join(against)}")
             break
         name = _next_name(folder)
         own = {"flight": number + 1, "deck": ", ".join(drone.decks)}
-        made = {**record, "settings": {**record["settings"], **own}}
+        flight_record = {**record, "settings": {**record["settings"], **own}}
         file = row_files.RowFile(
-            folder / f"{name}{row_files.SUFFIX}", drone.blocks, drone.simulated, made
+            folder / f"{name}{row_files.SUFFIX}", drone.blocks, drone.simulated, flight_record
         )
         say(f"{name}: battery {drone.latest.battery if drone.latest else float('nan'):.2f} V")
         drone.write_to(file)
@@ -272,8 +272,8 @@ def flights(
         finally:
             drone.write_to(None)
             file.close()
-        flown.append(_filed(folder, name, ending, file.rows))
-        manifest.append(folder, "fly", {"logs": run_folder.LOG.find(folder)}, made)
+        results_so_far.append(_filed(folder, name, ending, file.rows))
+        manifest.append(folder, "fly", {"logs": run_folder.LOG.find(folder)}, flight_record)
         say(f"{name}: {ending.reason}, {file.rows} packets")
         if file.error is not None:
             raise InputError(
@@ -284,7 +284,7 @@ def flights(
             break
         if number + 1 < len(plans):
             clock.sleep(PAUSE)
-    return flown
+    return results_so_far
 
 
 def record(
@@ -297,7 +297,7 @@ def record(
     limits: Limits = Limits(),  # noqa: B008
     clock: Clock | None = None,
     say: Callable[[str], None] = print,
-) -> list[Flown]:
+) -> list[FlightResult]:
     """Connects, checks, flies and files; Ctrl-C lands, a second one stops the motors.
 
     Args:
@@ -324,29 +324,31 @@ def record(
         settings = {"plan": Path(course.name).name, "duration": course.seconds}
     for one in plans:
         checked_plan(one, limits)
-    made = results.record(seed=seed, inputs=[], settings=settings)
+    session_record = results.record(seed=seed, inputs=[], settings=settings)
     clock = clock or WallClock()
     with (
         connected(uri, clock, cache.folder() / "crazyflie") as drone,
         stop_requests() as stops,
     ):
-        return flights(drone, plans, folder, made, limits=limits, clock=clock, stops=stops, say=say)
+        return flights(
+            drone, plans, folder, session_record, limits=limits, clock=clock, stops=stops, say=say
+        )
 
 
 def _next_name(folder: Path) -> str:
-    taken = (
+    occupied = (
         {path.name.split(".")[0] for path in folder.glob("flight_*")} if folder.is_dir() else set()
     )
     return next(
-        name for number in range(1, 10_000) if (name := f"flight_{number:02d}") not in taken
+        name for number in range(1, 10_000) if (name := f"flight_{number:02d}") not in occupied
     )
 
 
-def _filed(folder: Path, name: str, ending: Ending, count: int) -> Flown:
+def _filed(folder: Path, name: str, ending: Ending, count: int) -> FlightResult:
     try:
         path, notes = row_files.write_flight(
             folder / f"{name}{row_files.SUFFIX}", ended=ending.reason
         )
     except InputError as error:
-        return Flown(name, ending, count, None, (str(error),))
-    return Flown(name, ending, count, path, notes)
+        return FlightResult(name, ending, count, None, (str(error),))
+    return FlightResult(name, ending, count, path, notes)

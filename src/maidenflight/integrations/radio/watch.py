@@ -53,7 +53,7 @@ class Limits:
     """Time without a row [s]; the firmware levels the drone after as long without a set-point."""
 
 
-class Seen(NamedTuple):
+class FlightStatus(NamedTuple):
     """What guards judge."""
 
     now: float
@@ -82,74 +82,82 @@ class Trip(NamedTuple):
 class Guard(NamedTuple):
     """One reason to break off."""
 
-    says: Callable[[Seen, Limits], str]
+    says: Callable[[FlightStatus, Limits], str]
     """The reason where there is one, else nothing."""
     patience: float = 0.0
     """How long it must last [s]."""
     cut: bool = False
 
 
-def _not_finite(seen: Seen, limits: Limits) -> str:
-    return "" if seen.reading.finite else "the estimate is not a number"
+def _not_finite(status: FlightStatus, limits: Limits) -> str:
+    return "" if status.reading.finite else "the estimate is not a number"
 
 
-def _upside_down(seen: Seen, limits: Limits) -> str:
+def _upside_down(status: FlightStatus, limits: Limits) -> str:
     names = {TUMBLED: "tumbled", CRASHED: "crashed", LOCKED: "locked"}
-    told = [name for bit, name in names.items() if seen.reading.supervisor & bit]
-    return f"the firmware says: {', '.join(told)}" if told else ""
+    conditions = [name for bit, name in names.items() if status.reading.supervisor & bit]
+    return f"the firmware says: {', '.join(conditions)}" if conditions else ""
 
 
-def _steep(seen: Seen, limits: Limits) -> str:
-    tilt = np.degrees(seen.reading.tilt)
+def _steep(status: FlightStatus, limits: Limits) -> str:
+    tilt = np.degrees(status.reading.tilt)
     return f"tilt of {tilt:.0f} deg" if tilt > limits.steepest else ""
 
 
-def _disarmed(seen: Seen, limits: Limits) -> str:
+def _disarmed(status: FlightStatus, limits: Limits) -> str:
     return (
-        "" if seen.reading.supervisor & (ARMED | AUTO_ARMED) else "the firmware has disarmed itself"
+        ""
+        if status.reading.supervisor & (ARMED | AUTO_ARMED)
+        else "the firmware has disarmed itself"
     )
 
 
-def _stopped(seen: Seen, limits: Limits) -> str:
-    return "" if any(seen.reading.motors) else "the firmware has stopped the motors"
+def _stopped(status: FlightStatus, limits: Limits) -> str:
+    return "" if any(status.reading.motors) else "the firmware has stopped the motors"
 
 
-def _silent(seen: Seen, limits: Limits) -> str:
-    silence = seen.now - seen.reading.received
+def _silent(status: FlightStatus, limits: Limits) -> str:
+    silence = status.now - status.reading.received
     return f"no rows for {limits.silence:g} s" if silence > limits.silence else ""
 
 
-def _empty(seen: Seen, limits: Limits) -> str:
-    return f"battery at {seen.reading.battery:.2f} V" if seen.reading.battery < limits.empty else ""
+def _empty(status: FlightStatus, limits: Limits) -> str:
+    return (
+        f"battery at {status.reading.battery:.2f} V"
+        if status.reading.battery < limits.empty
+        else ""
+    )
 
 
-def _astray(seen: Seen, limits: Limits) -> str:
-    distance = float(np.linalg.norm(np.subtract(seen.reading.position, seen.setpoint)))
+def _astray(status: FlightStatus, limits: Limits) -> str:
+    distance = float(np.linalg.norm(np.subtract(status.reading.position, status.setpoint)))
     return f"{distance:.2f} m from the set-point" if distance > limits.farthest else ""
 
 
-def _sunk(seen: Seen, limits: Limits) -> str:
-    below = seen.setpoint[2] - seen.reading.position[2]
+def _sunk(status: FlightStatus, limits: Limits) -> str:
+    below = status.setpoint[2] - status.reading.position[2]
     return f"{below:.2f} m below the set-point" if below > limits.lowest else ""
 
 
-def _outside(seen: Seen, limits: Limits) -> str:
-    x, y, z = np.subtract(seen.reading.position, (*seen.home[:2], 0.0))
+def _outside(status: FlightStatus, limits: Limits) -> str:
+    x, y, z = np.subtract(status.reading.position, (*status.home[:2], 0.0))
     if max(abs(x), abs(y)) > limits.fence:
         return f"{max(abs(x), abs(y)):.2f} m from the place of take-off"
     return f"at a height of {z:.2f} m" if z > limits.ceiling else ""
 
 
 GUARDS = (
-    Guard(lambda seen, limits: "stopped at once by hand" if seen.stops > 1 else "", cut=True),
+    Guard(lambda status, limits: "stopped at once by hand" if status.stops > 1 else "", cut=True),
     Guard(_upside_down, patience=0.05, cut=True),
     Guard(_steep, patience=0.05, cut=True),
     Guard(_not_finite, patience=0.1, cut=True),
     Guard(_disarmed, patience=0.1, cut=True),
     Guard(_stopped, patience=0.5, cut=True),
-    Guard(lambda seen, limits: "stopped by hand" if seen.stops else ""),
-    Guard(lambda seen, limits: f"link lost: {seen.lost}" if seen.lost else ""),
-    Guard(lambda seen, limits: f"rows cannot be written: {seen.broken}" if seen.broken else ""),
+    Guard(lambda status, limits: "stopped by hand" if status.stops else ""),
+    Guard(lambda status, limits: f"link lost: {status.lost}" if status.lost else ""),
+    Guard(
+        lambda status, limits: f"rows cannot be written: {status.broken}" if status.broken else ""
+    ),
     Guard(_silent),
     Guard(_empty, patience=0.5),
     Guard(_outside, patience=0.1),
@@ -167,18 +175,18 @@ class Watch:
     guards: Sequence[Guard] = GUARDS
     _since: dict[int, float] = field(default_factory=dict)
 
-    def trip(self, seen: Seen) -> Trip | None:
+    def trip(self, status: FlightStatus) -> Trip | None:
         """The first guard whose reason has lasted long enough."""
         for number, guard in enumerate(self.guards):
-            reason = guard.says(seen, self.limits)
+            reason = guard.says(status, self.limits)
             if not reason:
                 self._since.pop(number, None)
-            elif seen.now - self._since.setdefault(number, seen.now) >= guard.patience:
+            elif status.now - self._since.setdefault(number, status.now) >= guard.patience:
                 return Trip(reason, guard.cut)
         return None
 
 
-class Standing(NamedTuple):
+class PreflightState(NamedTuple):
     """What is known of a drone on the ground."""
 
     reading: Reading
@@ -188,47 +196,51 @@ class Standing(NamedTuple):
     """Of the estimated position [m2], some time's readings."""
     policy: bool
     """Whether a controller on board with our parameters answers."""
-    looks_ahead: bool = False
+    has_look_ahead: bool = False
     """Whether its policy sees the reference ahead of time."""
 
 
-def objections(standing: Standing, limits: Limits, needs_policy: bool) -> list[str]:
+def preflight_failures(standing: PreflightState, limits: Limits, needs_policy: bool) -> list[str]:
     """Why the drone must not take off, each with what to do; empty if it may."""
-    reading, said = standing.reading, []
+    reading, problems = standing.reading, []
     for bit, what in ((LOCKED, "locked"), (CRASHED, "crashed"), (TUMBLED, "tumbled")):
         if reading.supervisor & bit:
-            said.append(f"the firmware says that it has {what}; put it level, switch it off and on")
+            problems.append(
+                f"the firmware says that it has {what}; put it level, switch it off and on"
+            )
     if reading.battery < limits.full:
-        said.append(f"battery at {reading.battery:.2f} V, {limits.full:g} V are needed; charge it")
+        problems.append(
+            f"battery at {reading.battery:.2f} V, {limits.full:g} V are needed; charge it"
+        )
     if not standing.decks:
-        said.append(
+        problems.append(
             "no deck that tells the position; mount a Flow deck v2 and switch the drone off and on"
         )
     if not reading.finite:
-        said.append("the estimate is not a number; switch the drone off and on")
+        problems.append("the estimate is not a number; switch the drone off and on")
     elif np.degrees(reading.tilt) > limits.level:
-        said.append(
+        problems.append(
             f"tilted by {np.degrees(reading.tilt):.0f} deg; put it level and switch it off and on"
         )
     elif not settled(standing.variance):
-        said.append(
+        problems.append(
             "the estimator does not settle; put the drone onto a well-lit floor with a pattern "
             "and leave it alone"
         )
     if not reading.supervisor & (CAN_BE_ARMED | ARMED | AUTO_ARMED | CAN_FLY):
-        said.append("the firmware refuses to be armed; its console (cfclient) tells why")
+        problems.append("the firmware refuses to be armed; its console (cfclient) tells why")
     if reading.policy:
-        said.append(
+        problems.append(
             f"the policy on board is on and does not obey {ENABLE} = 0; switch the drone off and on"
         )
     if needs_policy and not standing.policy:
-        said.append("no policy on board; build the exported app and flash it")
-    elif needs_policy and standing.looks_ahead:
-        said.append(
+        problems.append("no policy on board; build the exported app and flash it")
+    elif needs_policy and standing.has_look_ahead:
+        problems.append(
             "the policy on board looks ahead, but set-points by radio tell no more than where the "
             "drone shall be now; flash one trained without --look-ahead, or fly mf.task 0 or 1"
         )
-    return said
+    return problems
 
 
 def settled(variance: Sequence[Vector], change: float = 0.001, fewest: int = 10) -> bool:

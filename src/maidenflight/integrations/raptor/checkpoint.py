@@ -26,7 +26,7 @@ from maidenflight.integrations.raptor.form import RAPTOR
 from maidenflight.policy import Policy
 
 NAME = "policy.h5"
-MADE = "maidenflight"
+MAKER = "maidenflight"
 """Attribute of the file that tells how it was made; readers ignore it."""
 META = (
     '{"environment": {"name": "l2f","observation": "Position.OrientationRotationMatrix.'
@@ -66,11 +66,11 @@ def to_raptor(
             "form only. Train one: maidenflight train --form raptor."
         )
     layers = layers_of(policy)
-    seen, outputs = example(policy, seed)
-    made = {"version": __version__, "sha256": digest(policy), "record": dict(record or {})}
+    observations, outputs = example(policy, seed)
+    attributes = {"version": __version__, "sha256": digest(policy), "record": dict(record or {})}
     content = io.BytesIO()
     with h5py.File(content, "w") as file:
-        file.attrs[MADE] = json.dumps(made)
+        file.attrs[MAKER] = json.dumps(attributes)
         actor = file.create_group("actor")
         actor.attrs.update({"type": "sequential", "checkpoint_name": name, "meta": META})
         for number, (kind, activation, tables) in enumerate(layers):
@@ -80,7 +80,7 @@ def to_raptor(
                 layer.attrs["activation_function"] = activation
             for parameter, numbers in tables.items():
                 _store(layer, f"{parameter}/parameters", numbers, matrix=kind == "dense")
-        _store(file, "example/input", seen)
+        _store(file, "example/input", observations)
         _store(file, "example/output", outputs)
     return content.getvalue()
 
@@ -182,8 +182,8 @@ def example(policy: Policy, seed: int) -> tuple[Numbers, Numbers]:
     for _ in range(length):
         position, velocity, rates = np.split(_SPREAD * random.normal(size=(batch, 9)), 3, axis=1)
         turned = Rotation.from_rotvec(_TURN * random.normal(size=(batch, 3))).as_matrix()
-        seen = [position, turned.reshape(batch, 9), velocity, rates, np.clip(output, -1.0, 1.0)]
-        inputs.append(np.concatenate(seen, axis=1).astype(np.float32))
+        parts = [position, turned.reshape(batch, 9), velocity, rates, np.clip(output, -1.0, 1.0)]
+        inputs.append(np.concatenate(parts, axis=1).astype(np.float32))
         values = np.maximum(inputs[-1] @ weights.T + biases, 0.0)
         memory = remembered(gru, values, memory)
         output = memory @ last.T + level

@@ -94,15 +94,15 @@ class Bullet:
             )
             rotor_speed, pushes = _all_motors(state.rotor_speed, commands, parameters)
             constants, body = _constants(parameters), jnp.concatenate(state[:4])
-        flown = []
+        rollouts = []
         with _LOCK:
             world = _world()
             world.set_up(np.asarray(constants), self.linear_damping, self.angular_damping)
             world.place(np.asarray(body).tolist())
             for push in np.asarray(pushes).tolist():
                 world.step(push)
-                flown.append(world.read())
-        return _state(np.split(np.array(flown), _PARTS, axis=-1), np.asarray(rotor_speed))
+                rollouts.append(world.read())
+        return _state(np.split(np.array(rollouts), _PARTS, axis=-1), np.asarray(rotor_speed))
 
     def _moved(self, rows: Array) -> np.ndarray:
         """A step on the host.
@@ -113,12 +113,12 @@ class Bullet:
         Returns:
             The 13 numbers of each body after the step.
         """
-        given = np.asarray(rows)
-        moved = np.empty((*given.shape[:-1], 13), given.dtype)
+        states = np.asarray(rows)
+        moved = np.empty((*states.shape[:-1], 13), states.dtype)
         with _LOCK:
             world = _world()
-            for place in np.ndindex(given.shape[:-1]):
-                row = given[place]
+            for place in np.ndindex(states.shape[:-1]):
+                row = states[place]
                 world.set_up(row[20:], self.linear_damping, self.angular_damping)
                 values = row.tolist()
                 world.place(values[:13])
@@ -162,10 +162,12 @@ class _World:
         settings = (constants.tobytes(), linear_damping, angular_damping)
         if settings == self.settings:
             return
-        given = constants.tolist()
-        mass, ix, iy, iz, *drag, self.flapping, self.damping, gravity, step = given[:11]
-        self.wind = given[11:14]
-        self.places = [[x, y, 0.0] for x, y in zip(given[14:18], given[18:22], strict=True)]
+        constant_values = constants.tolist()
+        mass, ix, iy, iz, *drag, self.flapping, self.damping, gravity, step = constant_values[:11]
+        self.wind = constant_values[11:14]
+        self.places = [
+            [x, y, 0.0] for x, y in zip(constant_values[14:18], constant_values[18:22], strict=True)
+        ]
         self.drag = [mass * share for share in drag]
         self.bullet.setGravity(0.0, 0.0, -gravity, **self.client)
         self.bullet.setTimeStep(step, **self.client)

@@ -30,7 +30,7 @@ from jaxtyping import Float
 
 from maidenflight.errors import InputError, optional
 from maidenflight.integrations.simulators import crazyflow_process
-from maidenflight.integrations.simulators.crazyflow_process import BEGIN, RATE, STEP, TOLD
+from maidenflight.integrations.simulators.crazyflow_process import ANSWER_SIZE, BEGIN, RATE, STEP
 from maidenflight.parameters import Parameters, crazyflie, noiseless, replace, x_frame
 from maidenflight.simulator.physics import dynamics
 from maidenflight.simulator.physics.sensors import Measurement
@@ -63,21 +63,21 @@ class Crazyflow:
         # It prints much, and leaves a log of MuJoCo's in the folder that it is in.
         folder = tempfile.TemporaryDirectory(prefix="crazyflow-")
         self._said = Path(folder.name, "said")
-        with self._said.open("wb") as said:
+        with self._said.open("wb") as log_file:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", crazyflow_process.__name__, drone],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
-                stderr=said,
+                stderr=log_file,
                 cwd=folder.name,
                 env={**os.environ, "SCIPY_ARRAY_API": "1"},
             )
         self.close = weakref.finalize(self, _end, self._process, folder)
-        told = json.loads(self._read_line())
-        if "drones" in told:
-            raise InputError(f"crazyflow:{drone}: crazyflow has {', '.join(told['drones'])}.")
-        self._fastest = _rotor_speed(told["thrust_max"], np.ravel(told["rpm2thrust"]))
-        self.parameters = _parameters(told, self._fastest)
+        answer = json.loads(self._read_line())
+        if "drones" in answer:
+            raise InputError(f"crazyflow:{drone}: crazyflow has {', '.join(answer['drones'])}.")
+        self._fastest = _rotor_speed(answer["thrust_max"], np.ravel(answer["rpm2thrust"]))
+        self.parameters = _parameters(answer, self._fastest)
         self.hover = float(dynamics.hover_command(self.parameters))
         self.reset(np.zeros(3), 0)
 
@@ -112,8 +112,8 @@ class Crazyflow:
             self._process.stdin.flush()
         except BrokenPipeError as error:
             raise self._ended() from error
-        frame = self._process.stdout.read(8 * TOLD)
-        if len(frame) < 8 * TOLD:
+        frame = self._process.stdout.read(8 * ANSWER_SIZE)
+        if len(frame) < 8 * ANSWER_SIZE:
             raise self._ended()
         self._state = np.frombuffer(frame)
 
@@ -126,10 +126,11 @@ class Crazyflow:
 
     def _ended(self) -> InputError:
         self._process.wait()
-        said = self._said.read_text(errors="replace").strip().splitlines()
+        output = self._said.read_text(errors="replace").strip().splitlines()
         self.close()
         return InputError(
-            f"{self.name}: crazyflow's process ended ({said[-1] if said else 'it said nothing'}). "
+            f"{self.name}: crazyflow's process ended "
+            f"({output[-1] if output else 'it said nothing'}). "
             "Try it alone with: SCIPY_ARRAY_API=1 python -c 'import crazyflow'."
         )
 
@@ -150,14 +151,14 @@ def _rotor_speed(thrust: float, curve: Float[np.ndarray, "3"]) -> float:
     return (math.sqrt(linear**2 + 4 * square * (thrust - constant)) - linear) / (2 * square)
 
 
-def _parameters(told: Mapping[str, Any], fastest: float) -> Parameters:
+def _parameters(answer: Mapping[str, Any], fastest: float) -> Parameters:
     """The nearest drone of our model: the rotors' lag and torque are those about hover."""
-    mass, thrust = float(np.ravel(told["mass"])[0]), np.ravel(told["rpm2thrust"])
-    gravity, full = -float(np.ravel(told["gravity_vec"])[2]), float(told["thrust_max"])
+    mass, thrust = float(np.ravel(answer["mass"])[0]), np.ravel(answer["rpm2thrust"])
+    gravity, full = -float(np.ravel(answer["gravity_vec"])[2]), float(answer["thrust_max"])
     hover = _rotor_speed(mass * gravity / 4, thrust)
-    rise, rise_square, fall, fall_square = np.ravel(told["rotor_dyn_coef"]).tolist()
+    rise, rise_square, fall, fall_square = np.ravel(answer["rotor_dyn_coef"]).tolist()
     up, down = 1 / (rise + 2 * rise_square * hover), 1 / (fall + 2 * fall_square * hover)
-    torque = float(np.polynomial.polynomial.polyval(hover, np.ravel(told["rpm2torque"])))
+    torque = float(np.polynomial.polynomial.polyval(hover, np.ravel(answer["rpm2torque"])))
     return replace(
         noiseless(crazyflie()),
         thrust_to_weight=4 * full / (mass * gravity),
@@ -168,11 +169,11 @@ def _parameters(told: Mapping[str, Any], fastest: float) -> Parameters:
         latency=0.0,
         torque_to_thrust=torque / (mass * gravity / 4),
         torque_offset=0.0,
-        rotor_momentum=float(np.ravel(told["prop_inertia"])[0]) * fastest * _RPM,
+        rotor_momentum=float(np.ravel(answer["prop_inertia"])[0]) * fastest * _RPM,
         mass=mass,
-        inertia=tuple(np.diag(np.reshape(told["J"], (3, 3))).tolist()),
-        **x_frame(float(np.ravel(told["L"])[0]) * math.sqrt(2)),
-        drag=tuple((-np.diag(np.reshape(told["drag_matrix"], (3, 3))) / mass).tolist()),
+        inertia=tuple(np.diag(np.reshape(answer["J"], (3, 3))).tolist()),
+        **x_frame(float(np.ravel(answer["L"])[0]) * math.sqrt(2)),
+        drag=tuple((-np.diag(np.reshape(answer["drag_matrix"], (3, 3))) / mass).tolist()),
         ground_effect=0.0,
         gravity=gravity,
         time_step=0.001,

@@ -18,9 +18,9 @@ import numpy as np
 
 RATE = 500
 """Steps a second [Hz], crazyflow's own."""
-ASKED = 8
+REQUEST_SIZE = 8
 """Numbers of a request: 0 and four rotor speeds [rpm], or 1, a position [m] and four of them."""
-TOLD = 13
+ANSWER_SIZE = 13
 """Numbers of an answer: position, velocity, quaternion x, y, z, w, body rates."""
 STEP, BEGIN = 0.0, 1.0
 """The first number of a request."""
@@ -33,15 +33,15 @@ def main(drone: str) -> None:
         drone: crazyflow's name of it.
     """
     # What libraries print belongs to standard error; the frames have a descriptor of their own.
-    with os.fdopen(os.dup(1), "wb") as told:
+    with os.fdopen(os.dup(1), "wb") as answers:
         os.dup2(2, 1)
         simulation, limit = _world(drone)
         if simulation is None:
-            told.write(json.dumps({"drones": limit}).encode() + b"\n")
+            answers.write(json.dumps({"drones": limit}).encode() + b"\n")
             return
-        told.write(json.dumps(_described(simulation, limit)).encode() + b"\n")
-        told.flush()
-        _serve(simulation, sys.stdin.buffer, told)
+        answers.write(json.dumps(_described(simulation, limit)).encode() + b"\n")
+        answers.flush()
+        _serve(simulation, sys.stdin.buffer, answers)
 
 
 def _world(drone: str) -> tuple[Any, Any]:
@@ -66,11 +66,11 @@ def _described(simulation: Any, thrust: float) -> dict[str, Any]:
     return {**numbers, "thrust_max": thrust}
 
 
-def _serve(simulation: Any, asked: BinaryIO, told: BinaryIO) -> None:
+def _serve(simulation: Any, requests: BinaryIO, answers: BinaryIO) -> None:
     import jax.numpy as jnp
 
     simulation.reset()
-    while len(frame := asked.read(8 * ASKED)) == 8 * ASKED:
+    while len(frame := requests.read(8 * REQUEST_SIZE)) == 8 * REQUEST_SIZE:
         kind, *numbers = np.frombuffer(frame).tolist()
         if kind == BEGIN:
             simulation.reset()
@@ -84,8 +84,10 @@ def _serve(simulation: Any, asked: BinaryIO, told: BinaryIO) -> None:
             simulation.step()
         states = simulation.data.states
         parts = (states.pos, states.vel, states.quat, states.ang_vel)
-        told.write(np.concatenate([np.ravel(part) for part in parts]).astype(np.float64).tobytes())
-        told.flush()
+        answers.write(
+            np.concatenate([np.ravel(part) for part in parts]).astype(np.float64).tobytes()
+        )
+        answers.flush()
 
 
 if __name__ == "__main__":

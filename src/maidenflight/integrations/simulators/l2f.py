@@ -172,10 +172,14 @@ class L2F:
         l2f.initialize_environment(self._device, self._environment)
         self._settings, self._state, self._next = l2f.Parameters(), l2f.State(), l2f.State()
         l2f.initial_parameters(self._device, self._environment, self._settings)
-        told = json.loads(l2f.parameters_to_json(self._device, self._environment, self._settings))
-        told["dynamics"] = {**told["dynamics"], **body.described()}
-        told["integration"] = {**told["integration"], "dt": 1.0 / RATE}
-        l2f.parameters_from_json(self._device, self._environment, json.dumps(told), self._settings)
+        settings = json.loads(
+            l2f.parameters_to_json(self._device, self._environment, self._settings)
+        )
+        settings["dynamics"] = {**settings["dynamics"], **body.described()}
+        settings["integration"] = {**settings["integration"], "dt": 1.0 / RATE}
+        l2f.parameters_from_json(
+            self._device, self._environment, json.dumps(settings), self._settings
+        )
         self.reset(np.zeros(3), 0)
 
     def reset(self, position: Float[np.ndarray, "3"], seed: int) -> None:
@@ -210,8 +214,8 @@ class L2F:
 
     def truth(self) -> Truth:
         """The true state and the last commands."""
-        seen: Any = self.observe()
-        return Truth(seen.position, seen.quaternion, seen.body_rates, self._command)
+        state: Any = self.observe()
+        return Truth(state.position, state.quaternion, state.body_rates, self._command)
 
 
 def _l2f() -> Any:

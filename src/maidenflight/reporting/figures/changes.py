@@ -29,14 +29,14 @@ def changes(recoveries: polars.DataFrame, flights: Sequence[Flight]) -> Figure:
     policies = recoveries["policy"].unique(maintain_order=True).to_list()
     colours = {name: COLOURS[place % len(COLOURS)] for place, name in enumerate(policies)}
     parts = [part.head(MOST) for _, part in recoveries.group_by("reality", maintain_order=True)]
-    shown = [flights[place] for part in parts for place in part["place"]]
-    step = max(1 / _RATE, sum(one.duration for one in shown) / _POINTS)
+    rows = [flights[place] for part in parts for place in part["place"]]
+    step = max(1 / _RATE, sum(one.duration for one in rows) / _POINTS)
     legend = [Entry(name, colour, "thin", name) for name, colour in colours.items()]
     legend += [Entry("change of the drone", "ink", "line")]
     legend += [Entry(f"{100 * WITHIN_M:g} cm", "soft", "dashed")]
     if not all(part["lasts"].all() for part in parts):
         legend.append(Entry("flight ended by a guard", "soft", "cross"))
-    last = max(*(one.duration for one in shown), *recoveries["at"])
+    last = max(*(one.duration for one in rows), *recoveries["at"])
     panels = [_panel(part, flights, step, last, colours) for part in parts]
     return Figure("Distance from the set-point", panels, legend, least=360, chooses=True)
 
@@ -64,8 +64,8 @@ def _panel(
             rows.append({**common, "kind": "end", "x": flight.duration, "y": errors[-1]})
     x = charts.number("x", "time [s]", **charts.within(0.0, last))
     y = charts.number("y", "distance [cm]")
-    told = charts.tooltip({"series": "policy", "flight": "flight", "back": "back after"})
-    shared = {"color": charts.coloured(colours), "detail": {"field": "place"}, "tooltip": told}
+    tooltip = charts.tooltip({"series": "policy", "flight": "flight", "back": "back after"})
+    shared = {"color": charts.coloured(colours), "detail": {"field": "place"}, "tooltip": tooltip}
     cross = {"type": "point", "shape": _CROSS, "size": 40, "strokeWidth": 1.6}
     layers: list[Spec] = [
         charts.layer(

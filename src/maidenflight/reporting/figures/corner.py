@@ -15,12 +15,12 @@ from maidenflight.reporting.figures.charts import Entry, Figure, Spec
 MOST = 8
 """Parameters that the corner plot shows at most; of more, letters and clouds are too small to
 read."""
-SHOWN = 200
+MAX_POINTS = 200
 """Draws that a panel of the corner plot shows as dots; histograms, intervals and correlations count
 all of them."""
 STRONG = 0.5
 """Correlation from which on the corner plot prints it bold."""
-_BESIDE = 70
+_AXIS_WIDTH = 70
 """Room for the numbers beside the first column [px]."""
 
 
@@ -52,38 +52,37 @@ def corner(
     if not all(np.isfinite(each).all() for each in values.values()):
         raise InputError("draws of a posterior that are not finite; leave them out.")
     correlation = _correlations(np.array(list(values.values())))
-    kept = _most_correlated(correlation, MOST)
-    shown = [
+    places = _most_correlated(correlation, MOST)
+    marginals = [
         _marginal(name, values[name], (optimum or {}).get(name, np.nan), level)
-        for name in (list(values)[place] for place in kept)
+        for name in (list(values)[place] for place in places)
     ]
-    count = len(values[shown[0].name])
-    chosen = np.unique(np.linspace(0, count - 1, min(count, SHOWN)).astype(int))
+    count = len(values[marginals[0].name])
+    chosen = np.unique(np.linspace(0, count - 1, min(count, MAX_POINTS)).astype(int))
     lines = []
-    for row, upward in enumerate(shown):
+    for row, upward in enumerate(marginals):
         cells = []
-        for column, across in enumerate(shown[: row + 1]):
-            first, last = column == 0, row == len(shown) - 1
+        for column, across in enumerate(marginals[: row + 1]):
+            first, last = column == 0, row == len(marginals) - 1
             cells.append(
                 _histogram(across, last)
                 if row == column
-                else _cloud(across, upward, correlation[kept[row], kept[column]], first, last)
+                else _cloud(across, upward, correlation[places[row], places[column]], first, last)
             )
         lines.append({"hconcat": cells, "bounds": "flush", "spacing": 6})
-    data = charts.table({each.name: each.values[chosen] for each in shown})
-    spec: Spec = {"data": data, "vconcat": _cells(lines, len(shown)), "spacing": 6}
+    data = charts.table({each.name: each.values[chosen] for each in marginals})
+    spec: Spec = {"data": data, "vconcat": _cells(lines, len(marginals)), "spacing": 6}
     few = (
         f", those of its {len(values)} parameters with the strongest correlations"
-        if len(shown) < len(values)
+        if len(marginals) < len(values)
         else ""
     )
-    title = (
-        f"Posterior: {text.plural(count, 'draw')} of {text.plural(len(shown), 'parameter')}{few}"
-    )
+    title = f"Posterior: {text.plural(count, 'draw')} of {text.plural(len(marginals), 'parameter')}"
+    title += few
     legend = [Entry(f"central {100 * level:.0f} %", "blue", "area")]
     legend += [Entry("optimum", "orange", "tick")] if optimum else []
     legend.append(Entry(f"number: correlation, bold from ±{STRONG:g}", "soft", "dot"))
-    return Figure(title, [spec], legend, least=len(shown) * 96 + _BESIDE, columns=1)
+    return Figure(title, [spec], legend, least=len(marginals) * 96 + _AXIS_WIDTH, columns=1)
 
 
 class _Marginal(NamedTuple):
@@ -102,11 +101,11 @@ class _Marginal(NamedTuple):
 
 def _marginal(name: str, values: Float[np.ndarray, "N"], best: float, level: float) -> _Marginal:
     scale, unit = text.scale(name, values)
-    shown, point = scale * values, scale * best
-    ends = np.quantile(shown, [(1 - level) / 2, (1 + level) / 2])
+    scaled, point = scale * values, scale * best
+    ends = np.quantile(scaled, [(1 - level) / 2, (1 + level) / 2])
     label = tuple(filter(None, (text.plain_symbol(name), unit)))
-    reached = [*shown, *([point] if np.isfinite(point) else [])]
-    return _Marginal(name, label, shown, charts.margin(reached), ends, point)
+    reached = [*scaled, *([point] if np.isfinite(point) else [])]
+    return _Marginal(name, label, scaled, charts.margin(reached), ends, point)
 
 
 def _correlations(rows: Float[np.ndarray, "d N"]) -> Float[np.ndarray, "d d"]:
@@ -127,58 +126,58 @@ def _most_correlated(correlation: Float[np.ndarray, "d d"], most: int) -> list[i
         return list(range(len(correlation)))
     pairs = np.argwhere(np.tril(np.ones_like(correlation), -1) > 0)
     strength = np.nan_to_num(np.abs(correlation[tuple(pairs.T)]))
-    kept: set[int] = set()
+    places: set[int] = set()
     for pair in pairs[np.argsort(-strength, kind="stable")]:
-        if len(kept | set(pair.tolist())) <= most:
-            kept |= set(pair.tolist())
-    return sorted(kept)
+        if len(places | set(pair.tolist())) <= most:
+            places |= set(pair.tolist())
+    return sorted(places)
 
 
 def _cells(lines: list[Spec], count: int) -> list[Spec]:
     """The lines with the size of their cells, which the page works out of its width."""
-    side = {"share": count, "less": 6 + _BESIDE / count + 4}
+    side = {"share": count, "less": 6 + _AXIS_WIDTH / count + 4}
     for line in lines:
         line["hconcat"] = [{**cell, "width": side, "height": side} for cell in line["hconcat"]]
     return lines
 
 
-def _axis(shown: _Marginal, there: bool, beside: bool) -> Spec:
+def _axis(marginal: _Marginal, there: bool, left_axis: bool) -> Spec:
     """Numbers along the outer cells only."""
     if not there:
         return {"axis": {"labels": False, "ticks": False, "title": None, "grid": False}}
-    width = {"minExtent": _BESIDE - 34, "maxExtent": _BESIDE - 34} if beside else {}
+    width = {"minExtent": _AXIS_WIDTH - 34, "maxExtent": _AXIS_WIDTH - 34} if left_axis else {}
     axis = {"tickCount": 3, "labelFontSize": 11, "grid": False, "labelFlush": False, **width}
-    return {"axis": {**axis, "labelBound": True}, "title": [*shown.label]}
+    return {"axis": {**axis, "labelBound": True}, "title": [*marginal.label]}
 
 
-def _channel(shown: _Marginal, there: bool, beside: bool) -> Spec:
-    channel = charts.number(shown.name, **charts.within(*shown.range))
-    return {**channel, **_axis(shown, there, beside)}
+def _channel(marginal: _Marginal, there: bool, left_axis: bool) -> Spec:
+    channel = charts.number(marginal.name, **charts.within(*marginal.range))
+    return {**channel, **_axis(marginal, there, left_axis)}
 
 
-def _told(shown: _Marginal) -> str:
-    symbol, *unit = shown.label
+def _axis_title(marginal: _Marginal) -> str:
+    symbol, *unit = marginal.label
     return f"{symbol} [{' '.join(unit)}]"
 
 
-def _histogram(shown: _Marginal, last: bool) -> Spec:
-    counts, edges = np.histogram(shown.values, bins=20, range=shown.range)
+def _histogram(marginal: _Marginal, last: bool) -> Spec:
+    counts, edges = np.histogram(marginal.values, bins=20, range=marginal.range)
     blue, orange = charts.paint("blue"), charts.paint("orange")
-    x = {**charts.number("from", **charts.within(*shown.range)), **_axis(shown, last, False)}
+    x = {**charts.number("from", **charts.within(*marginal.range)), **_axis(marginal, last, False)}
     y = charts.number("count", **charts.within(0.0, 1.1 * float(counts.max())), axis=None)
-    told = {"from": f"{_told(shown)} from [ ]", "to": "to [ ]", "count": "draws"}
+    tooltip = {"from": f"{_axis_title(marginal)} from [ ]", "to": "to [ ]", "count": "draws"}
     band = {"type": "rect", "color": blue, "opacity": 0.15}
     bar = {"type": "rect", "color": blue, "opacity": 0.6}
     shared: Spec = {"x": x, "x2": {"field": "to"}}
-    level: Spec = {"y": y, "y2": {"datum": 0}, "tooltip": charts.tooltip(told)}
-    low, high = shown.ends
+    level: Spec = {"y": y, "y2": {"datum": 0}, "tooltip": charts.tooltip(tooltip)}
+    low, high = marginal.ends
     bars = charts.table({"from": edges[:-1], "to": edges[1:], "count": counts})
     layers = [
         {"data": charts.table({"from": [low], "to": [high]}), **charts.layer("", band, **shared)},
         {"data": bars, **charts.layer("", bar, **shared, **level)},
     ]
-    if np.isfinite(shown.best):
-        best = charts.table({"from": [shown.best]})
+    if np.isfinite(marginal.best):
+        best = charts.table({"from": [marginal.best]})
         rule = {"type": "rule", "color": orange, "strokeWidth": 2}
         layers.append({"data": best, **charts.layer("", rule, x=x)})
     return {"layer": layers}
@@ -186,15 +185,15 @@ def _histogram(shown: _Marginal, last: bool) -> Spec:
 
 def _cloud(x: _Marginal, y: _Marginal, correlation: float, first: bool, last: bool) -> Spec:
     across, up = _channel(x, last, False), _channel(y, first, True)
-    told = charts.tooltip({each.name: _told(each) for each in (x, y)})
+    tooltip = charts.tooltip({each.name: _axis_title(each) for each in (x, y)})
     dot = {"type": "point", "filled": True, "size": 8, "opacity": 0.55, "clip": True}
     dot["color"] = charts.paint("blue")
     zoom = {"params": [charts.zoom(name=f"zoom_{x.name}_{y.name}")]}
-    layers = [{**zoom, **charts.layer("", dot, x=across, y=up, tooltip=told)}]
+    layers = [{**zoom, **charts.layer("", dot, x=across, y=up, tooltip=tooltip)}]
     rule = {"type": "rule", "color": charts.paint("orange"), "clip": True}
-    for axis, shown, channel in (("x", x, across), ("y", y, up)):
-        if np.isfinite(shown.best):
-            best = charts.table({shown.name: [shown.best]})
+    for axis, marginal, channel in (("x", x, across), ("y", y, up)):
+        if np.isfinite(marginal.best):
+            best = charts.table({marginal.name: [marginal.best]})
             layers.append({"data": best, **charts.layer("", rule, **{axis: channel})})
     if np.isfinite(correlation):
         # In the corner that a cloud of this correlation leaves free.

@@ -116,11 +116,11 @@ def marks(best: np.ndarray, known: Mapping[str, Estimate], box: np.ndarray) -> l
 def legend_of_marks(total: float, known: bool, truth: bool, remark: str = "") -> list[Entry]:
     """Returns the entries of the legend for `marks`; a remark stands behind the paper's drone."""
     lag, late = map(text.plain_symbol, DELAYS)
-    found = f"identified, {100 * LEVEL:.0f} % interval" if known else "best evaluation"
+    point_label = f"identified, {100 * LEVEL:.0f} % interval" if known else "best evaluation"
     return [
         *([Entry("truth", "green", "line", "truth")] if truth else []),
         Entry(f"paper's drone{remark}", "purple", "diamond", "paper"),
-        Entry(found, "orange", "plus", "identified"),
+        Entry(point_label, "orange", "plus", "identified"),
         Entry(f"{lag} + {late} = {total:.1f} ms", "soft", "dashed", "total"),
     ]
 

@@ -8,7 +8,7 @@ import polars
 from maidenflight.reporting.figures import charts, intervals
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec
 
-_SAID = {
+_END_WORDS = {
     "circle": "top speed on a circle of 1 m [m/s]",
     "figure_eight": "top speed on a figure-eight of 2 m [m/s]",
     "gusts": "gusts of 1 s [m/s]",
@@ -42,7 +42,7 @@ def _panel(part: polars.DataFrame) -> Spec:
         names.append((f"{values['policy']} in {values['reality']}", _numbers(values, scale)))
         marks += _marks(row, values, scale)
     ends = charts.within(0.0, scale * float(part["hardest"][0]))
-    return intervals.rows(names, marks, charts.number("x", _SAID.get(axis, axis), **ends))
+    return intervals.rows(names, marks, charts.number("x", _END_WORDS.get(axis, axis), **ends))
 
 
 def _marks(row: int, values: dict[str, Any], scale: float) -> list[Spec]:
@@ -67,8 +67,8 @@ def _numbers(values: dict[str, Any], scale: float) -> str:
     reached, low, high = (scale * float(values[name]) for name in ("envelope", "low", "high"))
     if not math.isfinite(reached):
         return "does not fly"
-    shown = f"{reached:.3g}"
+    cell_text = f"{reached:.3g}"
     if math.isfinite(low):
-        shown += f" [{low:.3g}, {high:.3g}]"
+        cell_text += f" [{low:.3g}, {high:.3g}]"
     limit = float(values["limit"])
-    return shown + (f", {reached / limit / scale:.0%}" if math.isfinite(limit) else "")
+    return cell_text + (f", {reached / limit / scale:.0%}" if math.isfinite(limit) else "")

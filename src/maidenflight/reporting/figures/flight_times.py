@@ -82,7 +82,7 @@ def _panel(flights: polars.DataFrame, names: list[str], last: float, title: str)
         "axis": {"ticks": False, "domain": False, "grid": False, **label},
     }
     x = charts.number("x", "flight time [s]", **charts.within(0.0, last))
-    told = charts.tooltip({"name": "", "x": "time [s]", "end": "ended by"})
+    tooltip = charts.tooltip({"name": "", "x": "time [s]", "end": "ended by"})
     boxed = charts.tooltip(
         {"name": "", "median": "median [s]", "x": "a quarter below [s]", "x2": "above [s]"}
     )
@@ -96,7 +96,7 @@ def _panel(flights: polars.DataFrame, names: list[str], last: float, title: str)
         charts.layer("box", box, **shared, x2=end, tooltip=boxed),
         charts.layer("whisker", {"type": "rule"}, **shared, x2=end),
         charts.layer("median", median, **shared),
-        charts.layer("flight", dot, **shared, tooltip=told, yOffset=level, shape=shape),
+        charts.layer("flight", dot, **shared, tooltip=tooltip, yOffset=level, shape=shape),
     ]
     return charts.panel(
         charts.rows(marks), layers, title=title, height=step * len(names) + 8, zooms=("x",)
@@ -108,8 +108,8 @@ def _marks(name: str, flights: polars.DataFrame) -> list[Spec]:
     times, colour = flights["duration"].to_numpy(), flights["colour"][0]
     low, middle, high = np.quantile(times, [0.25, 0.5, 0.75])
     near = times[(times >= low - 1.5 * (high - low)) & (times <= high + 1.5 * (high - low))]
-    shown = name.rpartition("\t")[2]
-    common = {"row": name, "name": shown, "colour": charts.paint(colour), "series": colour}
+    title = name.rpartition("\t")[2]
+    common = {"row": name, "name": title, "colour": charts.paint(colour), "series": colour}
     marks: list[Spec] = []
     if len(times) >= BOXED:
         marks.append({**common, "kind": "box", "x": low, "x2": high, "median": middle})

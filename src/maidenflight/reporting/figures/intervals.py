@@ -23,7 +23,7 @@ def rows(
     names: Sequence[tuple[str, str]],
     marks: Sequence[Spec],
     x: Spec,
-    told: Spec | None = None,
+    tooltip: Spec | None = None,
     *,
     title: str = "",
     across: Sequence[tuple[float, Spec]] = (),
@@ -36,7 +36,7 @@ def rows(
             from `x` to `x2`; `series` where the legend hides it; `shift` from the middle of the
             row, within half a row.
         x: the channel of the axis.
-        told: labels of what the pointer tells of a mark, by column.
+        tooltip: labels of what the pointer tells of a mark, by column.
         title: above the panel.
         across: places on the axis with marks over all rows.
     """
@@ -65,7 +65,7 @@ def rows(
             encoding = {"x": x, "y": {**y, "axis": None}, "color": colour}
             encoding |= shifted
             encoding |= {"x2": {"field": "x2"}} if mark["type"] == "rule" else {}
-            encoding |= {"tooltip": charts.tooltip(told)} if told else {}
+            encoding |= {"tooltip": charts.tooltip(tooltip)} if tooltip else {}
             layers.append(charts.layer(kind, {**mark, "opacity": 1, "clip": True}, **encoding))
     panel = charts.panel(charts.rows(data), layers, height=ROW * len(names) + 8, zooms=())
     # Titles begin where the frames do, however long the names beside them are.

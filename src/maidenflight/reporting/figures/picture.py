@@ -82,10 +82,12 @@ def _drawn(figure: Figure, words: Sequence[list[str]], columns: int, inner: int)
     spec = {"title": title, "vconcat": parts, "config": look}
     spec |= {"spacing": 14, "resolve": resolve}
     drawn = vl_convert.vegalite_to_svg(_plain(spec, columns * inner), vl_version=_VEGA_LITE)
-    return _as_meant(drawn.translate({ord(shown): lacking for lacking, shown in _LACKING.items()}))
+    return _restore_characters(
+        drawn.translate({ord(substitute): lacking for lacking, substitute in _LACKING.items()})
+    )
 
 
-def _as_meant(drawn: str) -> str:
+def _restore_characters(drawn: str) -> str:
     """The same with letters in their size, and clips that count in a picture, not in a process."""
     clips = list(dict.fromkeys(re.findall(r'id="(clip\d+)"', drawn)))
     numbers = {name: f"clip{number}" for number, name in enumerate(clips, 1)}
@@ -141,9 +143,9 @@ def _plain(part: Any, width: float) -> Any:
         names, columns = list(part["columns"]), list(part["columns"].values())
         rows = (dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True))
         return {"values": [_plain(row, width) for row in rows]}
-    shown = {name: _plain(each, width) for name, each in part.items() if name not in _LEFT_OUT}
-    sizes = [name for name in shown if name.lower().endswith("fontsize")]
-    return shown | {name: _ROOM * shown[name] for name in sizes}
+    plain = {name: _plain(each, width) for name, each in part.items() if name not in _LEFT_OUT}
+    sizes = [name for name in plain if name.lower().endswith("fontsize")]
+    return plain | {name: _ROOM * plain[name] for name in sizes}
 
 
 def _in_light_and_dark(drawn: str, title: str) -> str:

@@ -9,7 +9,7 @@ import polars
 from maidenflight.identification.replay.prediction import LOGGED, PERSISTENCE
 from maidenflight.reporting.figures import charts
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec
-from maidenflight.reporting.text import ERRORS, Shown
+from maidenflight.reporting.text import ERRORS, DisplayFormat
 
 
 class _Look(NamedTuple):
@@ -18,7 +18,7 @@ class _Look(NamedTuple):
     dash: list[int]
 
 
-_LOOKS = (
+_LINE_STYLES = (
     _Look("orange", "line", [1, 0]),
     _Look("purple", "dashed", [7, 4]),
     _Look("blue", "line", [1, 0]),
@@ -27,11 +27,11 @@ _LOOKS = (
 """How models are drawn, in their order: the identified drone and the paper's in the colours that
 they have in the pictures of the delays."""
 _SIGNALS = {
-    "roll": Shown("roll", 180 / np.pi, "°"),
-    "pitch": Shown("pitch", 180 / np.pi, "°"),
-    "body_rate_x": Shown("roll rate", 1.0, "rad/s"),
-    "body_rate_y": Shown("pitch rate", 1.0, "rad/s"),
-    "position_z": Shown("height gained", 100.0, "cm"),
+    "roll": DisplayFormat("roll", 180 / np.pi, "°"),
+    "pitch": DisplayFormat("pitch", 180 / np.pi, "°"),
+    "body_rate_x": DisplayFormat("roll rate", 1.0, "rad/s"),
+    "body_rate_y": DisplayFormat("pitch rate", 1.0, "rad/s"),
+    "position_z": DisplayFormat("height gained", 100.0, "cm"),
 }
 """What is drawn of windows; heights count from a window's start."""
 
@@ -42,32 +42,32 @@ def horizons(errors: polars.DataFrame) -> Figure:
     Args:
         errors: as `prediction_error` gives them.
     """
-    looks = _looks(errors["model"].unique(maintain_order=True).to_list())
+    styles = _line_styles(errors["model"].unique(maintain_order=True).to_list())
     panels = []
-    for column, shown in ERRORS.items():
+    for column, format in ERRORS.items():
         rows = []
-        for model in looks:
+        for model in styles:
             part = errors.filter(polars.col("model") == model).sort("horizon")
             rows.append({"series": model, "x": 0.0, "y": 0.0, "low": 0.0, "high": 0.0})
             for row in part.iter_rows(named=True):
-                ends = [shown.scale * row[f"{column}{end}"] for end in ("", "_low", "_high")]
+                ends = [format.scale * row[f"{column}{end}"] for end in ("", "_low", "_high")]
                 numbers = dict(zip(("y", "low", "high"), ends, strict=True))
                 rows.append({"series": model, "x": row["horizon"], **numbers})
-        label = f"{shown.name} [{shown.unit}]"
+        label = f"{format.name} [{format.unit}]"
         x, y = charts.number("x", "time ahead [s]"), charts.number("y")
-        told = {"series": "", "x": "ahead [s]", "y": label}
-        told |= {"low": "95 % from [ ]", "high": "to [ ]"}
-        colour, low = _colours(looks), charts.number("low")
+        in_tooltip = {"series": "", "x": "ahead [s]", "y": label}
+        in_tooltip |= {"low": "95 % from [ ]", "high": "to [ ]"}
+        colour, low = _colours(styles), charts.number("low")
         band = {"type": "area", "opacity": 0.18}
         dot = {"type": "point", "filled": True, "size": 40, "opacity": 1}
-        tooltip = charts.tooltip(told)
+        tooltip = charts.tooltip(in_tooltip)
         layers = [
             charts.layer("", band, x=x, y=low, y2={"field": "high"}, color=colour),
-            _line("", x, y, looks),
+            _line("", x, y, styles),
             charts.layer("datum.x > 0", dot, x=x, y=y, color=colour, tooltip=tooltip),
         ]
         panels.append(charts.panel(charts.rows(rows), layers, title=label, height=200))
-    return Figure("Errors over the time predicted", panels, _legend(looks), least=220)
+    return Figure("Errors over the time predicted", panels, _legend(styles), least=220)
 
 
 def windows(rows: polars.DataFrame) -> Figure:
@@ -78,51 +78,51 @@ def windows(rows: polars.DataFrame) -> Figure:
     """
     known = rows["window"].unique(maintain_order=True).to_list()
     names = [name for name in rows["model"].unique(maintain_order=True).to_list() if name != LOGGED]
-    looks = _looks(names)
+    styles = _line_styles(names)
     rose = polars.col("position_z").first().over("window", "model")
-    shown = rows.with_columns(position_z=polars.col("position_z") - rose)
-    last = 1.02 * float(shown["time"].to_numpy().max())
+    drawn = rows.with_columns(position_z=polars.col("position_z") - rose)
+    last = 1.02 * float(drawn["time"].to_numpy().max())
     panels = []
     for line, (column, signal) in enumerate(_SIGNALS.items()):
         label = f"{signal.name} [{signal.unit}]"
-        ends = charts.margin(signal.scale * shown[column].to_numpy())
+        ends = charts.margin(signal.scale * drawn[column].to_numpy())
         below = "time [s]" if line == len(_SIGNALS) - 1 else ""
         x = charts.number("x", below, **charts.within(0.0, last), axis={"tickCount": 3})
         y = charts.number("y", **charts.within(*ends))
-        told = charts.tooltip({"series": "", "x": "time [s]", "y": label})
+        tooltip = charts.tooltip({"series": "", "x": "time [s]", "y": label})
         for number, window in enumerate(known):
-            part = shown.filter(polars.col("window") == window)
+            part = drawn.filter(polars.col("window") == window)
             data = {"series": part["model"], "x": part["time"], "y": signal.scale * part[column]}
             ink = {"type": "point", "filled": True, "size": 9, "opacity": 1}
             ink["color"] = charts.paint("ink")
             near = {"type": "point", "size": 60, "opacity": 0}
             layers = [
-                charts.layer(f"datum.series === '{LOGGED}'", ink, x=x, y=y, tooltip=told),
-                _line(f"datum.series !== '{LOGGED}'", x, y, looks),
-                charts.layer("", near, x=x, y=y, tooltip=told),
+                charts.layer(f"datum.series === '{LOGGED}'", ink, x=x, y=y, tooltip=tooltip),
+                _line(f"datum.series !== '{LOGGED}'", x, y, styles),
+                charts.layer("", near, x=x, y=y, tooltip=tooltip),
             ]
             title = label if number == 0 else " "
             panels.append(charts.panel(charts.table(data), layers, title=title, height=100))
-    legend = [Entry(LOGGED, "ink", "dots", LOGGED), *_legend(looks)]
+    legend = [Entry(LOGGED, "ink", "dots", LOGGED), *_legend(styles)]
     return Figure("Predicted windows", panels, legend, least=150, columns=len(known))
 
 
-def _looks(names: Sequence[str]) -> dict[str, _Look]:
+def _line_styles(names: Sequence[str]) -> dict[str, _Look]:
     models = [name for name in names if name != PERSISTENCE]
-    looks = {name: _LOOKS[number % len(_LOOKS)] for number, name in enumerate(models)}
-    return looks | ({PERSISTENCE: _Look("soft", "dotted", [2, 4])} if PERSISTENCE in names else {})
+    styles = {name: _LINE_STYLES[number % len(_LINE_STYLES)] for number, name in enumerate(models)}
+    return styles | ({PERSISTENCE: _Look("soft", "dotted", [2, 4])} if PERSISTENCE in names else {})
 
 
-def _colours(looks: dict[str, _Look]) -> Spec:
-    return charts.coloured({name: look.colour for name, look in looks.items()})
+def _colours(styles: dict[str, _Look]) -> Spec:
+    return charts.coloured({name: look.colour for name, look in styles.items()})
 
 
-def _line(where: str, x: Spec, y: Spec, looks: dict[str, _Look]) -> Spec:
-    dashes = {"domain": list(looks), "range": [look.dash for look in looks.values()]}
+def _line(where: str, x: Spec, y: Spec, styles: dict[str, _Look]) -> Spec:
+    dashes = {"domain": list(styles), "range": [look.dash for look in styles.values()]}
     dash = {"field": "series", "type": "nominal", "scale": dashes}
     mark = {"type": "line", "strokeWidth": 2}
-    return charts.layer(where, mark, x=x, y=y, color=_colours(looks), strokeDash=dash)
+    return charts.layer(where, mark, x=x, y=y, color=_colours(styles), strokeDash=dash)
 
 
-def _legend(looks: dict[str, _Look]) -> list[Entry]:
-    return [Entry(name, look.colour, look.sample, name) for name, look in looks.items()]
+def _legend(styles: dict[str, _Look]) -> list[Entry]:
+    return [Entry(name, look.colour, look.sample, name) for name, look in styles.items()]

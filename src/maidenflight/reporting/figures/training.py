@@ -59,21 +59,21 @@ def panel(scores: polars.DataFrame, score: str, title: str, over: str = "steps")
     label, scale = SCORES[score]
     several = scores["policy"].n_unique() > 1
     places, values = _by_policy(scores, score, over)
-    shown = scale * values
-    known = np.isfinite(shown).any(axis=1)
+    drawn = scale * values
+    known = np.isfinite(drawn).any(axis=1)
     rows = [
         {"series": "each", "policy": f"policy {policy}", "x": place, "y": value}
-        for policy, column in enumerate(shown.T, 1)
+        for policy, column in enumerate(drawn.T, 1)
         for place, value in zip(places, column, strict=True)
         if several
     ]
-    for place, each in zip(places[known], shown[known], strict=True):
+    for place, each in zip(places[known], drawn[known], strict=True):
         rows.append({"series": "mean", "policy": "mean", "x": place, "y": np.nanmean(each)})
         ends = {"y": np.nanmin(each), "high": np.nanmax(each)}
         rows += [{"series": "range", "policy": "range", "x": place, **ends}] if several else []
     blue, x = charts.paint("blue"), charts.number("x", _OVER[over][0])
     y = charts.number("y", scale={"zero": False})
-    told = charts.tooltip({"policy": "", "x": _OVER[over][0], "y": label})
+    tooltip = charts.tooltip({"policy": "", "x": _OVER[over][0], "y": label})
     curves = "datum.series !== 'range'"
     size, opacity = (
         {"condition": {"test": "datum.series === 'mean'", "value": thick}, "value": thin}
@@ -85,7 +85,7 @@ def panel(scores: polars.DataFrame, score: str, title: str, over: str = "steps")
     layers = [
         charts.layer("datum.series === 'range'", band, x=x, y=y, y2={"field": "high"}),
         charts.layer(curves, {"type": "line", "color": blue}, x=x, y=y, **look),
-        charts.layer(curves, dot, x=x, y=y, tooltip=told),
+        charts.layer(curves, dot, x=x, y=y, tooltip=tooltip),
     ]
     return charts.panel(charts.rows(rows), layers, title=title, height=180)
 

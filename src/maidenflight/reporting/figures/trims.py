@@ -9,7 +9,7 @@ from maidenflight.identification.drone_file import Estimate
 from maidenflight.reporting.figures import charts
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec
 
-_SHOWN = {
+_DISPLAY_FORMATS = {
     "thrust_to_weight": ("thrust to weight", 1.0),
     "torque_bias_x": ("roll trim [10⁻⁶ N m]", 1e6),
     "torque_bias_y": ("pitch trim [10⁻⁶ N m]", 1e6),
@@ -27,11 +27,11 @@ def trims(flights: polars.DataFrame, estimates: Mapping[str, Estimate] | None = 
         estimates: of the drone that is identified, which are drawn across.
     """
     known = {
-        name: shown
-        for name, shown in _SHOWN.items()
+        name: format
+        for name, format in _DISPLAY_FORMATS.items()
         if flights[name].cast(polars.Float64).is_finite().any()
     }
-    identified = {name: found for name, found in (estimates or {}).items() if name in known}
+    identified = {name: estimate for name, estimate in (estimates or {}).items() if name in known}
     panels = [
         _panel(flights, name, label, scale, identified.get(name))
         for name, (label, scale) in known.items()
@@ -44,7 +44,7 @@ def trims(flights: polars.DataFrame, estimates: Mapping[str, Estimate] | None = 
 
 
 def _panel(
-    flights: polars.DataFrame, name: str, label: str, scale: float, found: Estimate | None
+    flights: polars.DataFrame, name: str, label: str, scale: float, estimate: Estimate | None
 ) -> Spec:
     values = scale * flights[name].cast(polars.Float64).to_numpy()
     error = f"{name}_error"
@@ -60,13 +60,13 @@ def _panel(
             zip(flights["number"], flights["flight"], values, width, strict=True)
         )
     ]
-    if found is not None:
-        low, high = found.interval
-        ends = {"y": scale * found.value, "low": scale * low, "high": scale * high}
+    if estimate is not None:
+        low, high = estimate.interval
+        ends = {"y": scale * estimate.value, "low": scale * low, "high": scale * high}
         rows.append({"series": "identified", "x": 1, **ends})
     x = charts.number("x", "flight", scale={"zero": False, "nice": False, "padding": 8})
     y = charts.number("y", scale={"zero": False})
-    told = charts.tooltip({"name": "", "x": "flight", "y": label, "error": "± [ ]"})
+    tooltip = charts.tooltip({"name": "", "x": "flight", "y": label, "error": "± [ ]"})
     across = charts.number("low", scale={"zero": False})
     blue, orange = charts.paint("blue"), charts.paint("orange")
     flight, identified = "datum.series === 'flight'", "datum.series === 'identified'"
@@ -74,9 +74,9 @@ def _panel(
     bar = {"type": "rule", "color": blue, "opacity": 0.5}
     layers = [
         charts.layer(flight, bar, x=x, y=across, y2={"field": "high"}),
-        charts.layer(flight, dot, x=x, y=y, tooltip=told),
+        charts.layer(flight, dot, x=x, y=y, tooltip=tooltip),
     ]
-    if found is not None:
+    if estimate is not None:
         band = {"type": "rect", "color": orange, "opacity": 0.2}
         line = {"type": "rule", "color": orange, "strokeWidth": 2}
         layers += [

@@ -16,7 +16,7 @@ from maidenflight.reporting.figures import flight_times as flight_time_figures
 from maidenflight.reporting.figures.charts import Figure
 from maidenflight.reporting.html import render
 from maidenflight.reporting.run import Run, viewable
-from maidenflight.reporting.sections.head import flown_on
+from maidenflight.reporting.sections.head import describe_realities
 from maidenflight.reporting.tables import Cell, Column
 
 NAMES = {"pwm": "PWM", "attitude_rate": "Attitude rate", "attitude": "Attitude"}
@@ -46,7 +46,7 @@ def tested(run: Run) -> Markup:
     columns = {name: column for name, column in _COLUMNS.items() if name in run.table.columns}
     return render(
         "flights.html",
-        where=flown_on(run),
+        where=describe_realities(run),
         viewer=_viewer(run),
         times=_times("Flight times by policy", rows),
         boxed=_boxed(rows, "policy", "reality"),
@@ -69,22 +69,22 @@ def _times(title: str, rows: polars.DataFrame) -> Figure | None:
     colours = flight_time_figures.COLOURS
     known = bool(rows["control"].is_in(list(colours)).all())
     group = polars.col("control").replace_strict(NAMES, default="").alias("group")
-    shown = rows.select(
+    displayed = rows.select(
         polars.col("policy").alias("row"),
         polars.col("control").replace_strict(colours, default="blue").alias("colour"),
         *("panel", "duration", "end_reason"),
         *([group] if known else []),
     )
     labels = {colour: NAMES[kind] for kind, colour in colours.items()} if known else {}
-    return flight_time_figures.flight_times(shown, title, labels)
+    return flight_time_figures.flight_times(displayed, title, labels)
 
 
 def change(run: Run) -> Markup:
     """Test flights whose drone changes on the way."""
     if run.table is None or not run.flights:
         return Markup()
-    found = recovery.of_flights(run.table, run.flights)
-    if found.is_empty():
+    recoveries = recovery.of_flights(run.table, run.flights)
+    if recoveries.is_empty():
         return Markup()
     within = f"{100 * recovery.WITHIN_M:g}"
     columns: dict[str, Column | str] = {
@@ -99,9 +99,9 @@ def change(run: Run) -> Markup:
     columns |= {"recovery": tables.number("Median time to be back [s]", 2)}
     return render(
         "change.html",
-        changes=changes.changes(found, run.flights),
+        changes=changes.changes(recoveries, run.flights),
         within=within,
-        table=tables.sortable("recoveries", recovery.summary(found), columns),
+        table=tables.sortable("recoveries", recovery.summary(recoveries), columns),
     )
 
 
@@ -118,14 +118,14 @@ def predicted(run: Run) -> Markup:
     )
 
 
-def _predictions(flown: polars.DataFrame) -> Markup:
+def _predictions(test_flights: polars.DataFrame) -> Markup:
     """A row a policy whose flights are predicted."""
 
     def usual_end(_: None, row: Mapping[str, Any]) -> Cell:
-        ends = flown.filter(policy=row["policy"])["end_reason"].to_list()
+        ends = test_flights.filter(policy=row["policy"])["end_reason"].to_list()
         usual = max(dict.fromkeys(ends), key=ends.count)
-        shown = Markup("{} <small>({} of {})</small>").format(usual, ends.count(usual), len(ends))
-        return Cell(shown, usual)
+        cell = Markup("{} <small>({} of {})</small>").format(usual, ends.count(usual), len(ends))
+        return Cell(cell, usual)
 
     columns: dict[str, Column | str] = {
         "policy": "Policy",
@@ -135,7 +135,7 @@ def _predictions(flown: polars.DataFrame) -> Markup:
         **{f"quantile_{share}": tables.number(f"{share} % [s]", 2) for share in (10, 50, 90)},
         "end": Column("Most frequent end", usual_end),
     }
-    return tables.sortable("prediction", flight_times.summary(flown), columns)
+    return tables.sortable("prediction", flight_times.summary(test_flights), columns)
 
 
 def recorded(run: Run) -> Markup:
@@ -153,15 +153,17 @@ def recorded(run: Run) -> Markup:
 
 def _trims(run: Run) -> Figure | None:
     """Nothing where there are not several flights, or they say nothing."""
-    found = _trims_of(run)
-    return trims.trims(found, run.estimates) if found.height > 1 else None
+    trims_table = _trims_of(run)
+    return trims.trims(trims_table, run.estimates) if trims_table.height > 1 else None
 
 
 def _viewer(run: Run) -> Markup:
-    held, of = len(runs.viewable(run)), len(runs.shown(run))
-    if not held:
+    viewer_count, of = len(runs.viewable(run)), len(runs.flights_to_show(run))
+    if not viewer_count:
         return Markup()
-    return render("viewer.html", rate=f"{viewer.rate_of(held):g}", held=held, flights=of)
+    return render(
+        "viewer.html", rate=f"{viewer.rate_of(viewer_count):g}", held=viewer_count, flights=of
+    )
 
 
 def _trims_of(run: Run) -> polars.DataFrame:
@@ -169,18 +171,18 @@ def _trims_of(run: Run) -> polars.DataFrame:
     drone = crazyflie() if run.drone is None else run.drone.parameters
     rows = []
     for number, flight in enumerate(run.recorded, 1):
-        found = trim([flight], drone)
+        table = trim([flight], drone)
         row = {"number": number, "flight": flight.name}
         row |= {"drone": flight.simulated or "a real drone"}
         row |= {"duration": flight.duration, "rows": len(flight)}
-        row |= {"thrust_to_weight": found.thrust_to_weight}
-        row |= {"thrust_to_weight_error": found.thrust_to_weight_error}
+        row |= {"thrust_to_weight": table.thrust_to_weight}
+        row |= {"thrust_to_weight_error": table.thrust_to_weight_error}
         for axis, value, error in zip(
-            "xyz", found.torque_bias, found.torque_bias_error, strict=True
+            "xyz", table.torque_bias, table.torque_bias_error, strict=True
         ):
             row |= {f"torque_bias_{axis}": float(value), f"torque_bias_{axis}_error": float(error)}
-        row |= {f"command_{motor}": float(mean) for motor, mean in enumerate(found.command, 1)}
-        rows.append(row | {"battery": found.battery})
+        row |= {f"command_{motor}": float(mean) for motor, mean in enumerate(table.command, 1)}
+        rows.append(row | {"battery": table.battery})
     return polars.DataFrame(rows)
 
 

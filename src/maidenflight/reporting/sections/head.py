@@ -27,19 +27,21 @@ NAMES = {
 
 def kind(run: Run) -> str:
     """The badge: `simulated`, `real` or both, with the flights it holds for; or nothing."""
-    flown, drawn_from = _flown(run), _drawn_from(run)
-    if flown == {True} and drawn_from - {True}:
+    test_kinds, drawn_from = _kinds_of_tests(run), _drawn_from(run)
+    if test_kinds == {True} and drawn_from - {True}:
         return f"{_what(run)} simulated"
-    if flown == {False} and None in drawn_from and True not in drawn_from:
+    if test_kinds == {False} and None in drawn_from and True not in drawn_from:
         return f"{_what(run)} real"
-    if not flown and None in drawn_from:
+    if not test_kinds and None in drawn_from:
         return "simulated in part" if True in drawn_from else ""
     return " and ".join(
-        word for each, word in ((False, "real"), (True, "simulated")) if each in flown | drawn_from
+        word
+        for each, word in ((False, "real"), (True, "simulated"))
+        if each in test_kinds | drawn_from
     )
 
 
-def _flown(run: Run) -> Kinds:
+def _kinds_of_tests(run: Run) -> Kinds:
     """Kinds of the flights that are shown."""
     kinds = {bool(flight.simulated) for flight in (*run.recorded, *run.flights)}
     simulated = run.reality is not None or run.prediction is not None
@@ -68,15 +70,19 @@ def drones(run: Run) -> str:
 
 
 def _virtual(names: Iterable[str]) -> str:
-    found = sorted(set(names))
-    return f"virtual drone{'s' if len(found) > 1 else ''} {listed(found)}" if found else ""
+    virtual_names = sorted(set(names))
+    return (
+        f"virtual drone{'s' if len(virtual_names) > 1 else ''} {listed(virtual_names)}"
+        if virtual_names
+        else ""
+    )
 
 
 def title(run: Run) -> str:
     """The page's title, plain text."""
     if run.estimates and not (run.kinds == SIMULATED and drones(run)):
-        found = identified.flights(run.drone, run.kinds, ", ")
-        return f"A drone identified from {found}" if found else "An identified drone"
+        description = identified.flights(run.drone, run.kinds, ", ")
+        return f"A drone identified from {description}" if description else "An identified drone"
     if drones(run) or kind(run) == "real":
         return f"Flights of {drones(run) or 'a real drone'}"
     known = {
@@ -89,7 +95,7 @@ def title(run: Run) -> str:
     return next((words for words, there in known.items() if there), "Report of a run")
 
 
-def lead(run: Run) -> str:
+def summarize(run: Run) -> str:
     """What this run is, in two or three sentences."""
     trained = (
         [f"{text.plural(run.policies, 'policy')} trained in simulation"] if run.policies else []
@@ -97,16 +103,16 @@ def lead(run: Run) -> str:
     if run.study is not None:
         entries = text.plural(run.study["task"].n_unique(), "entry")
         trained = [*trained, f"a study of {entries} and {text.plural(run.study.height, 'row')}"]
-    flown = [*_predicted(run), *_tested(run)]
-    apart = _flown(run) == {True} and bool(_drawn_from(run) - {True}) and bool(flown)
+    lines = [*_predicted(run), *_tested(run)]
+    differs = _kinds_of_tests(run) == {True} and bool(_drawn_from(run) - {True}) and bool(lines)
     sentences = [
         f"{listed(facts)}."
-        for facts in (_of_the_drone(run), [*trained, *([] if apart else flown)])
+        for facts in (_of_the_drone(run), [*trained, *([] if differs else lines)])
         if facts
     ]
-    if apart:
-        sentences.append(f"These flights are simulated: {listed(flown)}.")
-    elif _flown(run) | _drawn_from(run) == {True}:
+    if differs:
+        sentences.append(f"These flights are simulated: {listed(lines)}.")
+    elif _kinds_of_tests(run) | _drawn_from(run) == {True}:
         sentences.append("Everything here is simulated: no real drone has flown.")
     return " ".join(sentences) or "The parameters of a drone."
 
@@ -180,7 +186,7 @@ def _on(flights: Iterable[Any]) -> str:
     )
 
 
-def flown_on(run: Run) -> str:
+def describe_realities(run: Run) -> str:
     """Where test flights flew, in a few words."""
     virtual = _virtual(flight.simulated for flight in run.flights if flight.simulated)
     return f"on {virtual}" if virtual else ""
@@ -207,13 +213,15 @@ def key_figures(run: Run) -> list[KeyFigure]:
 
 
 def _of_parameters(run: Run) -> list[KeyFigure]:
-    shown = []
+    figures = []
     for name, words in NAMES.items():
         if name in run.estimates:
             value, low, high = parameters.estimate(run, name)
             label = Markup("{} {}").format(words, text.symbol(name))
-            shown.append(KeyFigure(value, text.unit(name), label, f"95 % interval {low} to {high}"))
-    return shown
+            figures.append(
+                KeyFigure(value, text.unit(name), label, f"95 % interval {low} to {high}")
+            )
+    return figures
 
 
 def _of_training(run: Run) -> list[KeyFigure]:
@@ -238,12 +246,12 @@ def _of_flights(run: Run) -> list[KeyFigure]:
     reached = run.table.filter(end_reason=REACHED)
     limit = reached["duration"].to_numpy().max() if reached.height else MAX_DURATION_S
     simulated = bool(run.flights) and all(flight.simulated for flight in run.flights)
-    flown = f"{'simulated test' if simulated else 'test'} flights reached {limit:g} s"
+    text_start = f"{'simulated test' if simulated else 'test'} flights reached {limit:g} s"
     count, longest = f"of {run.table.height}", f"longest allowed {limit:g} s"
     median = f"{np.median(run.table['duration'].to_numpy()):.1f}"
     error = _centimetres(_mean(run.table["position_error"].to_numpy()))
     return [
-        KeyFigure(f"{reached.height}", count, flown, flown_on(run) or "zero-shot"),
+        KeyFigure(f"{reached.height}", count, text_start, describe_realities(run) or "zero-shot"),
         KeyFigure(median, "s", "their median flight time", longest),
         KeyFigure(error, "cm", "their mean position error", "mean over flights"),
     ]

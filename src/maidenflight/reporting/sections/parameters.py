@@ -60,7 +60,7 @@ def section(run: Run) -> Markup:
         source=_source(run),
         estimates=_estimates(run),
         segment_seconds=f"{SEGMENT_SECONDS:g}",
-        untold=_untold(run),
+        untold=_unidentifiable(run),
         missed=_missed(run),
         gains=_gains(run),
         intervals=_intervals(run),
@@ -77,11 +77,11 @@ def _intervals(run: Run) -> Figure | None:
     if run.drone is None or not run.estimates:
         return None
     names = [*run.estimates, *run.drone.unidentified]
-    beside = {"paper": {name: [float(component(crazyflie(), name))] for name in names}}
+    references = {"paper": {name: [float(component(crazyflie(), name))] for name in names}}
     if run.reality is not None:
         known = {name: list(dict.fromkeys(true_ends(run, name))) for name in names}
-        beside = {"truth": known, **beside}
-    return identification_figures.estimates(run.estimates, run.drone.unidentified, beside)
+        references = {"truth": known, **references}
+    return identification_figures.estimates(run.estimates, run.drone.unidentified, references)
 
 
 def _shape_of_truth(run: Run) -> str:
@@ -100,13 +100,15 @@ def _delays(run: Run) -> Figure | None:
 
 def estimate(run: Run, name: str) -> tuple[str, str, str]:
     """Returns value and interval with as many decimals as the interval justifies."""
-    found = run.estimates[name]
-    scale, digits, _ = text.rounding(name, *found.interval)
-    value, low, high = (text.fixed(scale * one, digits) for one in (found.value, *found.interval))
+    estimate = run.estimates[name]
+    scale, digits, _ = text.rounding(name, *estimate.interval)
+    value, low, high = (
+        text.fixed(scale * one, digits) for one in (estimate.value, *estimate.interval)
+    )
     return value, low, high
 
 
-def _untold(run: Run) -> list[str]:
+def _unidentifiable(run: Run) -> list[str]:
     """What the flights could not tell, each with its plausible range."""
     words = []
     for name, ends in ({} if run.drone is None else run.drone.unidentified).items():
@@ -129,8 +131,10 @@ def _truth(run: Run, name: str, scale: float) -> Cell:
 
 
 def _head(name: str, unit: str) -> Cell:
-    shown = Markup("{}{}<small> {}</small>")
-    return Cell(shown.format(text.symbol(name), f" [{unit}]" if unit else "", _meaning(name)), name)
+    template = Markup("{}{}<small> {}</small>")
+    return Cell(
+        template.format(text.symbol(name), f" [{unit}]" if unit else "", _meaning(name)), name
+    )
 
 
 def _meaning(name: str) -> str:
@@ -158,11 +162,11 @@ def _estimates(run: Run) -> Markup | str:
         return Cell(ends, low)
 
     def between(deviation: float, row: Mapping[str, Any]) -> Cell:
-        shown = deviation * scale(row)[0]
-        return Cell(text.fixed(shown, text.places(shown) if shown else 0), deviation)
+        scaled = deviation * scale(row)[0]
+        return Cell(text.fixed(scaled, text.places(scaled) if scaled else 0), deviation)
 
-    def value(found: float, row: Mapping[str, Any]) -> Cell:
-        return Cell(Markup("<b>{}</b>").format(estimate(run, row["parameter"])[0]), found)
+    def value(number: float, row: Mapping[str, Any]) -> Cell:
+        return Cell(Markup("<b>{}</b>").format(estimate(run, row["parameter"])[0]), number)
 
     columns = {
         "parameter": Column("Parameter", lambda name, row: _head(name, scale(row)[1])),
@@ -180,11 +184,11 @@ def _estimates(run: Run) -> Markup | str:
 
 def _in_si(run: Run, name: str) -> dict[str, str | float | None]:
     """A row of the table."""
-    found, paper = run.estimates[name], float(component(crazyflie(), name))
+    estimate, paper = run.estimates[name], float(component(crazyflie(), name))
     ends = true_ends(run, name) if run.reality is not None else (None, None)
     row: dict[str, str | float | None] = {"parameter": name, "unit": text.quantity(name).unit}
-    row |= {"value": found.value, "low": found.interval[0], "high": found.interval[1]}
-    row |= {"between_sd": found.between_sd}
+    row |= {"value": estimate.value, "low": estimate.interval[0], "high": estimate.interval[1]}
+    row |= {"between_sd": estimate.between_sd}
     return row | {"truth": ends[0], "truth_to": ends[1], "paper": paper}
 
 
@@ -192,12 +196,14 @@ def _source(run: Run) -> str:
     """How many flights there were, and what their commands were taken as."""
     if run.drone is None or run.drone.source is None or run.drone.search is None:
         return ""
-    found = identified.flights(run.drone, run.kinds, ", ")
+    description = identified.flights(run.drone, run.kinds, ", ")
     windows = text.plural(run.drone.search.windows, "window")
-    return f"Identified from {found}, cut into {windows}; {_COMMANDS[run.drone.source.commands]}"
+    return (
+        f"Identified from {description}, cut into {windows}; {_COMMANDS[run.drone.source.commands]}"
+    )
 
 
-class Missed(NamedTuple):
+class ParameterErrors(NamedTuple):
     """How far the identified drone is from the virtual one."""
 
     outside: int
@@ -208,16 +214,16 @@ class Missed(NamedTuple):
     """Effects of the virtual drone that were not identified."""
 
 
-def _missed(run: Run) -> Missed | None:
+def _missed(run: Run) -> ParameterErrors | None:
     """How far the identified drone is from the virtual one; `None` where that is not known."""
     if run.reality is None:
         return None
     outside = 0
-    for name, found in run.estimates.items():
+    for name, estimate in run.estimates.items():
         low, high = sorted(true_ends(run, name))
-        outside += found.interval[0] > high or found.interval[1] < low
+        outside += estimate.interval[0] > high or estimate.interval[1] < low
     count = text.plural(len(run.estimates), "parameter")
-    return Missed(outside, count, _left_out(run, run.reality))
+    return ParameterErrors(outside, count, _left_out(run, run.reality))
 
 
 def _left_out(run: Run, reality: Parameters) -> list[str]:
@@ -236,21 +242,21 @@ def _left_out(run: Run, reality: Parameters) -> list[str]:
 
 def _gains(run: Run) -> Markup | str:
     """Log-likelihood gain of each group of parameters, where the flights chose them."""
-    found = () if run.drone is None else run.drone.gains
-    if not found:
+    gains = () if run.drone is None else run.drone.gains
+    if not gains:
         return ""
 
     def gain(_: float, row: Mapping[str, Any]) -> Cell:
-        shown, error = text.with_error(row["log_likelihood_gain"], row["standard_error"])
-        cell = Markup("{} <small>± {}</small>").format(text.signed(shown), error)
+        gain_text, error = text.with_error(row["log_likelihood_gain"], row["standard_error"])
+        cell = Markup("{} <small>± {}</small>").format(text.signed(gain_text), error)
         return Cell(cell, row["log_likelihood_gain"])
 
     columns = {
         "group": Column("Parameters", lambda name, _: tables.plain(name.replace("_", " "))),
         "log_likelihood_gain": Column("Log-likelihood gain a row [nats]", gain),
-        "kept": Column("Kept", lambda kept, _: tables.plain("yes" if kept else "no")),
+        "kept": Column("Kept", lambda in_model, _: tables.plain("yes" if in_model else "no")),
     }
-    rows = polars.DataFrame([dataclasses.asdict(group) for group in found])
+    rows = polars.DataFrame([dataclasses.asdict(group) for group in gains])
     return tables.sortable("gains", rows, columns)
 
 
@@ -264,8 +270,8 @@ def _constants(run: Run) -> Markup | str:
     if not known:
         return ""
 
-    def value(shown: float, row: Mapping[str, Any]) -> Cell:
-        return Cell(text.number(shown * text.factor(row["parameter"])), shown)
+    def value(number: float, row: Mapping[str, Any]) -> Cell:
+        return Cell(text.number(number * text.factor(row["parameter"])), number)
 
     columns = {"parameter": Column("Parameter", lambda name, _: _head(name, text.unit(name)))}
     columns |= {head: Column(head.capitalize(), value) for head in known}

@@ -12,7 +12,7 @@ from maidenflight.reporting.figures import predictions
 from maidenflight.reporting.html import render
 from maidenflight.reporting.run import Run
 from maidenflight.reporting.tables import Cell, Column
-from maidenflight.reporting.text import ERRORS, Shown
+from maidenflight.reporting.text import ERRORS, DisplayFormat
 
 
 def section(run: Run) -> Markup:
@@ -43,21 +43,21 @@ def _errors(errors: polars.DataFrame) -> Markup:
     still = errors.filter(model=PERSISTENCE)
     baseline = {row["horizon"]: row for row in still.iter_rows(named=True)}
 
-    def column(name: str, shown: Shown) -> Column:
+    def column(name: str, format: DisplayFormat) -> Column:
         def show(error: float, row: Mapping[str, Any]) -> Cell:
             value, low, high = (
-                f"{shown.scale * row[f'{name}{end}']:#.3g}".removesuffix(".")
+                f"{format.scale * row[f'{name}{end}']:#.3g}".removesuffix(".")
                 for end in ("", "_low", "_high")
             )
             worse = error > baseline.get(row["horizon"], {}).get(name, float("inf"))
             cell = Markup("{}{} <small>{} .. {}</small>")
             return Cell(cell.format(value, " *" if worse else "", low, high), error)
 
-        return Column(f"{shown.name.capitalize()} [{shown.unit}]", show)
+        return Column(f"{format.name.capitalize()} [{format.unit}]", show)
 
     columns: dict[str, Column | str] = {
         "horizon": Column("Ahead [s]", lambda ahead, _: Cell(f"{ahead:g}", ahead)),
         "model": "Model",
-        **{name: column(name, shown) for name, shown in ERRORS.items()},
+        **{name: column(name, format) for name, format in ERRORS.items()},
     }
     return tables.sortable("errors", errors, columns)

@@ -47,8 +47,8 @@ def _files(names: list[str]) -> str:
     for name in names:
         folders.setdefault(name.rpartition("/")[0], []).append(name)
     return ", ".join(
-        ", ".join(held) if not folder or len(held) == 1 else f"{folder}/ ({len(held)} files)"
-        for folder, held in folders.items()
+        ", ".join(files) if not folder or len(files) == 1 else f"{folder}/ ({len(files)} files)"
+        for folder, files in folders.items()
     )
 
 

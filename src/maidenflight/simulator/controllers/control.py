@@ -184,8 +184,8 @@ def attitude_rate(
     Source: Gronauer et al. 2022, sec. Control Structures; scales from the authors' code; +-360
     deg/s from sec. Discussion.
     """
-    made = interfaces.attitude_rate(action_rate, highest_rate, full_scale_counts)
-    return controller_for(made, firmware)
+    interface = interfaces.attitude_rate(action_rate, highest_rate, full_scale_counts)
+    return controller_for(interface, firmware)
 
 
 def attitude(
@@ -231,7 +231,7 @@ def _attitude_rate(
 ) -> Controller:
     def drive(
         memory: RateMemory,
-        asked: Float[Array, "4"],
+        rate_setpoint: Float[Array, "4"],
         measurement: Measurement,
         setpoint: Float[Array, "3"],
     ) -> tuple[RateMemory, Float[Array, "4"]]:
@@ -239,7 +239,9 @@ def _attitude_rate(
             jnp.degrees(rotations.heading(measurement.quaternion)),
             each(jnp.degrees, measurement.body_rates),
         )
-        memory, motors = rate_tick(memory, asked[0], asked[1:], yaw, rates, firmware, mixer)
+        memory, motors = rate_tick(
+            memory, rate_setpoint[0], rate_setpoint[1:], yaw, rates, firmware, mixer
+        )
         return memory, _shares(motors, interface)
 
     def taking_over(hovers: Float[Array, "4"], measurement: Measurement) -> RateMemory:
@@ -266,11 +268,13 @@ def _attitude(
 
     def drive(
         memory: Memory,
-        asked: Float[Array, "4"],
+        attitude_setpoint: Float[Array, "4"],
         measurement: Measurement,
         setpoint: Float[Array, "3"],
     ) -> tuple[Memory, Float[Array, "4"]]:
-        wanted = NOTHING._replace(mode=mode, attitude=asked[1:], thrust=asked[0])
+        wanted = NOTHING._replace(
+            mode=mode, attitude=attitude_setpoint[1:], thrust=attitude_setpoint[0]
+        )
         memory, motors = tick(
             memory, wanted, sensed(measurement), firmware, position_due=False, mixer=mixer
         )

@@ -144,18 +144,26 @@ def position_loops(
     """
     assert memory.position is not None
     assert memory.velocity is not None
-    yaw, given = state.attitude[2], setpoint.velocity
+    yaw, velocity_setpoint = state.attitude[2], setpoint.velocity
     target, place, speed = setpoint.position, state.position, state.velocity
     if firmware == "2026.08":
-        given = jnp.where(setpoint.velocity_body, given, _turn(given, yaw))
+        velocity_setpoint = jnp.where(
+            setpoint.velocity_body, velocity_setpoint, _turn(velocity_setpoint, yaw)
+        )
         target, place, speed = _turn(target, yaw), _turn(place, yaw), _turn(speed, yaw)
     else:
-        given = jnp.where(setpoint.velocity_body, _turn(given, -yaw), given)
+        velocity_setpoint = jnp.where(
+            setpoint.velocity_body, _turn(velocity_setpoint, -yaw), velocity_setpoint
+        )
     position, wanted = pid(memory.position, target, place, POSITION_GAINS, firmware)
     absolute = setpoint.mode[:3] == ABSOLUTE
     position = _chosen(absolute, position, memory.position)
     velocity, out = pid(
-        memory.velocity, jnp.where(absolute, wanted, given), speed, VELOCITY_GAINS, firmware
+        memory.velocity,
+        jnp.where(absolute, wanted, velocity_setpoint),
+        speed,
+        VELOCITY_GAINS,
+        firmware,
     )
     if firmware == "2021.10":
         out = _turn(out, yaw)
@@ -270,10 +278,10 @@ def tick(
         memory = _chosen(changed, reset(memory, state, firmware)._replace(desired=level), memory)
     memory = memory._replace(mode=jnp.zeros_like(memory.mode) if fixed else setpoint.mode)
     moved = memory.desired[2] + setpoint.body_rates[2] * (1 / ATTITUDE_RATE)
-    given = setpoint.attitude[2]
+    yaw_setpoint = setpoint.attitude[2]
     if firmware == "2026.08":
-        given = jnp.where(setpoint.mode[5] == DISABLE, memory.desired[2], given)
-    yaw = wrap(jnp.where(setpoint.mode[5] == VELOCITY, moved, given))
+        yaw_setpoint = jnp.where(setpoint.mode[5] == DISABLE, memory.desired[2], yaw_setpoint)
+    yaw = wrap(jnp.where(setpoint.mode[5] == VELOCITY, moved, yaw_setpoint))
     memory = _chosen(attitude_due, memory._replace(desired=with_third(memory.desired, yaw)), memory)
     if position_due is not False:
         memory = _chosen(position_due, position_loops(memory, setpoint, state, firmware), memory)

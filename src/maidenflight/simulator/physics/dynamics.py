@@ -320,7 +320,7 @@ def rk4(state: State, command: Float[Array, "4"], parameters: Parameters) -> Sta
     return new._replace(quaternion=rotations.normalise(new.quaternion))
 
 
-def held_by_floor(state: State, height: float) -> State:
+def floor_reaction(state: State, height: float) -> State:
     """A drone that would sink below a floor stops on it at once, without a bounce; ours.
 
     Args:

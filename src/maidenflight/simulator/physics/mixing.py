@@ -46,7 +46,7 @@ def mixer_of(drone: Parameters) -> Mixer | None:
     Args:
         drone: a point, of NumPy's numbers.
     """
-    found = shares(drone)
-    if np.abs(found - np.array(CRAZYFLIE)).max() < _ALIKE:
+    torque_shares = shares(drone)
+    if np.abs(torque_shares - np.array(CRAZYFLIE)).max() < _ALIKE:
         return None
-    return tuple((float(a), float(b), float(c), float(d)) for a, b, c, d in found)
+    return tuple((float(a), float(b), float(c), float(d)) for a, b, c, d in torque_shares)

@@ -65,8 +65,8 @@ def arctan2(y: Float[Array, "..."], x: Float[Array, "..."]) -> Float[Array, "...
     Source: Moshier, Cephes mathematical library, atanf.c: the polynomial, and the reduction of
     slopes above tan(pi / 8).
     """
-    beside, along = jnp.abs(y), jnp.abs(x)
-    least, most = jnp.minimum(beside, along), jnp.maximum(beside, along)
+    across, along = jnp.abs(y), jnp.abs(x)
+    least, most = jnp.minimum(across, along), jnp.maximum(across, along)
     slope = least / jnp.where(most == 0, 1.0, most)
     steep = slope > _EIGHTH
     t = jnp.where(steep, (slope - 1) / (slope + 1), slope)
@@ -74,7 +74,7 @@ def arctan2(y: Float[Array, "..."], x: Float[Array, "..."]) -> Float[Array, "...
     for coefficient in _ARCTAN[1:]:
         series = series * square + coefficient
     angle = t + t * square * series + jnp.where(steep, _PI / 4, 0.0)
-    angle = jnp.where(beside > along, _PI / 2 - angle, angle)
+    angle = jnp.where(across > along, _PI / 2 - angle, angle)
     angle = jnp.where(x < 0, _PI - angle, angle)
     return jnp.where(y < 0, -angle, angle)
 

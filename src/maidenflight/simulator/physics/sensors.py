@@ -59,9 +59,9 @@ def walk_bias(
     Source: Furrer et al. 2016 (RotorS): sigma_b^2 tau / 2 (1 - exp(-2 t / tau)).
     """
     tau = parameters.gyro_bias_time
-    kept = jnp.exp(-elapsed / tau)
+    decay = jnp.exp(-elapsed / tau)
     spread = parameters.gyro_bias_walk * jnp.sqrt(-tau / 2 * jnp.expm1(-2 * elapsed / tau))
-    return kept * bias + spread * normal
+    return decay * bias + spread * normal
 
 
 def walk_estimate(
@@ -87,9 +87,9 @@ def walk_estimate(
 
     Source: ours; sizes and spectrum from the authors' flights (docs/identification.md).
     """
-    kept = jnp.exp(-elapsed / DRIFT_TIME)
+    decay = jnp.exp(-elapsed / DRIFT_TIME)
     root = jnp.sqrt(elapsed)
-    velocity = kept * drift[3:] + parameters.velocity_walk * root * normal
+    velocity = decay * drift[3:] + parameters.velocity_walk * root * normal
     across = parameters.position_walk
     walk = jnp.array([across, across, parameters.height_walk])
     position = drift[:3] + elapsed * velocity + walk * root * normal
@@ -114,9 +114,9 @@ def low_pass(
         elapsed: time between the two [s].
         parameters: uses `gyro_time_constant` tau_g [s]; 0 is no filter.
     """
-    kept = jnp.exp(-elapsed / jnp.maximum(parameters.gyro_time_constant, 1e-6))
+    decay = jnp.exp(-elapsed / jnp.maximum(parameters.gyro_time_constant, 1e-6))
     behind = (after - before) * (parameters.gyro_time_constant / elapsed)
-    return after - behind + kept * (filtered - before + behind)
+    return after - behind + decay * (filtered - before + behind)
 
 
 def gyro_noise(
@@ -143,8 +143,8 @@ def gyro_noise(
     """
     turned = np.float32(np.sqrt(2.0) * np.pi) * parameters.gyro_cutoff * elapsed
     filtered = jnp.exp(-turned) * (jnp.cos(turned) + jnp.sin(turned))
-    kept = jnp.where(parameters.gyro_cutoff > 0.0, filtered, 0.0)
-    return kept * before + jnp.sqrt(1.0 - kept * kept) * parameters.gyro_noise * normal
+    noise = jnp.where(parameters.gyro_cutoff > 0.0, filtered, 0.0)
+    return noise * before + jnp.sqrt(1.0 - noise * noise) * parameters.gyro_noise * normal
 
 
 def measure(

@@ -79,9 +79,9 @@ def entries(vectors: Tree) -> Tree:
     return tree.map(lambda leaf: Entries(leaf) if jnp.ndim(leaf) else leaf, vectors)
 
 
-def like(given: Any, computed: Iterable[Any]) -> Any:
+def like(template: Any, computed: Iterable[Any]) -> Any:
     """A vector of some entries, in the form of another: an array or `Entries`."""
-    return Entries(computed) if isinstance(given, Entries) else jnp.stack(list(computed))
+    return Entries(computed) if isinstance(template, Entries) else jnp.stack(list(computed))
 
 
 def each(function: Callable[..., Any], *vectors: Any) -> Any:

@@ -16,8 +16,14 @@ from jaxtyping import Float
 from maidenflight import parameters
 from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters, crazyflie, replace
-from maidenflight.simulator.realities.around import SENSORS, Late, Sensing, Uneven, milliseconds
-from maidenflight.simulator.realities.virtual_drone import Later, VirtualDrone
+from maidenflight.simulator.realities.around import (
+    SENSORS,
+    DelayWrapper,
+    MotorBiasWrapper,
+    SensorWrapper,
+    milliseconds,
+)
+from maidenflight.simulator.realities.virtual_drone import ParameterChange, VirtualDrone
 
 _ADDITION = re.compile(
     r"(?P<before>.+)\+(?P<what>"
@@ -31,7 +37,7 @@ IN_FLIGHT = ("yaw", "weak", "payload")
 """Additions that may appear in the course of a flight."""
 
 
-class Addition(NamedTuple):
+class Perturbation(NamedTuple):
     """What a name adds, read."""
 
     kind: str
@@ -42,18 +48,18 @@ class Addition(NamedTuple):
     """When it appears [s after the flight's start]; None: it holds from the start."""
 
     @property
-    def said(self) -> str:
+    def label(self) -> str:
         """As it stands in a name."""
         amount = "" if self.kind == "sensors" else f"{self.amount:g}"
-        said = milliseconds(self.amount) if self.kind == _LATENCY else f"{self.kind}{amount}"
-        return said if self.at is None else f"{said}@{self.at:g}"
+        text = milliseconds(self.amount) if self.kind == _LATENCY else f"{self.kind}{amount}"
+        return text if self.at is None else f"{text}@{self.at:g}"
 
 
 def split(name: str) -> tuple[str, list[str]]:
     """A reality's name without what it adds, and what that is, in order, such as `["10ms"]`."""
     added: list[str] = []
-    while found := _ADDITION.fullmatch(name):
-        name, added = found["before"], [found["what"], *added]
+    while match := _ADDITION.fullmatch(name):
+        name, added = match["before"], [match["what"], *added]
     return name, added
 
 
@@ -84,29 +90,33 @@ def with_additions(drone: Any, added: list[str]) -> Any:
     for one in read:
         if one.at is not None and one.kind not in IN_FLIGHT:
             raise InputError(
-                f"{drone.name}+{one.said}: only {', '.join(f'+{kind}N' for kind in IN_FLIGHT)} may "
-                f"appear in the course of a flight. Leave out @{one.at:g}."
+                f"{drone.name}+{one.label}: only {', '.join(f'+{kind}N' for kind in IN_FLIGHT)} "
+                f"may appear in the course of a flight. Leave out @{one.at:g}."
             )
-        drone = _with(drone, one) if isinstance(drone, VirtualDrone) else _around(drone, one)
+        drone = _with(drone, one) if isinstance(drone, VirtualDrone) else _wrap(drone, one)
     return drone
 
 
-def _read(added: str) -> Addition:
+def _read(added: str) -> Perturbation:
     """An entry of what `split` gives."""
-    found = _PARTS.fullmatch(added)
-    assert found is not None, added
-    kind, amount = found["kind"], float(found["amount"] or 0)
-    at = None if found["at"] is None else float(found["at"])
-    return Addition(_LATENCY, amount / 1000, at) if found["unit"] else Addition(kind, amount, at)
+    match = _PARTS.fullmatch(added)
+    assert match is not None, added
+    kind, amount = match["kind"], float(match["amount"] or 0)
+    at = None if match["at"] is None else float(match["at"])
+    return (
+        Perturbation(_LATENCY, amount / 1000, at)
+        if match["unit"]
+        else Perturbation(kind, amount, at)
+    )
 
 
-def _with(drone: VirtualDrone, one: Addition) -> VirtualDrone:
+def _with(drone: VirtualDrone, one: Perturbation) -> VirtualDrone:
     """A virtual drone with an addition, which holds from the start or from a time on."""
-    name, now, later = f"{drone.name}+{one.said}", drone.parameters, drone.later
+    name, now, later = f"{drone.name}+{one.label}", drone.parameters, drone.later
     if one.at is None:
         now = _changed(now, one, name)
     elif later is None:
-        later = Later(now, one.at)
+        later = ParameterChange(now, one.at)
     elif later.at != one.at:
         raise InputError(
             f"{name}: changes at {later.at:g} s and {one.at:g} s; expected one time. Give both the "
@@ -117,7 +127,7 @@ def _with(drone: VirtualDrone, one: Addition) -> VirtualDrone:
     return dataclasses.replace(drone, name=name, parameters=now, later=later)
 
 
-def _changed(own: Parameters, one: Addition, name: str) -> Parameters:
+def _changed(own: Parameters, one: Perturbation, name: str) -> Parameters:
     """A virtual drone's parameters with an addition."""
     if one.kind == "sensors":
         return replace(own, **SENSORS)
@@ -156,19 +166,19 @@ def _weak(percent: float) -> Float[np.ndarray, "4"]:
     return np.array([1.0 - percent / 100, 1.0, 1.0, 1.0])
 
 
-def _around(drone: Any, one: Addition) -> Any:
+def _wrap(drone: Any, one: Perturbation) -> Any:
     """Another reality with an addition."""
     if one.kind == "payload" or one.at is not None:
         raise InputError(
-            f"{drone.name}+{one.said}: {drone.name} has physics of its own, in which neither the "
+            f"{drone.name}+{one.label}: {drone.name} has physics of its own, in which neither the "
             "mass is ours to change nor anything in the course of a flight. Expected a virtual "
             "drone, such as virtual:7, or a drone's TOML file."
         )
     if one.kind == "sensors":
-        return Sensing(drone)
+        return SensorWrapper(drone)
     if one.kind == "yaw":
         directions = np.array(crazyflie().rotor_direction, np.float64)
-        return Uneven(drone, one.said, one.amount / _COUNTS * directions)
+        return MotorBiasWrapper(drone, one.label, one.amount / _COUNTS * directions)
     if one.kind == "weak":
-        return Uneven(drone, one.said, np.zeros(4), _weak(one.amount))
-    return Late(drone, one.amount)
+        return MotorBiasWrapper(drone, one.label, np.zeros(4), _weak(one.amount))
+    return DelayWrapper(drone, one.amount)

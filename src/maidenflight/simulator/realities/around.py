@@ -40,7 +40,7 @@ def milliseconds(seconds: float) -> str:
     return f"{1000 * seconds:g}ms"
 
 
-class _Around:
+class _Wrapper:
     """A reality around another, which it passes on."""
 
     def __init__(self, inner: Any, addition: str) -> None:
@@ -64,7 +64,7 @@ class _Around:
         return self.inner.truth()
 
 
-class Late(_Around):
+class DelayWrapper(_Wrapper):
     """A reality whose commands act later; its truth and its log hold those that were given."""
 
     def __init__(self, inner: Any, seconds: float) -> None:
@@ -106,7 +106,7 @@ class Late(_Around):
         return super().truth()._replace(command=self._given)
 
 
-class Uneven(_Around):
+class MotorBiasWrapper(_Wrapper):
     """A reality whose motors differ; its truth and its log hold the commands that were given."""
 
     def __init__(
@@ -150,7 +150,7 @@ class Uneven(_Around):
         return super().truth()._replace(command=self._given)
 
 
-class Sensing(_Around):
+class SensorWrapper(_Wrapper):
     """A reality seen through the sensors of `SENSORS`, as a virtual drone is.
 
     Position, velocity and attitude are estimated at 100 Hz and late; the gyro is read afresh,
@@ -202,8 +202,8 @@ class Sensing(_Around):
         return self._estimated._replace(body_rates=rates)  # pyright: ignore
 
     def _state(self) -> State:
-        seen: Any = self.inner.observe()
-        position, velocity, quaternion, rates = (np.asarray(part, np.float32) for part in seen)
+        measured: Any = self.inner.observe()
+        position, velocity, quaternion, rates = (np.asarray(part, np.float32) for part in measured)
         return State(position, velocity, quaternion, rates, np.zeros(4, np.float32))  # pyright: ignore
 
     def _normal(self, size: int) -> Any:
@@ -211,8 +211,8 @@ class Sensing(_Around):
 
     def _estimate(self, state: State) -> None:
         uniform = self._random.uniform(-1.0, 1.0, sensors.UNIFORMS).astype(np.float32)
-        made = _estimated(self._past, state, self._normal(sensors.NORMALS), uniform)
-        parts: Any = [np.asarray(part) for part in made]
+        estimated = _estimated(self._past, state, self._normal(sensors.NORMALS), uniform)
+        parts: Any = [np.asarray(part) for part in estimated]
         self._estimated = Measurement(*parts)
 
 

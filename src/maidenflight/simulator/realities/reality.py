@@ -116,9 +116,9 @@ def reality(name: str) -> AnyReality:
         plain, added = additions.split(name)
         if added:
             return additions.with_additions(reality(plain), added)
-    asked, _, centre = name.partition("@")
+    drawn_name, _, centre = name.partition("@")
     if centre:
-        return _around(asked, centre)
+        return _virtual_about(drawn_name, centre)
     kind, _, rest = name.partition(":")
     if is_drone(name):
         drone = parameters.replace(parameters.read(name), time_step=0.001)
@@ -155,30 +155,30 @@ def is_drone(name: str) -> bool:
     return name in parameters.DRONES or os.path.exists(name)
 
 
-def _around(asked: str, centre: str) -> VirtualDrone:
+def _virtual_about(drawn_name: str, centre: str) -> VirtualDrone:
     """A virtual drone about another."""
-    kind, _, seed = asked.partition(":")
+    kind, _, seed = drawn_name.partition(":")
     if kind not in VARIANTS or not seed.isdecimal():
         raise InputError(
-            f"{asked}@{centre}: expected one of {', '.join(f'{one}:SEED' for one in VARIANTS)} "
-            "before @, such as virtual:7@drone.toml."
+            f"{drawn_name}@{centre}: expected one of {', '.join(f'{one}:SEED' for one in VARIANTS)}"
+            " before @, such as virtual:7@drone.toml."
         )
     law = law_for(parameters.full_scale_counts(centre))
     drone = virtual_drone(int(seed), kind, parameters.read(centre), law)
     return dataclasses.replace(drone, name=f"{drone.name}-{Path(centre).stem}")
 
 
-def checked(given: Any) -> AnyReality:
+def checked(candidate: Any) -> AnyReality:
     """Returns a reality.
 
     Raises:
         InputError: it is none.
     """
-    if isinstance(given, AnyReality) and not isinstance(given, type):
-        return given
-    lacking = ", ".join(member for member in _MEMBERS if not hasattr(given, member))
+    if isinstance(candidate, AnyReality) and not isinstance(candidate, type):
+        return candidate
+    lacking = ", ".join(member for member in _MEMBERS if not hasattr(candidate, member))
     raise InputError(
-        f"{str(given)[:60]!r} is no reality. Give what mf.virtual_drone(7) or mf.reality(NAME) "
+        f"{str(candidate)[:60]!r} is no reality. Give what mf.virtual_drone(7) or mf.reality(NAME) "
         f"gives, or an instance of a Reality; this lacks {lacking or 'nothing but is a class'}."
     )
 
@@ -189,14 +189,14 @@ _MEMBERS = ("name", "rate", "hover", "takes", "reset", "step", "observe", "truth
 def _hint(kind: str, rest: str) -> str:
     own = [*VARIANTS, *parameters.DRONES]
     # Without a word behind it, a name as like a drone's as a simulator's is the drone's.
-    meant = [] if rest else get_close_matches(kind, own, 1)
-    meant = meant or get_close_matches(kind, [*own, *REALITIES], 1)
-    if not meant:
+    similar = [] if rest else get_close_matches(kind, own, 1)
+    similar = similar or get_close_matches(kind, [*own, *REALITIES], 1)
+    if not similar:
         return ""
-    if meant[0] in parameters.DRONES:
-        return f" Did you mean {meant[0]}?"
-    seed = rest if rest.isdecimal() or meant[0] not in VARIANTS else ""
-    return f" Did you mean {meant[0]}:{seed or 7}?"
+    if similar[0] in parameters.DRONES:
+        return f" Did you mean {similar[0]}?"
+    seed = rest if rest.isdecimal() or similar[0] not in VARIANTS else ""
+    return f" Did you mean {similar[0]}:{seed or 7}?"
 
 
 def _imported(module: str, factory: str) -> AnyReality:
@@ -207,17 +207,17 @@ def _imported(module: str, factory: str) -> AnyReality:
     ):  # The folder of a script is there; that of a command is not.
         sys.path.insert(0, str(Path.cwd()))
     try:
-        found = import_module(module)
+        imported = import_module(module)
     except ModuleNotFoundError as error:
         raise InputError(
             f"{where}: {error}.{_hint(module, factory)} Expected MODULE:FACTORY with a Python "
             f"module that is installed or lies in {Path.cwd()}."
         ) from error
-    make = getattr(found, factory, None)
+    make = getattr(imported, factory, None)
     if not callable(make):
         raise InputError(
-            f"{where}: {found.__name__} has no class or function {factory!r}. It has "
-            f"{', '.join(name for name in vars(found) if not name.startswith('_'))}."
+            f"{where}: {imported.__name__} has no class or function {factory!r}. It has "
+            f"{', '.join(name for name in vars(imported) if not name.startswith('_'))}."
         )
     try:
         return checked(make())

@@ -48,8 +48,8 @@ class Stepped:
         """Holds thrust commands for 2 ms."""
         self._steps += 1
         self._command = np.asarray(command, np.float64)
-        held: Any = self._command.astype(np.float32)
-        world = self._environment, self._state, held, self.parameters
+        motor_command: Any = self._command.astype(np.float32)
+        world = self._environment, self._state, motor_command, self.parameters
         self._state = _step(*world, self._key, self._steps)
 
     def observe(self) -> Measurement:

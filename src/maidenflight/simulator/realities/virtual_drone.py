@@ -36,7 +36,7 @@ from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.tasks.tasks import Task
 
 
-class Later(NamedTuple):
+class ParameterChange(NamedTuple):
     """What a virtual drone becomes in the course of a flight."""
 
     parameters: Parameters
@@ -63,7 +63,7 @@ class VirtualDrone:
     thrust_law: ThrustLaw | None = FIRMWARE_2021
     """By which its firmware compensates for a battery that sags, behind 8-bit PWM; None: it has
     neither."""
-    later: Later | None = None
+    later: ParameterChange | None = None
     """What it becomes in the course of a flight; it stays as it is unless given."""
 
     def must_not_change(self) -> None:
@@ -182,14 +182,14 @@ VARIANTS = ("near", "virtual", "far")
 def virtual_drone(
     seed: int,
     variant: str = "virtual",
-    around: Parameters | None = None,
+    centre: Parameters | None = None,
     thrust_law: ThrustLaw = FIRMWARE_2021,
 ) -> VirtualDrone:
     """A virtual drone whose hidden constants are drawn from a seed.
 
     Args:
         seed: a whole number, not negative; the same seed is the same drone.
-        around: the drone about which constants are drawn, each in the same proportion as about the
+        centre: the drone about which constants are drawn, each in the same proportion as about the
             Crazyflie; what it lacks, such as drag or a battery that sags, is drawn as the
             Crazyflie's. A drone of more than `LARGEST_CRAZYFLIE` has no battery compensation. The
             published Crazyflies unless given.
@@ -209,8 +209,8 @@ def virtual_drone(
             f"virtual drone of variant {variant!r}: expected one of {', '.join(VARIANTS)}."
         )
     drawn = _drawn(np.random.default_rng([seed, 0x0D201E]))
-    if around is not None:
-        drawn = _about(drawn, around)
+    if centre is not None:
+        drawn = _about(drawn, centre)
     if variant == "near":
         drawn = _in_the_papers_model(drawn)
     if variant == "far":
@@ -219,15 +219,15 @@ def virtual_drone(
             name: float(generator.uniform(low, high)) for name, (low, high) in FAR_RANGES.items()
         }
         torques = FAR_TORQUE_BIAS_STD_N_M * generator.standard_normal(3).astype(np.float32)
-        if around is not None:
-            further, torques = _far_about(further, drawn, around), torques * _size(around)
+        if centre is not None:
+            further, torques = _far_about(further, drawn, centre), torques * _size(centre)
         drawn = replace(drawn, **further, torque_bias=torques)
-    compensated = around is None or float(around.mass) <= LARGEST_CRAZYFLIE
+    compensated = centre is None or float(centre.mass) <= LARGEST_CRAZYFLIE
     law = thrust_law if compensated else None
     return VirtualDrone(f"{variant}-{seed}", drawn, thrust_law=law)
 
 
-_KEPT = (
+_UNCHANGED = (
     "thrust_linear",
     "thrust_offset",
     "motor_coasting",
@@ -245,12 +245,12 @@ _KEPT = (
 """What a drone about another has as that one."""
 
 
-def _about(drawn: Parameters, around: Parameters) -> Parameters:
+def _about(drawn: Parameters, centre: Parameters) -> Parameters:
     """A drone that differs from another as a drawn Crazyflie from the middle of its ranges."""
     nominal = crazyflie()
 
     def scaled(name: str, middle: np.ndarray | float) -> np.ndarray:
-        own = np.asarray(getattr(around, name), np.float32)
+        own = np.asarray(getattr(centre, name), np.float32)
         other = np.asarray(getattr(drawn, name), np.float32)
         return np.where(own == 0, other, own * other / np.float32(middle))
 
@@ -259,8 +259,8 @@ def _about(drawn: Parameters, around: Parameters) -> Parameters:
         for name in ("thrust_to_weight", "motor_time_constant", "spin_down_ratio", "mass")
     }
     # A latency of zero is one that the logs did not show.
-    late = float(around.latency) + float(drawn.latency) - RANGES["latency"][0]
-    own = {name: getattr(around, name) for name in _KEPT}
+    late = float(centre.latency) + float(drawn.latency) - RANGES["latency"][0]
+    own = {name: getattr(centre, name) for name in _UNCHANGED}
     return replace(
         drawn,
         **own,
@@ -273,13 +273,13 @@ def _about(drawn: Parameters, around: Parameters) -> Parameters:
 
 
 def _far_about(
-    further: Mapping[str, float], drone: Parameters, around: Parameters
+    further: Mapping[str, float], drone: Parameters, centre: Parameters
 ) -> dict[str, float]:
     """What the `far` variant has instead about a drone: less thrust, and what `around` lacks."""
     lacking = {
-        name: further[name] * _size(around)
+        name: further[name] * _size(centre)
         for name in ("rotor_momentum", "flapping_moment")
-        if not getattr(around, name)
+        if not getattr(centre, name)
     }
     thrust = 0.9 * float(drone.thrust_to_weight)
     return {

@@ -68,11 +68,11 @@ class Guard(NamedTuple):
             body_rates: [rad/s].
             setpoint: [m].
         """
-        given: list[Any] = [setpoint, position, attitude, body_rates]
+        values: list[Any] = [setpoint, position, attitude, body_rates]
         library: Any = jnp
         if not isinstance(position, jax.Array):
-            library, given = np, [np.asarray(part, np.float64) for part in given]
-        wanted, place, angles, rates = given
+            library, values = np, [np.asarray(part, np.float64) for part in values]
+        wanted, place, angles, rates = values
         x, y, z = (wanted[..., axis] - place[..., axis] for axis in range(3))
         distance = library.sqrt(x * x + y * y + z * z)
         tilt, rate = (
@@ -116,11 +116,11 @@ def reason(**failures: Bool[ArrayLike, "..."]) -> Int[Any, "..."]:
     """
     of_jax = any(isinstance(holds, jax.Array) for holds in failures.values())
     library: Any = jnp if of_jax else np
-    found = library.zeros((), library.int32)
+    reason_index = library.zeros((), library.int32)
     for index, name in reversed(list(enumerate(END_REASONS))):
         if name.replace(" ", "_") in failures:
-            found = library.where(failures[name.replace(" ", "_")], index, found)
-    return found
+            reason_index = library.where(failures[name.replace(" ", "_")], index, reason_index)
+    return reason_index
 
 
 def first_end(reasons: Int[np.ndarray, "N"]) -> End:

@@ -32,7 +32,7 @@ from maidenflight.simulator.tasks.rewards import (
     paper_reward,
     take_off_reward,
 )
-from maidenflight.simulator.tasks.trajectories import Trajectory, once
+from maidenflight.simulator.tasks.trajectories import Trajectory, cached_by_arguments
 
 Reset = Callable[[Parameters, Array], tuple[State, Float[Array, ""]]]
 
@@ -76,7 +76,7 @@ STEEP = 0.94
 
 
 @dataclass(frozen=True)
-class Spread:
+class InitialStateRange:
     """Half widths of the uniform distributions that an episode's first state is drawn from."""
 
     position: tuple[float, float, float]
@@ -91,17 +91,19 @@ class Spread:
     """Standard deviation of a normal distribution about hover [-] (authors' code, all tasks)."""
 
 
-CIRCLE_START = Spread((0.05, 0.05, 0.05), (20.0, 20.0, 18.0), 0.1, (50.0, 50.0, 20.0))
+CIRCLE_START = InitialStateRange((0.05, 0.05, 0.05), (20.0, 20.0, 18.0), 0.1, (50.0, 50.0, 20.0))
 """Source: Gronauer et al. 2022, sec. Experimental Setup; the numbers are from the authors' code."""
-HOVER_START = Spread((0.25, 0.25, 0.25), (30.0, 30.0, 180.0), 0.1, (200.0, 200.0, 20.0))
+HOVER_START = InitialStateRange((0.25, 0.25, 0.25), (30.0, 30.0, 180.0), 0.1, (200.0, 200.0, 20.0))
 """Source: authors' code; its yaw of +-360 deg is the same attitudes, but of both signs of the
 quaternion."""
-TAKE_OFF_START = Spread((0.25, 0.25, 0.0), (0.0, 0.0, 180.0), 0.0, (0.0, 0.0, 0.0), rotor_speed=0.0)
+TAKE_OFF_START = InitialStateRange(
+    (0.25, 0.25, 0.0), (0.0, 0.0, 180.0), 0.0, (0.0, 0.0, 0.0), rotor_speed=0.0
+)
 """Source: authors' code."""
 
 
 def _starting(
-    reference: Trajectory, spread: Spread, latest: float = 0.0, moving: bool = False
+    reference: Trajectory, spread: InitialStateRange, latest: float = 0.0, moving: bool = False
 ) -> Reset:
     """A reset near a reference.
 
@@ -159,7 +161,7 @@ def with_yaw_penalty(task: Task, yaw_penalty: float) -> Task:
     return task._replace(name=f"{task.name}, yaw penalty {yaw_penalty:g}", reward=reward)
 
 
-@once
+@cached_by_arguments
 def circle(
     diameter: float = 0.5,
     period: float = 3.0,
@@ -192,7 +194,7 @@ def circle(
     )
 
 
-@once
+@cached_by_arguments
 def hover(height: float = 1.0) -> Task:
     """Come to rest above the origin, from up to 0.25 m away, tilted, turning, with any yaw.
 
@@ -213,7 +215,7 @@ def hover(height: float = 1.0) -> Task:
     )
 
 
-@once
+@cached_by_arguments
 def take_off(height: float = 1.0, duration: float = 1.5) -> Task:
     """Rise from the ground, motors off, to a height [m] within a duration [s], and stay there.
 
@@ -249,7 +251,7 @@ def take_off(height: float = 1.0, duration: float = 1.5) -> Task:
     )
 
 
-@once
+@cached_by_arguments
 def tracking(
     trajectory: Trajectory,
     duration: float,
@@ -292,7 +294,7 @@ def tracking(
     return Task("tracking", trajectory, reset, reward, failed, duration, failure_margin=margin)
 
 
-@once
+@cached_by_arguments
 def figure_eight(period: float = trajectories.NORMAL) -> Task:
     """Fly a horizontal figure-eight in a period [s], from anywhere on it, one period an episode."""
     return tracking(trajectories.figure_eight(period), period, latest_start=period)._replace(
@@ -300,7 +302,7 @@ def figure_eight(period: float = trajectories.NORMAL) -> Task:
     )
 
 
-@once
+@cached_by_arguments
 def fast_circle(fastest: float = FASTEST["fast_circle"]) -> Task:
     """Fly a level circle of 1 m at any speed up to the fastest [m/s]; 5 s an episode.
 
@@ -309,7 +311,7 @@ def fast_circle(fastest: float = FASTEST["fast_circle"]) -> Task:
     return _fast("fast_circle", trajectories.quickening_circle(fastest), fastest)
 
 
-@once
+@cached_by_arguments
 def fast_figure_eight(fastest: float = FASTEST["fast_figure_eight"]) -> Task:
     """Fly a level figure-eight, 2 m wide, at any top speed up to the fastest [m/s]; 5 s an episode.
 
@@ -320,7 +322,7 @@ def fast_figure_eight(fastest: float = FASTEST["fast_figure_eight"]) -> Task:
 
 def _fast(name: str, reference: Trajectory, fastest: float) -> Task:
     """A task whose episodes start anywhere on a reference that grows faster."""
-    task = tracking(reference, 5.0, latest_start=trajectories.QUICKENING)
+    task = tracking(reference, 5.0, latest_start=trajectories.RAMP_DURATION_S)
     usual = fastest == FASTEST[name]
     # Another name for another speed, so that training is not resumed with it.
     return task._replace(name=name if usual else f"{name} up to {fastest:g} m/s", tilt_margin=STEEP)

@@ -31,30 +31,30 @@ Waypoints = tuple[tuple[float, float, float, float], ...]
 COLUMNS = ("time", "x", "y", "z")
 """Columns of a way-point file."""
 
-QUICKENING = 30.0
+RAMP_DURATION_S = 30.0
 """Time in which a quickening reference comes to its fastest [s]."""
 SLOW, NORMAL, FAST = 15.0, 5.5, 3.5
 """Periods of a figure-eight [s] (SimpleFlight, second-hand)."""
 
 
 Arguments = ParamSpec("Arguments")
-Made = TypeVar("Made")
+Result = TypeVar("Result")
 
 
-def once(make: Callable[Arguments, Made]) -> Callable[Arguments, Made]:
+def cached_by_arguments(make: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     """Caches a function by its arguments, given by position, by name or by default."""
     cached, known = cache(make), signature(make)
 
     @wraps(make)
-    def made(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Made:
+    def call_cached(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
         bound = known.bind(*args, **kwargs)
         bound.apply_defaults()
         return cached(*bound.args)
 
-    return made
+    return call_cached
 
 
-@once
+@cached_by_arguments
 def circle(diameter: float = 0.5, period: float = 3.0, height: float = 1.0) -> Trajectory:
     """A level circle, clock-wise seen from above, with its centre on the x axis.
 
@@ -78,13 +78,13 @@ def circle(diameter: float = 0.5, period: float = 3.0, height: float = 1.0) -> T
     return reference
 
 
-@once
+@cached_by_arguments
 def hold(position: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Trajectory:
     """A constant point [m]."""
     return lambda time: jnp.stack([jnp.full_like(time, coordinate) for coordinate in position])
 
 
-@once
+@cached_by_arguments
 def climb(height: float = 1.0, duration: float = 1.5) -> Trajectory:
     """Straight up from the origin to a height [m] within a duration [s], then hold.
 
@@ -103,7 +103,7 @@ def climb(height: float = 1.0, duration: float = 1.5) -> Trajectory:
     return reference
 
 
-@once
+@cached_by_arguments
 def figure_eight(period: float = NORMAL, width: float = 2.0, height: float = 1.0) -> Trajectory:
     """A level lemniscate of Bernoulli along the x axis.
 
@@ -124,8 +124,8 @@ def figure_eight(period: float = NORMAL, width: float = 2.0, height: float = 1.0
     return reference
 
 
-@once
-def quickening(trajectory: Trajectory, duration: float = QUICKENING) -> Trajectory:
+@cached_by_arguments
+def quickening(trajectory: Trajectory, duration: float = RAMP_DURATION_S) -> Trajectory:
     """The same path, from rest; its speed grows linearly and is the trajectory's own at the end.
 
     Args:
@@ -140,13 +140,13 @@ def quickening(trajectory: Trajectory, duration: float = QUICKENING) -> Trajecto
     return reference
 
 
-@once
+@cached_by_arguments
 def quickening_circle(fastest: float, diameter: float = 1.0) -> Trajectory:
     """A `circle` of a diameter [m] whose speed grows to the fastest [m/s] in `QUICKENING`."""
     return quickening(circle(diameter, pi * diameter / fastest))
 
 
-@once
+@cached_by_arguments
 def quickening_figure_eight(fastest: float, width: float = 2.0) -> Trajectory:
     """A `figure_eight` whose top speed, at its tips, grows to the fastest [m/s].
 
@@ -155,7 +155,7 @@ def quickening_figure_eight(fastest: float, width: float = 2.0) -> Trajectory:
     return quickening(figure_eight(pi * width / fastest, width))
 
 
-@once
+@cached_by_arguments
 def pentagram(diameter: float = 0.5, period: float = 5.0, height: float = 1.0) -> Trajectory:
     """A level five-pointed star, flown edge by edge at constant speed; its corners lie on `circle`.
 
@@ -178,7 +178,7 @@ def pentagram(diameter: float = 0.5, period: float = 5.0, height: float = 1.0) -
     return lambda time: star(jnp.mod(time, period))
 
 
-@once
+@cached_by_arguments
 def zigzag(points: Waypoints) -> Trajectory:
     """Straight lines from way-point to way-point, each at constant speed.
 
@@ -195,7 +195,7 @@ def zigzag(points: Waypoints) -> Trajectory:
     return _piecewise(table[:, 0], np.stack([table[:-1, 1:], np.diff(table[:, 1:], axis=0)]))
 
 
-@once
+@cached_by_arguments
 def polynomial(points: Waypoints) -> Trajectory:
     """The minimum-jerk curve from rest to rest through all way-points.
 

@@ -21,7 +21,7 @@ from maidenflight.training.ppo_settings import PPO
 from maidenflight.training.settings import Settings, recorded
 
 
-class Asked(NamedTuple):
+class TrainingSpec(NamedTuple):
     """A training of P policies."""
 
     env: Environment
@@ -58,14 +58,14 @@ class Asked(NamedTuple):
         )
 
 
-def checked(
+def validate(
     task: Task,
     controller: Controller,
     box: Distribution | Sequence[Distribution],
     keys: Array,
     settings: Settings,
     policy: PolicySpec | Policy,
-) -> Asked:
+) -> TrainingSpec:
     """What `train` is asked for by its arguments of these names.
 
     Raises:
@@ -73,14 +73,14 @@ def checked(
     """
     if settings.updates < 1:
         raise InputError(f"updates = {settings.updates}; expected 1 or more.")
-    for given, kind, way in (
+    for argument, kind, way in (
         (task, Task, "mf.simulator.circle()"),
         (controller, Controller, "mf.simulator.pwm()"),
         (policy, PolicySpec | Policy, "mf.PolicySpec()"),
     ):
-        if not isinstance(given, kind):
+        if not isinstance(argument, kind):
             name = getattr(kind, "__name__", "PolicySpec or Policy")
-            raise InputError(f"{str(given)[:60]} is no {name}; expected what {way} gives.")
+            raise InputError(f"{str(argument)[:60]} is no {name}; expected what {way} gives.")
     if not (
         isinstance(keys, jax.Array)
         and jnp.issubdtype(keys.dtype, jax.dtypes.prng_key)
@@ -108,7 +108,7 @@ def checked(
             "distributions of drones of different frames or time steps; expected drones that one "
             "program simulates. Train them in calls of their own."
         )
-    return Asked(env, settings, stacked(boxes), keys, initial)
+    return TrainingSpec(env, settings, stacked(boxes), keys, initial)
 
 
 def _one_each(box: Distribution | Sequence[Distribution], count: int) -> Sequence[Distribution]:

@@ -21,7 +21,7 @@ GUARD_RATE = 100
 """Rate [Hz] of the guard, of the authors' logs and of the estimates."""
 
 
-def controller_as_flown(interface: ControlInterface) -> Controller:
+def real_controller(interface: ControlInterface) -> Controller:
     """The controller of the authors' drone that does what an interface says.
 
     Raises:
@@ -53,11 +53,11 @@ def _attitude_rate(interface: ControlInterface) -> Controller:
         measurement: Measurement,
         setpoint: Float[Array, "3"],
     ) -> tuple[PIDMemory, Float[Array, "4"]]:
-        asked = interface.command(action, control.firmware_units(interface))
+        scaled_action = interface.command(action, control.firmware_units(interface))
         memory, torque = pid(
-            memory, asked[1:], jnp.degrees(measurement.body_rates), RATE_GAINS, FIRMWARE
+            memory, scaled_action[1:], jnp.degrees(measurement.body_rates), RATE_GAINS, FIRMWARE
         )
-        motors = firmware.mix(asked[0], firmware.cut(torque), FIRMWARE)
+        motors = firmware.mix(scaled_action[0], firmware.cut(torque), FIRMWARE)
         return memory, motors / interface.full_scale_counts
 
     def taking_over(hovers: Float[Array, "4"], measurement: Measurement) -> PIDMemory:
@@ -83,8 +83,10 @@ def _attitude(interface: ControlInterface) -> Controller:
         measurement: Measurement,
         setpoint: Float[Array, "3"],
     ) -> tuple[firmware.Memory, Float[Array, "4"]]:
-        asked = interface.scaled(action, control.firmware_units(interface))
-        wanted = control.NOTHING._replace(mode=mode, attitude=asked[1:], thrust=asked[0])
+        scaled_action = interface.scaled(action, control.firmware_units(interface))
+        wanted = control.NOTHING._replace(
+            mode=mode, attitude=scaled_action[1:], thrust=scaled_action[0]
+        )
         memory, motors = firmware.tick(
             memory, wanted, control.sensed(measurement), FIRMWARE, position_due=False
         )

@@ -14,9 +14,9 @@ from maidenflight.simulator.randomization import ensemble, relative_box
 from maidenflight.simulator.tasks import tasks
 from maidenflight.simulator.tasks.look_ahead import LookAhead
 from maidenflight.training.analytic_gradient import AnalyticGradient
-from maidenflight.training.asked import Asked, checked
 from maidenflight.training.ppo_settings import PPO
 from maidenflight.training.train import train
+from maidenflight.training.training_spec import TrainingSpec, validate
 
 BOX = relative_box(crazyflie(), 0.10)
 KEYS = jax.random.split(jax.random.key(5), 2)
@@ -33,8 +33,8 @@ USUAL: dict[str, Any] = {
 }
 
 
-def asked(**others: Any) -> Asked:
-    return checked(**USUAL | others)
+def asked(**others: Any) -> TrainingSpec:
+    return validate(**USUAL | others)
 
 
 @pytest.mark.parametrize(
