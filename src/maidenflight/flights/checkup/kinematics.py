@@ -37,8 +37,11 @@ LATEST_S = 0.018
 """Delay of the gyro against the attitude beyond which one of both is late [s]."""
 _LAG_SPAN_S, _LAGS_S = 0.15, 0.12
 _UNITS = {
-    "body_rate": {np.pi / 180: "rad for deg", 180 / np.pi: "deg for rad", 1e-3: "mrad for rad"},
-    "velocity": {0.3048: "ft for m", 1e-3: "mm for m", 1e-2: "cm for m", 1 / 3.6: "km/h for m/s"},
+    "body_rate": {np.pi / 180: "rad where the format has deg", 180 / np.pi: "deg for rad"}
+    | {1e3: "mrad for rad", 1e-3: "rad where the format has mrad"},
+    "velocity": {0.3048: "velocity in m, position in ft", 1 / 0.3048: "velocity in ft"}
+    | {1e-3: "position in mm", 1e3: "velocity in mm", 1e-2: "position in cm", 1e2: "in cm"}
+    | {3.6: "velocity in km/h"},
 }
 _PITCH = " Positive pitch is nose down here, a Crazyflie's stateEstimate.pitch is nose up."
 
@@ -107,6 +110,11 @@ def push(
     return gained / (rows * piece.period), span_mean(pushed, rows)
 
 
+def _push_swapped(piece: Flight, rows: int) -> Samples:
+    gained, pushed = push(_scaled(1, 1, 1), piece, rows)
+    return gained[:, ::-1], pushed
+
+
 def _scaled(*factors: float) -> Callable[[np.ndarray], np.ndarray]:
     return lambda angles: angles * np.array(factors)[:, None]
 
@@ -124,6 +132,7 @@ _PUSHES: Mapping[str, Measure] = {
     "pitch and yaw with opposite signs": partial(push, _scaled(1, -1, -1)),
     "yaw turned by 90 deg": partial(push, _yaw_turned(np.pi / 2)),
     "yaw turned by -90 deg": partial(push, _yaw_turned(-np.pi / 2)),
+    "x and y of the world swapped": _push_swapped,
     "roll and pitch swapped": partial(push, lambda angles: angles[[1, 0, 2]]),
 }
 
@@ -276,9 +285,9 @@ def _check_scale(name: str, bounds: Float[np.ndarray, "2"] | None) -> CheckResul
     if bounds[0] < limit and bounds[1] > 1 / limit:
         said = f"{name} is {middle:.3g} times the change of {other}"
         return CheckResult(title, PASSES, said, middle, threshold)
-    units = {**_UNITS[name], **{1 / one: said for one, said in _UNITS[name].items()}}
-    unit = next((said for one, said in units.items() if 0.93 < middle / one < 1.07), "")
-    looks = f" It looks like {unit}, in one of both." if unit else ""
+    units = _UNITS[name].items()
+    unit = next((said for one, said in units if 0.93 < middle / one < 1.07), "")
+    looks = f" It looks like {unit}." if unit else ""
     return CheckResult(
         title,
         FAILS,

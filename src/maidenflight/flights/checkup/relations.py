@@ -23,6 +23,8 @@ RATE_HZ = 100.0
 """Rows a second that are enough to look at [Hz]."""
 FEWEST = 100
 """Samples below which nothing is concluded."""
+LASTING = 8.0
+"""Spans that a flight must last for one to be looked at: fewer match by chance."""
 _MOST = 1500
 """Samples that are looked at, evenly chosen of more."""
 _TRIMMED = 0.95
@@ -74,7 +76,7 @@ def sample_spans(pieces: Sequence[Flight], measure: Measure) -> list[Samples]:
             if len(piece) > rows + 2:
                 parts.append(measure(piece, rows))
         count = sum(len(first) for first, _ in parts)
-        if count < FEWEST:
+        if count < FEWEST or count * pieces[0].period < LASTING * span:
             continue
         step = -(-count // _MOST)
         first, second = (np.concatenate(side)[::step] for side in zip(*parts, strict=True))

@@ -21,14 +21,32 @@ LAGS_S = np.array([0.012, 0.02, 0.03, 0.045, 0.065, 0.09, 0.13])
 """Time constants of motors that are tried [s]."""
 DELAYS_S = np.round(np.arange(-0.15, 0.2501, 0.01), 3)
 """Delays behind the commands that are tried [s]."""
-BAND_HZ = (1.0, 15.0)
-"""Band in which commands explain the motion of drones of 30 g to 1 kg [Hz]."""
 FORCE = 3
 """Channel of the specific force along z; 0, 1 and 2 are angular acceleration."""
 FORCE_BELOW_HZ = 8.0
 """Above it a load on a cable and vibration make the force [Hz]; below it all counts by power."""
-_SEGMENT_S, _SHORTEST_S = 1.28, 0.6
 _RATE_HZ = 200.0
+
+
+class Band(NamedTuple):
+    """Frequencies that are looked at."""
+
+    low: float
+    """[Hz]."""
+    high: float
+    """[Hz]."""
+    segment: float
+    """Time of a segment [s]."""
+    shortest: float
+    """That of a shorter piece that is still taken [s]."""
+    exponent: float
+    """Of the power by which frequencies count; 1 is that of a plain correlation."""
+
+
+QUICK = Band(1.0, 15.0, 1.28, 0.6, 0.5)
+"""In which commands explain the motion of drones of 30 g to 1 kg."""
+SLOW = Band(0.35, 1.7, 2.56, 2.5, 1.0)
+"""In which very smooth flights move, whose quick part is noise."""
 
 
 class Spectra(NamedTuple):
@@ -42,6 +60,15 @@ class Spectra(NamedTuple):
     """Of motor i, conjugate, and channel j."""
     segments: float
     """How many independent ones."""
+    band: Band
+
+    def weight(self, channel: int) -> Float[np.ndarray, "F"]:
+        """Returns how much frequencies count in a channel."""
+        if channel == FORCE:
+            return (self.frequency < FORCE_BELOW_HZ).astype(float)
+        own = np.maximum(self.channels[:, channel], 1e-30)
+        smooth = np.convolve(np.pad(own, 2, "edge"), np.ones(5) / 5, "valid")
+        return np.maximum(smooth, 1e-9 * smooth.max()) ** (self.band.exponent - 1)
 
 
 class Responses(NamedTuple):
@@ -63,24 +90,25 @@ class Responses(NamedTuple):
         return self.products[channel] @ pattern / size[:, None]
 
 
-def spectra(pieces: Sequence[Flight], speeds: bool = False) -> Spectra | None:
+def spectra(pieces: Sequence[Flight], band: Band = QUICK, speeds: bool = False) -> Spectra | None:
     """Sums cross spectra over half-overlapping segments; None where pieces are too short.
 
     Args:
         pieces: of one flight.
+        band: frequencies to look at.
         speeds: take the squares of measured rotor speeds instead of commands.
     """
     total, segments, frequency, length = None, 0.0, np.zeros(0), 0
-    for piece in pieces:
+    for piece in sorted(pieces, key=len, reverse=True):
         rows = max(1, round(1 / _RATE_HZ / piece.period))
         step = piece.period * rows
         signals, late = _signals(piece, rows, speeds)
-        count = min(round(_SEGMENT_S / step), len(signals))
-        if count * step < _SHORTEST_S or length not in (0, count):
+        count = min(round(band.segment / step), len(signals))
+        if count * step < band.shortest or length not in (0, count):
             continue
         length = count
         frequency = np.fft.rfftfreq(count, step)
-        inside = (frequency >= BAND_HZ[0]) & (frequency <= min(BAND_HZ[1], 0.4 / step))
+        inside = (frequency >= band.low) & (frequency <= min(band.high, 0.4 / step))
         frequency = frequency[inside]
         turn = 2j * np.pi * frequency[:, None]
         for part in _segments(signals, count):
@@ -93,7 +121,7 @@ def spectra(pieces: Sequence[Flight], speeds: bool = False) -> Spectra | None:
     if total is None or len(frequency) < 4:
         return None
     channels = np.einsum("fii->fi", total[:, :4, :4]).real
-    return Spectra(frequency, channels, total[:, 4:, 4:], total[:, 4:, :4], segments)
+    return Spectra(frequency, channels, total[:, 4:, 4:], total[:, 4:, :4], segments, band)
 
 
 def _signals(piece: Flight, rows: int, speeds: bool) -> tuple[Float[np.ndarray, "M 8"], float]:
@@ -127,11 +155,7 @@ def responses(found: Spectra, delays: Float[np.ndarray, "D"] = DELAYS_S) -> Resp
     filters = lag[:, None] * np.exp(-turn * delays[:, None])
     products, power, channels = [], [], []
     for channel in range(4):
-        own = found.channels[:, channel]
-        smooth = np.convolve(np.pad(own, 2, "edge"), np.ones(5) / 5, "valid")
-        weight = np.maximum(smooth, 1e-9 * smooth.max() + 1e-30) ** -0.5
-        if channel == FORCE:
-            weight = (found.frequency < FORCE_BELOW_HZ).astype(float)
+        own, weight = found.channels[:, channel], found.weight(channel)
         across = found.across[:, :, channel] * weight[:, None]
         products.append(np.einsum("tdf,fu->tdu", filters.conj(), across, optimize=True).real)
         shared = found.commands * weight[:, None, None]

@@ -44,6 +44,9 @@ def check_rotor_speeds(pieces: Sequence[Flight]) -> list[CheckResult]:
     if silent:
         whose = "all four read" if len(silent) == 4 else f"{', '.join(silent)} reads"
         return [_pass_over(f"{whose} 0 while commanded to turn", max(stopped))]
+    follows = _follow(pieces)
+    if follows is None:
+        return [unknown(NAME, "no piece lasts 4 s")]
     still = [
         place
         for place, values, told in zip(_PLACES, speed.T, command.T, strict=True)
@@ -51,9 +54,6 @@ def check_rotor_speeds(pieces: Sequence[Flight]) -> list[CheckResult]:
     ]
     if still:
         return [_pass_over(f"{', '.join(still)} never changes while its command does", 0.0)]
-    follows = _follow(pieces)
-    if follows is None:
-        return [unknown(NAME, "no piece lasts 4 s")]
     worst = int(np.argmin(follows))
     said = f"speeds follow their commands to {follows[worst]:.2f} and better"
     ratio = _motion_ratio(pieces)
@@ -105,7 +105,7 @@ def _motion_ratio(pieces: Sequence[Flight]) -> float | None:
     """Compares how roll and pitch follow measured speeds with how they follow commands."""
     scores = []
     for speeds in (True, False):
-        found = spectra(pieces, speeds)
+        found = spectra(pieces, speeds=speeds)
         if found is None:
             return None
         answer = responses(found)
