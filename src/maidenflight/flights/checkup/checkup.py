@@ -9,11 +9,13 @@ from collections.abc import Sequence
 from maidenflight.flights.checkup.gravity import check_accelerometer
 from maidenflight.flights.checkup.kinematics import check_state
 from maidenflight.flights.checkup.motors import check_motors
+from maidenflight.flights.checkup.one_drone import NAME as ONE_DRONE
 from maidenflight.flights.checkup.one_drone import check_load
-from maidenflight.flights.checkup.result import CheckResult
+from maidenflight.flights.checkup.result import FAILS, WARNS, CheckResult, unknown
 from maidenflight.flights.checkup.rotor_speeds import check_rotor_speeds
 from maidenflight.flights.log import Flight
 
+_OF_FORCE = ("thrust curve", "thrust to weight", ONE_DRONE)
 FEWEST_ROWS = 100
 """Rows of a log below which nothing is concluded."""
 
@@ -26,10 +28,19 @@ def check_up(pieces: Sequence[Flight]) -> tuple[CheckResult, ...]:
     """
     if sum(map(len, pieces)) < FEWEST_ROWS:
         return ()
+    force = check_accelerometer(pieces)
+    results = (*check_motors(pieces), check_load(pieces))
+    if any(one.verdict in (FAILS, WARNS) for one in force):
+        # What follows from the force would repeat its fault.
+        results = tuple(
+            unknown(one.name, "the accelerometer has to be mended first")
+            if one.name in _OF_FORCE
+            else one
+            for one in results
+        )
     return (
         *(check_state(pieces) if pieces[0].has_state else ()),
-        *check_accelerometer(pieces),
-        *check_motors(pieces),
+        *force,
+        *results,
         *check_rotor_speeds(pieces),
-        check_load(pieces),
     )

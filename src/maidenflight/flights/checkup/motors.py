@@ -265,7 +265,9 @@ def _check_delay(logged: Fit, answer: Responses) -> CheckResult:
     # The force follows the same commands: it has to be off on the same side.
     felt = float(DELAYS_S[delay])
     alone = heard and (felt < LATEST_S / 2 if off > 0 else felt > 0.0)
-    return CheckResult(name, WARNS if alone else FAILS, sentence, late, threshold)
+    if alone:
+        return unknown(name, f"{said}, but the force along z by {1e3 * felt:.0f} ms", late)
+    return CheckResult(name, FAILS, sentence, late, threshold)
 
 
 def _check_curve(pieces: Sequence[Flight], answer: Responses, logged: Fit) -> CheckResult:
