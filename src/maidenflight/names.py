@@ -26,6 +26,10 @@ COMMANDS = ("zero-order-hold", "subsampled")
 OPTIONAL_SIGNALS = ("accelerometer", "rotor_speed")
 """Of a flight log."""
 
+FAULTY_LOGS = ("refuse", "skip", "use")
+"""What is done with logs whose conventions contradict physics: all logs of the folder are refused,
+the others are used, or they are used all the same."""
+
 PLUS_PROPELLERS = "2.1+ propellers"
 LEGACY_PROPELLERS = "legacy propellers"
 THRUST_UPGRADE = "thrust upgrade"

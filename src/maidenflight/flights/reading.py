@@ -4,19 +4,23 @@ A folder with damaged logs still gives the sound ones; nothing is passed over wi
 result tables that maidenflight itself writes.
 """
 
-import hashlib
 import math
 import os
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
+
+import numpy as np
 
 from maidenflight import names, run_folder
 from maidenflight.errors import InputError
 from maidenflight.flights import compensation, formats, log, not_logs
 from maidenflight.flights.checks import checking
+from maidenflight.flights.checkup import one_drone, rotor_speeds
+from maidenflight.flights.checkup.checkup import check_up
+from maidenflight.flights.checkup.result import FAILS, WARNS, CheckResult, sentences
 from maidenflight.flights.formats import Logged
 from maidenflight.flights.log import ZERO_ORDER_HOLD, Flight
 from maidenflight.flights.sampling import sampled
@@ -44,6 +48,8 @@ class Flights:
     """The files read."""
     refused: tuple[str, ...] = ()
     """Files of the folder that could not be used, each with its reason."""
+    checks: Mapping[str, tuple[CheckResult, ...]] = field(default_factory=dict)
+    """The check-up of each log, by its name."""
 
     def __repr__(self) -> str:
         rates = ", ".join(
@@ -79,6 +85,7 @@ def read_flights(
     commands: str | None = None,
     battery_law: str | None = None,
     ignore: Collection[str] = (),
+    faulty: str = names.FAULTY_LOGS[0],
 ) -> Flights:
     """Reads and checks flights.
 
@@ -96,6 +103,8 @@ def read_flights(
         battery_law: a key of `compensation.LAWS`, by which a Crazyflie's PWM is read as thrust,
             whatever the logs say.
         ignore: signals of `log.OPTIONAL` to pass over as if they had not been logged.
+        faulty: one of `names.FAULTY_LOGS`: what is done with logs whose check-up fails. The others
+            of a folder come from the same recorder, and are refused with them unless told.
 
     Returns:
         Gapless pieces of flights in which the drone flies, in the order of the files' names. A
@@ -103,9 +112,11 @@ def read_flights(
         why; and a note for each table that is no flight log.
 
     Raises:
-        InputError: nothing there; a single file that is damaged, contradicts itself or is in an
-            unknown format; nothing usable in the whole set; or an unknown argument.
+        InputError: nothing there; a single file that is damaged or in an unknown format; a log
+            whose check-up fails; nothing usable in the whole set; or an unknown argument.
     """
+    if faulty not in names.FAULTY_LOGS:
+        raise InputError(f"faulty {faulty!r}; expected {' or '.join(names.FAULTY_LOGS)}.")
     if commands not in (*COMMANDS, None):
         raise InputError(f"commands {commands!r}; expected {' or '.join(COMMANDS)}.")
     if battery_law is not None:
@@ -115,14 +126,20 @@ def read_flights(
             raise InputError(
                 f"ignore = {signal!r}; expected {' or '.join(log.OPTIONAL)}, which a log may lack."
             )
-    said = _Said(commands, battery_law, frozenset(ignore))
+    said = _Said(commands, battery_law, frozenset(ignore), faulty)
     path = Path(path)
     paths, refused = _files(path)
-    seen = _Seen([], [], _unread(path), refused, {})
+    seen = _Seen([], [], _unread(path), refused, {}, {}, [])
     read = (
         _held(flight, said, seen) for flight in _read(paths, path.is_file(), seen, said, on_file)
     )
     flights, duration = sampled(read, most, lead_in)
+    if seen.faulty and faulty == names.FAULTY_LOGS[0]:
+        raise InputError(
+            f"{path}: {len(seen.faulty)} of {len(paths)} logs contradict physics, and the others "
+            "most likely come from the same recorder. Mend them, or leave these out with --faulty "
+            f"skip: {'; '.join(seen.faulty)}"
+        )
     if not flights:
         raise InputError(
             _nothing(
@@ -131,8 +148,18 @@ def read_flights(
                 [*seen.refused, *seen.notes, *seen.others],
             )
         )
+    loads = {
+        name: one.statistic
+        for name, results in seen.checks.items()
+        for one in results
+        if one.name == "thrust to weight" and one.statistic is not None
+    }
     kept = Flights(
-        tuple(flights), (*seen.others, *seen.notes), tuple(seen.paths), tuple(seen.refused)
+        tuple(flights),
+        (*one_drone.compare_loads(loads), *seen.others, *seen.notes),
+        tuple(seen.paths),
+        tuple(seen.refused),
+        seen.checks,
     )
     if duration <= most:
         return kept
@@ -149,6 +176,11 @@ class _Said(NamedTuple):
     commands: str | None
     battery_law: str | None
     ignore: frozenset[str]
+    faulty: str
+
+
+class _FaultError(InputError):
+    """The check-up of a log fails."""
 
 
 def _held(flight: Flight, said: _Said, seen: "_Seen") -> Flight:
@@ -175,8 +207,12 @@ class _Seen(NamedTuple):
     notes: list[str]
     others: list[str]
     refused: list[str]
-    digests: dict[str, str]
-    """Names of flights, by the hash of what they hold."""
+    keys: dict[str, np.ndarray]
+    """What tells the rows of each file apart, by its name; see `one_drone.row_keys`."""
+    checks: dict[str, tuple[CheckResult, ...]]
+    """The check-up of each log, by its name."""
+    faulty: list[str]
+    """Reasons of those that fail it."""
 
 
 def _read(
@@ -194,6 +230,7 @@ def _read(
             if alone:
                 raise
             seen.refused.append(str(error))
+            seen.faulty.extend([str(error)] if isinstance(error, _FaultError) else [])
         if on_file is not None:
             on_file(number, len(paths))
 
@@ -201,15 +238,13 @@ def _read(
 def _of_file(file: Path, alone: bool, seen: _Seen, said: _Said) -> list[Flight]:
     found = formats.logged(file, said.battery_law)
     if isinstance(found, Logged):
-        flights, dropped = _checked(found, said.ignore)
-        held = hashlib.sha256()
-        for flight in flights:
-            held.update(flight.position.tobytes() + flight.command.tobytes())
-        first = seen.digests.get(held.hexdigest())
-        if flights and first is not None:
+        flights, dropped = _checked(found, said, seen)
+        keys = one_drone.row_keys(flights) if flights else np.zeros(0, np.uint64)
+        first = one_drone.find_copy(keys, seen.keys) if flights else None
+        if first is not None:
             seen.notes.append(f"{found.name}: holds the same flight as {first}; used once")
             return []
-        seen.digests[held.hexdigest()] = found.name
+        seen.keys[found.name] = keys
         seen.notes.extend(dropped)
         seen.paths.append(file)
         return flights
@@ -223,15 +258,29 @@ def _of_file(file: Path, alone: bool, seen: _Seen, said: _Said) -> list[Flight]:
     return []
 
 
-def _checked(found: Logged, ignore: frozenset[str]) -> tuple[list[Flight], list[str]]:
+def _checked(found: Logged, said: _Said, seen: _Seen) -> tuple[list[Flight], list[str]]:
+    """Cuts and checks the flights of a file.
+
+    Raises:
+        _FaultError: a check-up fails, and faults are not to be used.
+    """
     notes = [*found.notes]
     kept: list[Flight] = []
+    faults: list[str] = []
     for flight, time in found.flights:
-        flight = replace(flight, **dict.fromkeys(ignore))
+        flight = replace(flight, **dict.fromkeys(said.ignore))
         pieces, dropped = checking.pieces(flight, time)
-        kept += pieces
         notes += dropped
-    return kept, notes
+        results = check_up(pieces) if pieces else ()
+        seen.checks[flight.name] = results
+        if any(one.verdict == WARNS and one.name == rotor_speeds.NAME for one in results):
+            pieces = [replace(piece, rotor_speed=None) for piece in pieces]
+        notes += [f"{flight.name}: {one}" for one in sentences(results, WARNS)]
+        faults += [f"{flight.name}: {one}" for one in sentences(results, FAILS)]
+        kept += pieces
+    if faults and said.faulty != names.FAULTY_LOGS[2]:
+        raise _FaultError(" ".join(faults))
+    return kept, [*notes, *faults]
 
 
 def _nothing(path: Path, files: int, reasons: list[str]) -> str:

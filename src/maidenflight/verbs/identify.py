@@ -98,6 +98,7 @@ class Identify(Verb):
     )
     commands: str | None = shared.commands()
     battery_law: str | None = shared.battery_law()
+    faulty: str = shared.faulty()
     seed: int = shared.seed()
 
     def places(self, output: Path) -> list[Path]:
@@ -133,7 +134,7 @@ class Identify(Verb):
 
         flights = core.read_flights(
             *(self.logs, lambda done, of: show(*overall.read(done, of)), self.most_seconds),
-            *(settings.lead_in, self.commands, self.battery_law, self.ignore),
+            *(settings.lead_in, self.commands, self.battery_law, self.ignore, self.faulty),
         )
         identification = core.identify(
             flights,

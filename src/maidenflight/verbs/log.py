@@ -4,11 +4,14 @@ import math
 from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row, Verb
 from maidenflight.verbs import core, shared
 
+_MARKS = {"fails": "✗", "warns": "!", "passes": "✓", "cannot tell": "?"}
+_GOOD = ("passes", "cannot tell")
 _STATE = ("position", "velocity", "attitude")
 
 
@@ -16,8 +19,9 @@ class Log(Verb):
     """Show what LOGS hold, and convert them.
 
     LOGS is a flight log of any format that is read, or a folder of them. Signals, rates, how the
-    drone was moved, what was assumed or dropped, and why files were refused. With -o the usable
-    pieces are written in our format, which every command reads.
+    drone was moved, a check-up of axes, signs, units, clocks and motors against physics, what was
+    assumed or dropped, and why files were refused. With -o the usable pieces are written in our
+    format, which every command reads.
     """
 
     output = Output(
@@ -34,6 +38,7 @@ class Log(Verb):
             *(self.logs, core.logs.count_files(progress), math.inf),
             commands=self.commands,
             battery_law=self.battery_law,
+            faulty="use",
         )
         record = self.make_record(flights.paths)
         written = [] if output is None else core.logs.write_logs(output, _name(flights), record)
@@ -42,10 +47,15 @@ class Log(Verb):
             content={
                 **core.logs.to_content(flights),
                 "logs": logs,
+                "checks": {
+                    name: [asdict(one) for one in results]
+                    for name, results in flights.checks.items()
+                },
                 "written": [str(path) for path in written],
             },
             summary=[
                 *_tabulate(logs),
+                *_tabulate_checks(flights),
                 *core.logs.describe_flights(flights),
                 f"pictures: maidenflight report --logs {self.logs} -o look.html",
             ],
@@ -55,6 +65,7 @@ class Log(Verb):
             next=("identify", self.logs if output is None else output, "--start", "DRONE"),
             next_remark="DRONE: a name of maidenflight drone --list, or a file",
             value=flights,
+            error=_count_failing(flights),
         )
 
 
@@ -66,6 +77,57 @@ def _name(flights: "core.Flights") -> "dict[str, core.Flight]":
         count[name] += 1
         named[f"{name}_{count[name]}" if several[name] > 1 else name] = flight
     return named
+
+
+def _tabulate_checks(flights: "core.Flights") -> list[Table | str]:
+    """Returns the check-up of all logs, a row for each test, and what is wrong in words."""
+    tests: dict[str, list[Any]] = {}
+    for results in flights.checks.values():
+        for one in results:
+            tests.setdefault(one.name, []).append(one)
+    rows, faults = [], []
+    for name, results in tests.items():
+        counts = Counter(one.verdict for one in results)
+        words = [verdict for verdict in _MARKS if counts[verdict]]
+        several = len(flights.checks) > 1
+        told = [f"{_MARKS[one]} {one}{f' {counts[one]}' if several else ''}" for one in words]
+        known = [one.statistic for one in results if one.statistic is not None]
+        low, high = (f"{edge(known):.3g}" if known else "" for edge in (min, max))
+        worst = min(results, key=lambda one: list(_MARKS).index(one.verdict))
+        rows.append(
+            {
+                "test": name,
+                "result": ", ".join(told),
+                "measured": low if low == high else f"{low} .. {high}",
+                "threshold": next((one.threshold for one in results if one.threshold), ""),
+                "sentence": worst.sentence if worst.verdict in _GOOD else "see below",
+            }
+        )
+    for name, results in flights.checks.items():
+        faults += [
+            f"{_MARKS[one.verdict]} {name}: {one.sentence}"
+            for one in results
+            if one.verdict not in _GOOD
+        ]
+    columns = {"test": "{test}", "result": "{result}", "measured": "{measured}"}
+    columns |= {"expected": "{threshold}", "of one log": "{sentence}"}
+    return [*([Table("Check-up against physics", columns, rows)] if rows else []), *faults]
+
+
+def _count_failing(flights: "core.Flights") -> str:
+    """Returns how many logs other commands refuse; "" if none."""
+    failing = [
+        name
+        for name, results in flights.checks.items()
+        if any(one.verdict == "fails" for one in results)
+    ]
+    if not failing:
+        return ""
+    return (
+        f"{len(failing)} of {len(flights.checks)} logs contradict physics ({', '.join(failing[:3])}"
+        f"{' ...' if len(failing) > 3 else ''}) and are refused by other commands, with the others "
+        "of their folder. Mend what stands behind each ✗."
+    )
 
 
 def _tabulate(logs: list[Row]) -> list[Table | str]:

@@ -134,6 +134,19 @@ def battery_law() -> Any:
     )
 
 
+def faulty() -> Any:
+    """Declares what is done with logs that contradict physics."""
+    return setting(
+        choice(*names.FAULTY_LOGS),
+        names.FAULTY_LOGS[0],
+        "Logs whose conventions contradict physics, such as the order of the motors: refuse them "
+        "and with them the folder, of which the others are most likely wrong too; skip them; or "
+        "use them all the same. maidenflight log shows the check-up.",
+        group=LOGS,
+        rare=True,
+    )
+
+
 def rate() -> Any:
     """Declares the rate of a simulated log."""
     return setting(

@@ -1,6 +1,7 @@
 """`Validate`: a drone's prediction errors on flights."""
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 
 from maidenflight import run_folder
@@ -32,6 +33,7 @@ class Validate(Verb):
     )
     commands: str | None = shared.commands()
     battery_law: str | None = shared.battery_law()
+    faulty: str = shared.faulty()
     seed: int = shared.seed()
 
     def places(self, output: Path) -> list[Path]:
@@ -62,13 +64,12 @@ class Validate(Verb):
             "paper's crazyflie": core.crazyflie(),
         }
         law, commands = self.battery_law, self.commands
-        flights = core.read_flights(
-            self.logs, core.logs.count_files(progress), commands=commands, battery_law=law
-        )
+        read = partial(core.read_flights, self.logs, battery_law=law, faulty=self.faulty)
+        flights = read(core.logs.count_files(progress), commands=commands)
         known = None if file.source is None else file.source.commands
         if commands is None and known in core.COMMANDS and all(one.assumed for one in flights):
             commands = known
-            flights = core.read_flights(self.logs, commands=commands, battery_law=law)
+            flights = read(commands=commands)
         progress.move(0, None, "compiling and predicting")
         key, horizons = self.key, list(self.horizons)
         errors = core.prediction_error(flights, models, horizons, key=key)

@@ -16,6 +16,7 @@ def logged() -> Flight:
     time = np.arange(ROWS) * PERIOD
     flying = (time >= 2.0) & (time < 10.0)
     command = 0.4 + 0.02 * generator.normal(size=(ROWS, 4))
+    command[~flying] *= 0.4
     command[(time < 1.0) | (time >= 10.5)] = 0.0
     rates = 0.005 * generator.normal(size=(ROWS, 3))
     rates[flying, :2] += 0.3 * np.sin(8.0 * time[flying, None] + [0.0, 1.0])
@@ -69,6 +70,21 @@ def test_an_impact_is_left_out_with_what_is_around_it() -> None:
     (_, first), (second, _) = kept(flight)
     assert first == pytest.approx(6.0 - airborne.AROUND_IMPACT, abs=0.01)
     assert second == pytest.approx(6.0 + airborne.AROUND_IMPACT, abs=0.01)
+
+
+def test_a_quiet_hover_is_no_standing() -> None:
+    """A heavy quadrotor hovers as calmly as others stand; it commands what flying takes."""
+    flight = logged()
+    flight.body_rates[round(4.0 / PERIOD) : round(8.0 / PERIOD), :2] *= 0.01
+    ((start, stop),) = kept(flight)
+    assert stop - start == pytest.approx(7.0 - airborne.LANDING, abs=2 * airborne.WINDOW)
+
+
+def test_drag_beyond_1_g_is_no_impact() -> None:
+    flight = logged()
+    assert flight.accelerometer is not None
+    flight.accelerometer[round(5.0 / PERIOD) : round(8.0 / PERIOD), 1] += 12.0
+    assert len(kept(flight)) == 1
 
 
 def test_a_flight_that_begins_in_the_air_is_kept_whole() -> None:

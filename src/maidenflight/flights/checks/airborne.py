@@ -3,13 +3,14 @@
 A log with a state estimate shows height and tilt; one without has to be cut in another way. Motors
 that are off for a moment belong to a flight, since a pilot who cuts the throttle excites the motors
 more than any other. What is left out: motors off for longer; standing on the ground with running
-motors, where the body rates hardly change; take-off and landing beside both, where ground and air
-cushion carry; and impacts, since a flying drone feels no force from the side but its own drag.
+motors, where the body rates hardly change and less is commanded than flying takes; take-off and
+landing beside both, where ground and air cushion carry; and impacts, short peaks of the force from
+the side: drag may exceed 1 g for seconds, a crash lasts a tenth of one.
 """
 
 import numpy as np
 from jaxtyping import Bool
-from scipy.ndimage import binary_dilation, binary_opening, uniform_filter1d
+from scipy.ndimage import binary_dilation, binary_opening, median_filter, uniform_filter1d
 
 from maidenflight.flights.log import Flight
 
@@ -22,13 +23,20 @@ STILL_RAD_S = 0.02
 0.022 with running motors on the ground, 0.028 and more in the calmest flights of the logs seen."""
 STILL_M_S2 = 0.3
 """Distance of the mean specific force from gravity below which it does."""
+IDLE = 0.8
+"""Share of the command that flying takes below which a quiet drone stands: heavy quadrotors hover
+as quietly as others stand."""
 WINDOW, SMOOTHED = 0.5, 0.05
 """Time over which standing is judged, and over which vibration is averaged out [s]."""
 IMPACT_M_S2 = 9.81
-"""Specific force from the side beyond which something was hit."""
+"""Specific force from the side, beyond its median about it, that tells of a hit."""
+DRAG_S, RARE = 0.6, 0.25
+"""Time of that median [s], and the share of rows beyond it from which it is no hit but shaking."""
 AROUND_IMPACT = 0.3
 """Time before and after an impact that is left out [s]."""
 _GRAVITY = 9.81
+_FAR = 1 << 40
+"""Rows to ground that is nowhere."""
 
 
 def faults(flight: Flight) -> dict[str, Bool[np.ndarray, "N"]]:
@@ -44,7 +52,7 @@ def faults(flight: Flight) -> dict[str, Bool[np.ndarray, "N"]]:
         f"take-off or landing, {TAKE_OFF:g} s after and {LANDING:g} s before standing": _beside(
             ground | stands, flight.period
         ),
-        f"impact, {IMPACT_M_S2:g} m/s2 from the side": binary_dilation(
+        f"impact, a peak of {IMPACT_M_S2:g} m/s2 from the side": binary_dilation(
             hit, np.ones(2 * max(1, round(AROUND_IMPACT / flight.period)) + 1)
         ),
     }
@@ -67,19 +75,33 @@ def _stands(flight: Flight) -> Bool[np.ndarray, "N"]:
     deviation = np.sqrt(np.maximum(square - mean**2, 0.0))
     force = uniform_filter1d(np.linalg.norm(flight.accelerometer.astype(float), axis=1), many)
     quiet = (deviation < STILL_RAD_S).all(axis=1) & (np.abs(force - _GRAVITY) < STILL_M_S2)
-    return np.asarray(binary_dilation(quiet, np.ones(many)))
+    quiet = np.asarray(binary_dilation(quiet, np.ones(many)), bool)
+    told = uniform_filter1d(flight.command.mean(axis=1, dtype=float), many)
+    flying = told[~quiet & (told > 0.0)]
+    if len(flying) * flight.period < 2 * WINDOW:
+        flying = told[told > 0.0]
+    return quiet & (told < IDLE * np.median(flying)) if len(flying) else quiet
 
 
 def _beside(rows: Bool[np.ndarray, "N"], period: float) -> Bool[np.ndarray, "N"]:
     """Rows shortly after and before some rows."""
     places = np.arange(len(rows))
-    last = np.maximum.accumulate(np.where(rows, places, -len(rows)))
-    following = np.minimum.accumulate(np.where(rows, places, 2 * len(rows))[::-1])[::-1]
+    last = np.maximum.accumulate(np.where(rows, places, -_FAR))
+    following = np.minimum.accumulate(np.where(rows, places, _FAR)[::-1])[::-1]
     near = (places - last) * period < TAKE_OFF
     return (near | ((following - places) * period < LANDING)) & ~rows
 
 
 def _impacts(flight: Flight) -> Bool[np.ndarray, "N"]:
+    """Rows of short peaks of the force from the side."""
     if flight.accelerometer is None:
         return np.zeros(len(flight), bool)
-    return np.linalg.norm(flight.accelerometer[:, :2], axis=1) > IMPACT_M_S2
+    side = np.nan_to_num(flight.accelerometer[:, :2].astype(float))
+    # The median of every few rows is as good, and quick at any rate.
+    every = max(1, round(0.01 / flight.period))
+    count = 2 * round(DRAG_S / 2 / (every * flight.period)) + 1
+    slow = median_filter(side[::every], (count, 1), mode="nearest")
+    slow = np.repeat(slow, every, axis=0)[: len(side)]
+    beyond = np.linalg.norm(side - slow, axis=1) > IMPACT_M_S2
+    share = uniform_filter1d(beyond.astype(float), max(1, round(DRAG_S / flight.period)))
+    return beyond & (share < RARE)

@@ -1,8 +1,8 @@
 """Checking flights: what can be used, what is dropped and why.
 
 A flight is cut into gapless pieces of rows in which the drone really flies; the notes say what was
-left out, and from which row on. What is wrong with a flight as a whole, a unit, a sign or the order
-of columns, is refused: dropping rows would hide it.
+left out, and from which row on. A wrong unit of a whole flight is refused: dropping rows would hide
+it. Signs, frames, clocks and the order of the motors are judged by `checkup`.
 """
 
 from dataclasses import replace
@@ -11,14 +11,19 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from maidenflight.errors import InputError
-from maidenflight.flights.checks import airborne, consistency, resampling
+from maidenflight.flights.checks import airborne, resampling
 from maidenflight.flights.log import GROUPS, OPTIONAL, Flight
 from maidenflight.simulator.physics.battery import LARGEST_COMMAND
 
 MAX_TILT_RAD = np.radians(60.0)
 """Roll or pitch beyond which a row counts as a crash [rad]."""
-MAX_BODY_RATE_RAD_S = 25.0
-"""Body rate beyond which a row counts as a crash [rad/s]."""
+MAX_BODY_RATE_RAD_S, GYRO_RANGE_RAD_S = 25.0, 34.9
+"""Body rate beyond which a row counts as a crash, and the range of a gyro, 2000 deg/s, which is
+the limit in logs without a state, of acrobatics too [rad/s]."""
+SHORTEST_S, SHORTEST_ROWS = 0.5, 50
+"""Time [s] and rows that a piece must have to be kept."""
+FASTEST_S = 2e-5
+"""Step of time below which no sensor is read [s]."""
 MIN_HEIGHT_M = 0.1
 """Height below which a row may feel the ground [m]."""
 LEAP = 0.25
@@ -42,23 +47,29 @@ _COLUMNS = GROUPS | OPTIONAL
 
 
 def pieces(
-    flight: Flight, time: Float[np.ndarray, "N"] | None = None, shortest: int = 50
+    flight: Flight, time: Float[np.ndarray, "N"] | None = None, shortest: int = 0
 ) -> tuple[list[Flight], list[str]]:
     """Cuts a flight into usable pieces.
 
     Args:
         flight: as read.
         time: time of each row [s]; equally spaced unless given.
-        shortest: rows that a piece must have to be kept.
+        shortest: rows that a piece must have to be kept; 0 is `SHORTEST_S`.
 
     Returns:
         The pieces, and notes on what was dropped.
 
     Raises:
-        InputError: the rate is not steady, or a whole flight is in the wrong unit or contradicts
-            itself.
+        InputError: the rate is not steady, or a whole flight is in the wrong unit.
     """
     cuts, notes = np.zeros(len(flight), bool), []
+    if 0 < flight.period < FASTEST_S:
+        raise InputError(
+            f"{flight.name}: rows are {1e6 * flight.period:.3g} us apart in the median, which no "
+            "drone logs; expected seconds. The clock counts something else: convert time."
+        )
+    least = max(SHORTEST_ROWS, round(SHORTEST_S / flight.period)) if flight.period > 0 else 1
+    shortest = shortest or least
     if time is not None:
         flight, time, filled = resampling.bridged(flight, time)
         flight, time, evened = resampling.resampled(flight, time)
@@ -90,12 +101,10 @@ def pieces(
         what = "a piece" if len(short) == 1 else f"{len(short)} pieces"
         notes.append(
             f"{flight.name}: {sum(short)} rows dropped: {what} shorter than "
-            f"{shortest * flight.period:g} s"
+            f"{shortest * flight.period:.3g} s"
         )
-    _refuse_what_never_changes(kept, flight.name)
-    contradictions = consistency.contradictions(kept)
-    if contradictions:
-        raise InputError(f"{flight.name}: {' '.join(contradictions)}")
+    kept, constant = _without_constants(kept, flight.name)
+    notes += constant
     weak = sum(int((piece.battery < EMPTY).sum()) for piece in kept)
     if weak:
         notes.append(
@@ -105,13 +114,17 @@ def pieces(
     return kept, notes
 
 
+def _greatest_rate(flight: Flight) -> float:
+    return MAX_BODY_RATE_RAD_S if flight.has_state else GYRO_RANGE_RAD_S
+
+
 def _before_runaway(flight: Flight) -> tuple[Flight, list[str]]:
     """The flight without an end in which no body rate is possible any more, and a note on it.
 
     In a wrong unit rates are too large as well, but pass through zero now and then.
     """
     with np.errstate(invalid="ignore"):
-        wild = np.abs(flight.body_rates).max(axis=1) > MAX_BODY_RATE_RAD_S
+        wild = np.abs(flight.body_rates).max(axis=1) > _greatest_rate(flight)
     sound = np.flatnonzero(~wild)
     end = int(sound[-1]) + 1 if len(sound) else 0
     lost = len(flight) - end
@@ -119,7 +132,7 @@ def _before_runaway(flight: Flight) -> tuple[Flight, list[str]]:
         return flight, []
     note = (
         f"{flight.name}: {lost} rows dropped: body rates run away above "
-        f"{MAX_BODY_RATE_RAD_S:g} rad/s until the end (first: row {end + 1})"
+        f"{_greatest_rate(flight):g} rad/s until the end (first: row {end + 1})"
     )
     return flight.part(0, end), [note]
 
@@ -171,8 +184,10 @@ def _faults(flight: Flight, cuts: Bool[np.ndarray, "N"]) -> dict[str, Bool[np.nd
                 axis=1
             )
             > MAX_TILT_RAD,
-            f"body rate above {MAX_BODY_RATE_RAD_S:g} rad/s": np.abs(flight.body_rates).max(axis=1)
-            > MAX_BODY_RATE_RAD_S,
+            f"body rate above {_greatest_rate(flight):g} rad/s": np.abs(flight.body_rates).max(
+                axis=1
+            )
+            > _greatest_rate(flight),
             **(
                 {
                     f"below {MIN_HEIGHT_M:g} m": flight.position[:, 2] < MIN_HEIGHT_M,
@@ -264,9 +279,10 @@ def _cuts(flight: Flight, time: Float[np.ndarray, "N"]) -> tuple[Bool[np.ndarray
             "Log at a fixed rate."
         )
     if flight.period >= 1:
+        unit = "milliseconds" if flight.period < 1000 else "microseconds"
         raise InputError(
             f"{flight.name}: rows are {flight.period:g} s apart; expected seconds, it looks like "
-            "milliseconds. Convert time."
+            f"{unit}. Convert time."
         )
     regular = np.abs(step - flight.period) <= flight.period / 2
     if len(step) and regular.mean() < 0.5:
@@ -282,16 +298,25 @@ def _cuts(flight: Flight, time: Float[np.ndarray, "N"]) -> tuple[Bool[np.ndarray
     return cuts, [f"{flight.name}: cut at {int(cuts.sum())} jumps of time ({largest})"]
 
 
-def _refuse_what_never_changes(kept: list[Flight], name: str) -> None:
+def _without_constants(kept: list[Flight], name: str) -> tuple[list[Flight], list[str]]:
+    """Passes over what a log need not have and never changes, with a note.
+
+    Raises:
+        InputError: what it must have never changes.
+    """
+    notes = []
     if sum(map(len, kept)) < 100:
-        return
+        return kept, notes
     for group in _needed(kept[0]):
         first = getattr(kept[0], group)[0]
-        if all((getattr(piece, group) == first).all() for piece in kept):
-            raise InputError(
-                f"{name}: {', '.join(_COLUMNS[group])} never change in {sum(map(len, kept))} rows; "
-                "nothing was measured. Leave it out."
-            )
+        if not all((getattr(piece, group) == first).all() for piece in kept):
+            continue
+        told = f"{name}: {', '.join(_COLUMNS[group])} never change in {sum(map(len, kept))} rows; "
+        if group not in OPTIONAL or not np.isfinite(kept[0].position).any():
+            raise InputError(f"{told}nothing was measured. Leave it out.")
+        notes.append(f"{told}nothing was measured, and they are passed over")
+        kept = [replace(piece, **{group: None}) for piece in kept]
+    return kept, notes
 
 
 def _refuse_wrong_units(flight: Flight) -> None:

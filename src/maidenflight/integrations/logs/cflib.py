@@ -25,7 +25,7 @@ from maidenflight.flights.tables import Table
 from maidenflight.simulator.physics.battery import MOST_COUNTS
 
 CLOCKS = ("timestamp", "time", "t")
-"""Names of the column of time, in any case; ms if its steps are 1 or more, else s."""
+"""Names of the column of time, in any case; ms if its steps are 1 or more, us from 1000, else s."""
 
 
 class Spelling(NamedTuple):
@@ -105,6 +105,8 @@ OPTIONAL: dict[str, tuple[Spelling, ...]] = {
     "rotor speed": (Spelling(_columns("rpm.m{}", *_MOTORS), _scaled(2 * np.pi / 60)),),
 }
 """Signals that may be there, likewise."""
+_LEAST_US = 1000.0
+"""Step of the clock from which it counts microseconds: milliseconds would be rows 1 s apart."""
 _LOOP = 0.0025
 """Period below which a log holds every command of the firmware's loop of 500 Hz [s]."""
 
@@ -157,8 +159,9 @@ def flights(table: Table) -> Found:
     law, how = compensation.choose_law(table, values["PWM"], volts, thrust)
     stamps = read[clock][np.isfinite(read[clock])]
     step = np.median(np.diff(stamps)) if len(stamps) > 1 else 10.0
+    unit = 1e-6 if abs(step) >= _LEAST_US else 1e-3 if abs(step) >= 1 else 1.0
     with np.errstate(invalid="ignore"):  # what is not finite is refused by checking
-        time = (read[clock] - read[clock][0]) * (1e-3 if abs(step) >= 1 else 1.0)
+        time = (read[clock] - read[clock][0]) * unit
     period = streams.period(time)
     known = ("position", "velocity", "attitude", "body_rates", "setpoint", "accelerometer")
     flight = flight_of(
@@ -172,7 +175,10 @@ def flights(table: Table) -> Found:
         assumed=period >= _LOOP,
         rotor_speed=values.get("rotor speed"),
     )
-    return [(flight, time)], [compensation.note(table.name, law, how)]
+    notes = [compensation.note(table.name, law, how)]
+    if unit == 1e-6:
+        notes.append(f"{table.name}: {clock} taken as microseconds, its step is {step:g}")
+    return [(flight, time)], notes
 
 
 def _chosen(table: Table) -> dict[str, Spelling]:
@@ -197,8 +203,9 @@ def _chosen(table: Table) -> dict[str, Spelling]:
         if signal in needed and signal not in chosen
     ]
     if lacking:
+        what = f"{table.head['what']}, " if "what" in table.head else ""
         raise InputError(
-            f"{table.name}: missing {'; '.join(lacking)}. Add them to the log's variables."
+            f"{table.name}: {what}missing {'; '.join(lacking)}. Add them to the log's variables."
         )
     return chosen
 

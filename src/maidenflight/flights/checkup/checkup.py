@@ -1,0 +1,46 @@
+"""`check_up`, all tests of a log's conventions in the order in which they are shown.
+
+A later test presumes what an earlier one found right, so that of several failures the first is
+mended first.
+"""
+
+from collections.abc import Sequence
+
+from maidenflight.flights.checkup.gravity import check_accelerometer
+from maidenflight.flights.checkup.kinematics import check_state
+from maidenflight.flights.checkup.motors import check_motors
+from maidenflight.flights.checkup.one_drone import NAME as ONE_DRONE
+from maidenflight.flights.checkup.one_drone import check_load
+from maidenflight.flights.checkup.result import FAILS, WARNS, CheckResult, unknown
+from maidenflight.flights.checkup.rotor_speeds import check_rotor_speeds
+from maidenflight.flights.log import Flight
+
+_OF_FORCE = ("thrust curve", "thrust to weight", ONE_DRONE)
+FEWEST_ROWS = 100
+"""Rows of a log below which nothing is concluded."""
+
+
+def check_up(pieces: Sequence[Flight]) -> tuple[CheckResult, ...]:
+    """Checks the conventions of gapless pieces of one flight, however many of them.
+
+    Returns:
+        A result of each test that concerns what was logged; none of a log that is too short.
+    """
+    if sum(map(len, pieces)) < FEWEST_ROWS:
+        return ()
+    force = check_accelerometer(pieces)
+    results = (*check_motors(pieces), check_load(pieces))
+    if any(one.verdict in (FAILS, WARNS) for one in force):
+        # What follows from the force would repeat its fault.
+        results = tuple(
+            unknown(one.name, "the accelerometer has to be mended first")
+            if one.name in _OF_FORCE
+            else one
+            for one in results
+        )
+    return (
+        *(check_state(pieces) if pieces[0].has_state else ()),
+        *force,
+        *results,
+        *check_rotor_speeds(pieces),
+    )

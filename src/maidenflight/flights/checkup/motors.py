@@ -1,0 +1,343 @@
+"""Tests of the motors: whether commands turn the drone, in which order, when, and by which curve.
+
+All 24 orders of four motors are tried at lags that a motor can have. Commands that are late or
+early show as a delay that none has, of the logged order alone: a feedback answers a turn in the
+opposite sense, and so makes a mirrored drone look like one whose commands come too late.
+"""
+
+from collections.abc import Sequence
+from itertools import permutations
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from maidenflight.flights.checkup.gravity import GRAVITY
+from maidenflight.flights.checkup.response import (
+    DELAYS_S,
+    FORCE,
+    LAGS_S,
+    QUICK,
+    SLOW,
+    Responses,
+    Spectra,
+    responses,
+    spectra,
+)
+from maidenflight.flights.checkup.result import FAILS, PASSES, WARNS, CheckResult, unknown
+from maidenflight.flights.log import Flight
+from maidenflight.simulator.physics.geometry import TORQUES
+
+ORDERS = tuple(permutations(range(4)))
+"""Orders of the motors; the first is the one of our format."""
+EARLIEST_S, LATEST_S = -0.015, 0.045
+"""Delay of the drone's answer behind its commands that real drones have; 0 to 0.02 s were seen."""
+USUAL_S = 0.012
+"""The usual one [s]."""
+DRIVEN, DRIVEN_LONG = 0.75, 0.55
+"""Correlations of roll and pitch, summed, below which commands do not drive the motion, and
+of long flights: 0.9 to 1.95 in 96 logs; with the commands of another time of the flight at most
+0.69 and 0.42."""
+CLEARLY = {QUICK: 1.0, SLOW: 1.4}
+"""Those from which another order of the motors is named; in slow motion chance reaches 0.95."""
+FEWEST, MANY = 3.5, 12.0
+"""Segments of flight from which that is judged, and from which a log is refused for it."""
+BETTER = 0.06
+"""By which another order must correlate better to be named; the next best one of sound logs is
+worse by 0.18 and more."""
+YAW, YAW_DOMINATES = 0.2, 1.5
+"""Correlation of yaw with its command that shows its sign, and its ratio to the opposite one's."""
+_YAW_LEADS_S = (0.0, 0.02, 0.05, 0.1, 0.3)
+"""How much the rotors' inertia lets yaw lead the drag of the blades [s]."""
+CURVE = (0.5, 1.75)
+"""Change of thrust by that of command, both as shares, that a thrust command may have."""
+CABLE_S = 0.055
+"""Difference of the lags of force and of roll and pitch that shows a load on a cable [s]."""
+FORCE_EXPLAINED = 0.6
+"""Correlation of the force along z with the commands from which the curve is judged."""
+THRUST_TO_WEIGHT = (1.02, 16.0)
+"""Ratio of full thrust to weight that a quadrotor can have."""
+LATE_GYRO_S = 0.04
+"""By which the gyro may follow commands later than the accelerometer does [s]."""
+_OUR_ORDER = "front right, back right, back left, front left"
+
+
+class Fit(NamedTuple):
+    """Which order of the motors roll and pitch follow best."""
+
+    order: tuple[int, ...]
+    score: float
+    """Correlations of roll and pitch, summed."""
+    lag: float
+    """[s]."""
+    delay: float
+    """[s]."""
+
+
+def check_motors(pieces: Sequence[Flight]) -> list[CheckResult]:
+    """Checks the motors' commands against the motion of pieces of one flight."""
+    found = spectra(pieces)
+    if found is None:
+        return [unknown("motors drive", "no piece lasts 0.6 s")]
+    answer = responses(found)
+    fits = best_fits(answer)
+    drive = _check_drive(fits, answer.segments)
+    if drive.verdict != PASSES and (slow := spectra(pieces, SLOW)) is not None:
+        # A very smooth flight may be all below the usual band.
+        slowly = best_fits(responses(slow))
+        if max(fit.score for fit in slowly.values()) > CLEARLY[SLOW]:
+            found, answer, fits = slow, responses(slow), slowly
+            drive = _check_drive(fits, answer.segments)
+    if drive.verdict in (FAILS, WARNS):
+        return [drive, _check_thrust(pieces)]
+    order = _check_order(fits, found, answer.segments)
+    results = [drive, order]
+    if order.verdict == FAILS:
+        return results
+    if found.band == QUICK:
+        logged = fits[ORDERS[0]]
+        results += [_check_delay(logged, answer), _check_yaw(found, logged)]
+        if pieces[0].accelerometer is not None:
+            results.append(_check_curve(pieces, answer, logged))
+    return [*results, _check_thrust(pieces)]
+
+
+def best_fits(answer: Responses) -> dict[tuple[int, ...], Fit]:
+    """Finds lag and delay at which roll and pitch follow each order of the motors best.
+
+    Other orders than the logged one are tried at possible delays alone.
+    """
+    possible = _within(EARLIEST_S, LATEST_S)
+    fits = {}
+    for order in ORDERS:
+        torques = TORQUES[np.argsort(order)]
+        scores = sum(answer.correlation(axis, torques[:, axis]) for axis in (0, 1))
+        scores = np.asarray(scores)
+        if order != ORDERS[0]:
+            scores = np.where(possible, scores, -2.0)
+        lag, delay = np.unravel_index(int(np.argmax(scores)), scores.shape)
+        fits[order] = Fit(
+            order, float(scores[lag, delay]), float(LAGS_S[lag]), float(DELAYS_S[delay])
+        )
+    return fits
+
+
+def _within(low: float, high: float) -> Bool[np.ndarray, "D"]:
+    return np.abs(DELAYS_S - (low + high) / 2) < (high - low) / 2 + 1e-6
+
+
+def _check_drive(fits: dict[tuple[int, ...], Fit], segments: float) -> CheckResult:
+    name = "motors drive"
+    best = max(fit.score for fit in fits.values())
+    said = f"roll and pitch follow the motors' torques with correlations of {best / 2:.2f}"
+    if segments < FEWEST and best < 2 * DRIVEN:
+        return unknown(name, f"{said}; the flight is too short to judge that", best / 2)
+    least = DRIVEN if segments < MANY else DRIVEN_LONG
+    threshold = f"{least / 2:.2f} or more"
+    if best >= least:
+        return CheckResult(name, PASSES, said, best / 2, threshold)
+    sentence = (
+        f"commands do not drive the motion: {said}, in any order of the motors; expected "
+        f"{threshold}. They are of another flight or clock, the drone is held, or something else "
+        "than the motors was logged. Leave it out."
+    )
+    verdict = FAILS if segments >= MANY else WARNS
+    return CheckResult(name, verdict, sentence, best / 2, threshold)
+
+
+def _check_order(fits: dict[tuple[int, ...], Fit], found: Spectra, segments: float) -> CheckResult:
+    name = "motor order"
+    logged = fits[ORDERS[0]]
+    best = max(fits.values(), key=lambda fit: fit.score)
+    gain = max(best.score - logged.score, 0.0)
+    threshold = f"below {BETTER / 2:.2f}"
+    said = f"roll and pitch follow the motors as logged, correlation {logged.score / 2:.2f}"
+    if gain < BETTER:
+        return CheckResult(name, PASSES, said, gain / 2, threshold)
+    few = segments < FEWEST and (best.score < 1.6 or gain < 0.4 or segments < 1.5)
+    least = DRIVEN if segments >= MANY and found.band == QUICK else CLEARLY[found.band]
+    if best.score < least or few:
+        return unknown(name, "too little shows the order of the motors", gain / 2)
+    right = ", ".join(f"command_{motor + 1}" for motor in best.order)
+    sentence = (
+        f"roll and pitch follow the motors in the order {right} with correlations of "
+        f"{best.score / 2:.2f}, as logged of {logged.score / 2:.2f}: the motors look permuted; "
+        f"expected {_OUR_ORDER}."
+    )
+    other = _as_frame(best.order)
+    if other:
+        sentence += f" Or {other}.{_decide_by_yaw(found, best)}"
+    return CheckResult(name, FAILS, sentence, gain / 2, threshold)
+
+
+def _as_frame(order: tuple[int, ...]) -> str:
+    """Says which fault of the body's axes has the same effect on roll and pitch; "" if none has."""
+    torques = TORQUES[np.argsort(order)]
+    turned = np.linalg.lstsq(TORQUES[:, :2], torques[:, :2], rcond=None)[0]
+    readings = {
+        (-1, 0, 0, 1): "body_rate_x has the opposite sign",
+        (1, 0, 0, -1): "body_rate_y has the opposite sign",
+        (-1, 0, 0, -1): "the body's axes are turned by 180 deg",
+        (0, 1, 1, 0): "x and y of the body are swapped",
+        (0, -1, -1, 0): "x and y of the body are swapped, with opposite signs",
+        (0, 1, -1, 0): "the body's axes are turned by 90 deg",
+        (0, -1, 1, 0): "the body's axes are turned by -90 deg",
+    }
+    return readings.get(tuple(np.round(turned.ravel()).astype(int).tolist()), "")
+
+
+def _decide_by_yaw(found: Spectra, best: Fit) -> str:
+    """Says whether yaw speaks for the order of the motors or for the frame."""
+    torques = TORQUES[np.argsort(best.order)]
+    if np.array_equal(torques[:, 2], TORQUES[:, 2]):
+        return " Yaw is alike in both: compare the order with the firmware's."
+    for_order, against = yaw_correlations(found, best, torques[:, 2])
+    if max(for_order, against) < YAW or max(for_order, against) < YAW_DOMINATES * min(
+        for_order, against
+    ):
+        return " Yaw does not tell which."
+    if for_order > against:
+        return " Yaw follows that order of the motors."
+    return " Yaw speaks for the body's axes, not for the order of the motors."
+
+
+def yaw_correlations(
+    found: Spectra, fit: Fit, pattern: Float[np.ndarray, "4"]
+) -> tuple[float, float]:
+    """Measures how yaw follows motors, and how it follows them with the opposite sign.
+
+    Drag of the blades turns the drone as their thrust rises, and so does the rotors' inertia while
+    they speed up, the more the quicker.
+    """
+    turn = 2j * np.pi * found.frequency
+    lag = np.exp(-turn * fit.delay) / (1 + turn * fit.lag)
+    own, weight = found.channels[:, 2], found.weight(2)
+    power = np.einsum("u,fuv,v->f", pattern, found.commands, pattern).real
+    across = found.across[:, :, 2] @ pattern
+    matches = []
+    for lead in _YAW_LEADS_S:
+        answer = lag * (1 + turn * lead)
+        size = (np.abs(answer) ** 2 * power * weight).sum() * (own * weight).sum()
+        product = (answer.conj() * across * weight).sum().real
+        matches.append(float(product / np.sqrt(max(float(size), 1e-20))))
+    return max(matches), -min(matches)
+
+
+def _check_yaw(found: Spectra, logged: Fit) -> CheckResult:
+    name = "yaw direction"
+    along, against = yaw_correlations(found, logged, TORQUES[:, 2])
+    threshold = f"{YAW:g} or more"
+    if against > YAW and against > YAW_DOMINATES * max(along, 0.0):
+        sentence = (
+            f"yaw answers its command the wrong way round (correlation -{against:.2f}): the rotors "
+            "turn the other way (props out), or yaw and body_rate_z have the opposite sign. "
+            "torque_to_thrust and inertia_z found are worth nothing, and a policy for it would "
+            "control yaw the wrong way round."
+        )
+        return CheckResult(name, WARNS, sentence, -against, threshold)
+    if along > YAW and along > YAW_DOMINATES * against:
+        return CheckResult(name, PASSES, "yaw follows its command", along, threshold)
+    return unknown(name, "yaw follows its command too little to show its sign", along)
+
+
+def _check_delay(logged: Fit, answer: Responses) -> CheckResult:
+    name = "command delay"
+    late = 1e3 * logged.delay
+    threshold = f"{1e3 * EARLIEST_S:.0f} .. {1e3 * LATEST_S:.0f} ms"
+    if logged.score < DRIVEN or (answer.segments < FEWEST and logged.score < 2 * DRIVEN):
+        return unknown(name, "too little shows when commands act", late)
+    said = f"motion follows commands by {late:.0f} ms and a lag of {1e3 * logged.lag:.0f} ms"
+    force = np.asarray(answer.correlation(FORCE, np.ones(4)))
+    lag, delay = np.unravel_index(int(np.argmax(force)), force.shape)
+    heard = float(force[lag, delay]) > 0.8 and answer.segments >= FEWEST
+    apart = logged.lag + logged.delay - float(LAGS_S[lag] + DELAYS_S[delay])
+    if heard and apart > LATE_GYRO_S:
+        sentence = (
+            f"{said}, the accelerometer {1e3 * apart:.0f} ms before the gyro: body rates are late "
+            f"by about {1e3 * apart:.0f} ms. Shift them, or log them with less filtering."
+        )
+        return CheckResult(name, FAILS, sentence, late, threshold)
+    if EARLIEST_S < logged.delay < LATEST_S:
+        return CheckResult(name, PASSES, said, late, threshold)
+    off = 1e3 * (logged.delay - USUAL_S)
+    side = "early" if off > 0 else "late"
+    sentence = (
+        f"commands are {side} by about {abs(off):.0f} ms: {said}; expected {threshold}. They have "
+        "another clock than gyro and accelerometer: shift them."
+    )
+    # The force follows the same commands: it has to be off on the same side.
+    felt = float(DELAYS_S[delay])
+    alone = heard and (felt < LATEST_S / 2 if off > 0 else felt > 0.0)
+    if alone:
+        return unknown(name, f"{said}, but the force along z by {1e3 * felt:.0f} ms", late)
+    return CheckResult(name, FAILS, sentence, late, threshold)
+
+
+def _check_curve(pieces: Sequence[Flight], answer: Responses, logged: Fit) -> CheckResult:
+    name = "thrust curve"
+    matches = answer.correlation(FORCE, np.ones(4))[:, _within(EARLIEST_S, LATEST_S)]
+    lag, delay = np.unravel_index(int(np.argmax(matches)), matches.shape)
+    match = float(matches[lag, delay])
+    command = np.concatenate([piece.mean_command for piece in pieces]).mean(dtype=np.float64)
+    force = np.concatenate([np.asarray(piece.accelerometer)[:, 2] for piece in pieces])
+    if match < FORCE_EXPLAINED or answer.segments < FEWEST or command <= 0:
+        return unknown(name, f"the force along z follows the commands to {match:.2f} only", match)
+    place = int(np.flatnonzero(_within(EARLIEST_S, LATEST_S))[delay])
+    apart = float(LAGS_S[lag] + DELAYS_S[place]) - logged.lag - logged.delay
+    if abs(apart) > CABLE_S:
+        said = f"the force along z follows the commands {1e3 * apart:.0f} ms after roll and pitch"
+        return unknown(name, f"{said}, as with a load on a cable", apart)
+    product = answer.products[FORCE, lag, place].sum()
+    gain = 4 * product / answer.power[FORCE, lag].sum()
+    share = float(gain * command / max(float(force.mean(dtype=np.float64)), 0.1 * GRAVITY))
+    low, high = CURVE
+    threshold = f"{low:g} .. {high:g}"
+    said = f"1 % more command gives {share:.2f} % more thrust"
+    if low < share < high:
+        return CheckResult(name, PASSES, said, share, threshold)
+    cause = (
+        "commands may be rotor speeds, sqrt(u), or percent above an idle that was not taken off"
+        if share > high
+        else "commands may be squared once too often, or have an offset"
+    )
+    sentence = f"{said}; expected about 1: {cause}. u is thrust as a share of full thrust."
+    return CheckResult(name, WARNS, sentence, share, threshold)
+
+
+def _check_thrust(pieces: Sequence[Flight]) -> CheckResult:
+    name = "thrust to weight"
+    loads, commands = [], []
+    for piece in pieces:
+        load = load_factor(piece)
+        if load is not None:
+            loads.append(load)
+            commands.append(piece.mean_command.mean(axis=1, dtype=np.float64))
+    if not loads:
+        return unknown(name, "neither accelerometer nor velocity shows the thrust")
+    load, command = np.concatenate(loads), np.concatenate(commands)
+    known = np.isfinite(load) & np.isfinite(command)
+    mean = float(command[known].mean()) if known.any() else 0.0
+    if mean <= 1e-3:
+        return unknown(name, "the motors are off")
+    ratio = float(load[known].mean()) / mean
+    low, high = THRUST_TO_WEIGHT
+    threshold = f"{low:g} .. {high:g}"
+    said = f"hovering takes u = {1 / ratio:.2f}: full thrust is {ratio:.2f} times the weight"
+    if low < ratio < high:
+        return CheckResult(name, PASSES, f"{said}; compare that with yours", ratio, threshold)
+    sentence = (
+        f"{said}; expected {threshold} times. The scale of the commands looks wrong: another full "
+        "throttle, PWM limits, or percent."
+    )
+    return CheckResult(name, WARNS, sentence, ratio, threshold)
+
+
+def load_factor(piece: Flight) -> Float[np.ndarray, "N"] | None:
+    """Measures specific force along z in g, by accelerometer or by velocity and tilt."""
+    if piece.accelerometer is not None:
+        return piece.accelerometer[:, 2].astype(float) / GRAVITY
+    if not piece.has_state or len(piece) < 3:
+        return None
+    level = np.cos(piece.attitude[:, 0].astype(float)) * np.cos(piece.attitude[:, 1].astype(float))
+    climb = np.gradient(piece.velocity[:, 2].astype(float), piece.period)
+    return (1 + climb / GRAVITY) / np.maximum(level, 0.3)

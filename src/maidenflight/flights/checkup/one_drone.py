@@ -1,0 +1,132 @@
+"""Tests of whether one drone flew: a load that changes, in a flight or between them, and copies.
+
+Thrust per command, the specific force in g by the mean command, is the ratio of full thrust to
+weight. It stays within 4 % over 4 s of a calm flight, and steps where a load is taken up or lost.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float, UInt64
+
+from maidenflight.flights.checkup.motors import load_factor
+from maidenflight.flights.checkup.result import PASSES, WARNS, CheckResult, unknown
+from maidenflight.flights.log import Flight
+
+NAME = "one drone"
+STEP = 0.07
+"""Step of thrust per command, as a share, that a calm flight does not have."""
+CERTAIN = 5.0
+"""Standard errors that it must be."""
+UNSTEADY = 0.1
+"""Standard deviation of thrust per command, as a share, above which a flight is not calm."""
+BETWEEN = 0.12
+"""Difference of thrust per command between logs, as a share, that one drone does not have."""
+COPIED = 0.1
+"""Share of rows that a flight may have in common with another one."""
+_BLOCK_S, _BLOCKS = 0.5, 8
+_RESPONSE_S = 0.06
+_GRID = 1e-3
+"""Steps of body rates and commands by which rows are compared [rad/s, -]."""
+
+
+def check_load(pieces: Sequence[Flight]) -> CheckResult:
+    """Checks that thrust per command does not step within pieces of one flight."""
+    ratio = thrust_per_command(pieces)
+    if len(ratio) < 2 * _BLOCKS + 4:
+        return unknown(NAME, f"shorter than {(2 * _BLOCKS + 4) * _BLOCK_S:g} s")
+    steps = [
+        (float(np.median(after) - np.median(before)), _error(before, after), place)
+        for place in range(_BLOCKS, len(ratio) - _BLOCKS)
+        for before, after in [(ratio[place - _BLOCKS : place], ratio[place : place + _BLOCKS])]
+    ]
+    step, error, place = max(steps, key=lambda one: abs(one[0]))
+    flat = np.concatenate([ratio[:place], ratio[place:] - step])
+    if 1.4826 * float(np.median(np.abs(flat - np.median(flat)))) > UNSTEADY:
+        return unknown(NAME, "too lively a flight to show a change of load", step)
+    threshold = f"-{STEP:g} .. {STEP:g}"
+    if abs(step) < STEP or abs(step) < CERTAIN * error:
+        said = f"thrust per command stays within {100 * abs(step):.1f} %"
+        return CheckResult(NAME, PASSES, said, step, threshold)
+    sentence = (
+        f"thrust per command changes by {100 * np.expm1(step):+.0f} % after "
+        f"{place * _BLOCK_S:.0f} s: a load was taken up or lost, or a propeller or battery gave "
+        "way. Cut the log there: it is of two drones."
+    )
+    return CheckResult(NAME, WARNS, sentence, step, threshold)
+
+
+def _error(before: Float[np.ndarray, "B"], after: Float[np.ndarray, "B"]) -> float:
+    """Estimates the standard error of the difference of two medians."""
+    left = np.concatenate([before - np.median(before), after - np.median(after)])
+    deviation = 1.4826 * float(np.median(np.abs(left)))
+    return 1.25 * deviation * float(np.sqrt(2 / len(before))) + 0.002
+
+
+def thrust_per_command(pieces: Sequence[Flight]) -> Float[np.ndarray, "B"]:
+    """Measures the logarithm of thrust per command in blocks of `_BLOCK_S`."""
+    found = [np.zeros(0)]
+    for piece in pieces:
+        rows = max(1, round(_BLOCK_S / piece.period))
+        load, count = load_factor(piece), len(piece) // rows
+        if load is None or not count:
+            continue
+        late = min(max(1, round(_RESPONSE_S / piece.period)), len(piece) - 1)
+        command = piece.mean_command.mean(axis=1, dtype=np.float64)
+        command = np.concatenate([np.repeat(command[:1], late), command[:-late]])
+        blocks = [one[: count * rows].reshape(count, rows).mean(axis=1) for one in (load, command)]
+        found.append(np.log(np.maximum(blocks[0], 0.05) / np.maximum(blocks[1], 0.01)))
+    return np.concatenate(found)
+
+
+def compare_loads(ratios: Mapping[str, float]) -> list[str]:
+    """Says which logs are of another load than others, by thrust per command.
+
+    Args:
+        ratios: full thrust by weight of each log in calm flight.
+    """
+    if len(ratios) < 2:
+        return []
+    names = sorted(ratios, key=lambda name: ratios[name])
+    values = np.log([ratios[name] for name in names])
+    cut = int(np.argmax(np.diff(values))) + 1
+    low, high = np.exp(values[:cut].mean()), np.exp(values[cut:].mean())
+    within = max(float(np.ptp(values[:cut])), float(np.ptp(values[cut:])))
+    gap = float(values[cut] - values[cut - 1])
+    if gap < BETWEEN or gap < within:
+        return []
+    return [
+        f"flights of two drones or loads: full thrust is {low:.2f} times the weight in "
+        f"{', '.join(names[:cut][:3])}{' ...' if cut > 3 else ''} and {high:.2f} times in "
+        f"{', '.join(names[cut:][:3])}{' ...' if len(names) - cut > 3 else ''}. Identify each by "
+        "itself."
+    ]
+
+
+def row_keys(flights: Sequence[Flight]) -> UInt64[np.ndarray, "N"]:
+    """Returns a number for each different row, by body rates and commands alone.
+
+    Copies that are shifted, cut, thinned or have another position share them.
+    """
+    rows = [np.concatenate([one.body_rates, one.command], axis=1) for one in flights]
+    grid = np.round(np.nan_to_num(np.concatenate(rows)) / _GRID).astype(np.int64).astype(np.uint64)
+    odd = np.random.default_rng(0).integers(1, 2**63, grid.shape[1], dtype=np.uint64) | np.uint64(1)
+    with np.errstate(over="ignore"):
+        mixed = (grid * odd).sum(axis=1, dtype=np.uint64)
+        mixed = (mixed ^ (mixed >> np.uint64(29))) * odd[0]
+    return np.unique(mixed)
+
+
+def find_copy(
+    keys: UInt64[np.ndarray, "N"], others: Mapping[str, UInt64[np.ndarray, "M"]]
+) -> str | None:
+    """Finds another flight that has the same rows, by its name."""
+    for name, other in others.items():
+        if min(len(keys), len(other)) < 20:
+            if len(keys) == len(other) and np.array_equal(keys, other):
+                return name
+            continue
+        shared = len(np.intersect1d(keys, other, assume_unique=True))
+        if shared > COPIED * min(len(keys), len(other)):
+            return name
+    return None
