@@ -93,7 +93,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     estimates |= as_flights_differ(estimates, flights, drone)
     if motors and LAG in box.names:
         estimates = of_seen_lag(estimates)
-    looks = lag.looks(motors, flights, draws, untold, drone)
+    looks = lag.looks(motors, draws, untold, drone)
     return Identification(
         parameters=check(drone, "identified parameters"),
         estimates=estimates,

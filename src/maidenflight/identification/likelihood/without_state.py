@@ -116,7 +116,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     deviations = np.array([spread[name] for name in names])
     estimates = estimates_of(box, optimum, optima, posterior.interval(samples), deviations)
     segments, motors = found[0].best.model.segments, _motors(found)
-    looks = lag.looks(motors, problem.flights, found[0].samples, found[0].untold, drone)
+    looks = lag.looks(motors, found[0].samples, found[0].untold, drone)
     return Identification(
         parameters=check(drone, "identified parameters"),
         estimates=estimates,

@@ -32,6 +32,8 @@ WINDOW = 4.0
 """Length of a stretch that is transformed, with Hann's window and half overlap [s]."""
 LOWEST, HIGHEST = 1.5, 15.0
 """Frequencies that count [Hz]: below, position and speed are controlled; above is vibration."""
+SLOW = 6.0
+"""Frequency up to which a command that is sampled must be clear of what its samples fold [Hz]."""
 BANDS = 8
 """Parts of these frequencies in which set-points and disturbances have sizes of their own."""
 _POWERS = (0, -1, -2, 1)
@@ -65,6 +67,8 @@ class Spectra(NamedTuple):
     """Number of the band of each line."""
     looks: float
     """Independent stretches in these sums."""
+    clear: float
+    """Times by which the command is stronger than near half the log's rate, up to `SLOW`."""
 
     def means(self, power: Float[np.ndarray, "F"]) -> Float[np.ndarray, "B"]:
         """Mean of a power in each band."""
@@ -74,10 +78,9 @@ class Spectra(NamedTuple):
     def coherence(self) -> float:
         """Mean squared coherence of both signals in the bands; a command read late is no noise."""
         cross = self.cross * np.exp(self.s * 0.03)
-        parts = [np.bincount(self.band, part) for part in (cross.real, cross.imag)]
-        return float(
-            np.mean((parts[0] ** 2 + parts[1] ** 2) / self._sums(self.drive) / self._sums(self.motion))
-        )
+        real, imaginary = (self._sums(part) for part in (np.real(cross), np.imag(cross)))
+        shared = (real**2 + imaginary**2) / self._sums(self.drive) / self._sums(self.motion)
+        return float(np.mean(shared))
 
     def _sums(self, power: Float[np.ndarray, "F"]) -> Float[np.ndarray, "B"]:
         return np.bincount(self.band, power) + 1e-30
@@ -119,18 +122,24 @@ def spectra(
     begins = np.unique(np.round(np.linspace(0, len(drive) - rows, count)).astype(int))
     window = scipy.signal.windows.hann(rows, sym=False)
 
-    def lines(values: Float[np.ndarray, "N c"]) -> Complex[np.ndarray, "S F"]:
+    def lines(values: Float[np.ndarray, "N c"], chosen: np.ndarray) -> Complex[np.ndarray, "S F"]:
         pieces = np.concatenate([values[begin : begin + rows].T for begin in begins])
-        return np.fft.rfft(scipy.signal.detrend(pieces) * window)[:, used]
+        return np.fft.rfft(scipy.signal.detrend(pieces) * window)[:, chosen]
 
-    u = lines(drive) * (np.exp(-s * period / 2) if held else 1.0)
-    y = lines(motion) * (s if differentiate else 1.0)
-    u = u * np.sqrt(np.mean(np.abs(y) ** 2) / max(float(np.mean(np.abs(u) ** 2)), 1e-30))
+    u = lines(drive, used) * (np.exp(-s * period / 2) if held else 1.0)
+    y = lines(motion, used) * (s if differentiate else 1.0)
+    scale = np.sqrt(np.mean(np.abs(y) ** 2) / max(float(np.mean(np.abs(u) ** 2)), 1e-30))
+    u = u * scale
     edges = np.geomspace(0.999 * LOWEST, 1.001 * HIGHEST, BANDS + 1)
     _, band = np.unique(np.digitize(frequencies[used], edges), return_inverse=True)
-    power = [np.sum(np.abs(one) ** 2, axis=0) for one in (u, y)]
+    drives, moves = (np.sum(np.abs(one) ** 2, axis=0) for one in (u, y))
     looks = drive.shape[1] * len(drive) / rows
-    return Spectra(s, *power, np.sum(y * u.conj(), axis=0), band, looks)
+    fast = frequencies > 0.7 * frequencies[-1]
+    noise = np.mean(np.abs(lines(drive, fast)) ** 2) * scale**2 * len(u)
+    slow = np.bincount(band, drives / noise)[: band[frequencies[used] < SLOW][-1]]
+    clear = slow / np.bincount(band)[: len(slow)]
+    cross = np.sum(y * u.conj(), axis=0)
+    return Spectra(s, drives, moves, cross, band, looks, float(clear.min()))
 
 
 class _Model:
@@ -150,7 +159,7 @@ class _Model:
     def start(self, lag: float) -> Float[np.ndarray, "d"]:
         """A loop of some lag that is stable, by least squares of either equation."""
         seen, shape = self.seen, np.exp(-self.seen.s * self.delay) / (1 + self.seen.s * lag)
-        gain = np.sum((shape.conj() * seen.cross).real) / np.sum(np.abs(shape) ** 2 * seen.drive)
+        gain = np.sum(np.real(shape.conj() * seen.cross)) / np.sum(np.abs(shape) ** 2 * seen.drive)
         x = np.array([np.log(lag), np.log(max(gain, 0.05))])
         if not self.closed:
             return x

@@ -9,9 +9,10 @@ The accelerometer is not asked: what it hears of four motors together is drag, v
 too, and from log to log of one brushed drone it says 60 to 118 ms where rotor speeds say 80. Where
 rotor speed was measured it alone is asked, without a loop: nothing answers it.
 
-Commands that are samples of a faster and noisy loop are not what the motors got. Motion then does
-not cohere with them, whichever follows which, and such stretches are left out where others are not
-so.
+Samples of a faster and noisy loop are not what the motors got: noise above half the log's rate is
+folded into them, and passes for commands. Where they are as strong near half the rate as at a few
+hertz, nothing is said. Neither is it of speeds that do not cohere with commands: in a third of the
+brushed logs known the reading was broken.
 
 docs/identification.md has figures of drones whose rotor speeds were measured.
 
@@ -39,22 +40,23 @@ LATENCIES = 1e-3 * np.array([-4.0, -2.0, 0.0, 1.0, 2.0, 3.0, 4.5, 6.0, 8.0, 11.0
 """Latencies that are tried [s]; below zero are differences of time stamps."""
 SEEN_LAGS = (0.01, 0.25)
 """Lags that these signals show [s]."""
-USUAL, USUAL_DEVIATION = 0.002, 0.001
-"""Latency of commands on board, and how sure that is, with the delay of the gyro's own filter [s]:
-a row's command reaches the motors within a period of loop and of ESC."""
-_UNUSUAL = 0.1
+USUAL, USUAL_DEVIATION = 0.002, 0.0014
+"""Latency of commands on board and its standard deviation [s]: within a period of loop and of ESC,
+2 ms +- 1 ms, and as much again for the gyro's own filter (`other_ways.FILTER`)."""
+_UNUSUAL = 0.03
 """Share of drones of which nothing of the kind is known."""
 _FEWEST = 3.0
 """Length of a stretch at least [s]."""
 _LONGEST, _MOST = 10.0, 16
 """Length of a stretch at most [s], and stretches of all flights at about which they are longer."""
 _COHERENT = 0.7
-"""Coherence below which commands are not what the motors got, if others cohere more."""
+"""Coherence of commands and measured speeds below which the reading is broken."""
+_CLEAR = 5.0
+"""How much stronger than what their samples fold commands must be."""
 _LIKE = 0.06
 """Least standard deviation of the joined lag, a share: a motor is not quite of first order."""
 _OWN = 0.03
 """The same of one stretch."""
-POWER = 1.0
 _CLEARLY = 10.0
 """Most by which one stretch may vote against a latency [nats]."""
 DRAWS = 500
@@ -93,7 +95,6 @@ class _Stretch(NamedTuple):
 
     flight: str
     signal: str
-    coherence: float
     seen: LagByDelay
 
 
@@ -119,7 +120,7 @@ class _Joined(NamedTuple):
         """Returns samples of lag and latency [s]."""
         place = generator.choice(len(self.weight), DRAWS, p=self.weight)
         total = self.log_total[place] + self.error[place] * generator.normal(size=DRAWS)
-        beside = np.diff(LATENCIES, append=LATENCIES[-1])[place] * generator.uniform(size=DRAWS)
+        beside = np.gradient(LATENCIES)[place] * generator.uniform(-0.5, 0.5, DRAWS)
         latency = np.maximum(LATENCIES[place] + beside, 0.0)
         lag = np.maximum(np.exp(total) - latency, SEEN_LAGS[0] / 2)
         return lag, latency
@@ -146,62 +147,66 @@ def motor_response(
         one.rotor_speed is not None for one in flights
     ):
         return None
-    groups, found = by_log(flights), []
+    groups, found = by_log(flights), list[_Stretch]()
     longest = max(_LONGEST, sum(one.duration for one in flights) / _MOST)
     for number, parts in enumerate(groups.values(), 1):
         for part in parts:
             found += _stretches(part, drone, longest)
         if on_flight is not None:
             on_flight(number, len(groups))
-    coherent = [one for one in found if one.coherence > _COHERENT]
-    dropped = {one.flight for one in found} - {one.flight for one in coherent}
-    found = coherent or found
     if not found:
         return None
     before = _before(flights)
     joined = _joined(found, before)
     lag, latency = joined.draw(generator)
-    notes = [
-        f"{name}: its motion does not follow the logged commands, which are samples of what the "
-        "motors got; its lag is used only where no other flight tells it"
-        for name in sorted(dropped)
-    ]
-    signals = dict.fromkeys(one.signal for one in found)
     names = dict.fromkeys(one.flight for one in found)
+    left_out = [name for name in groups if name not in names]
+    note = (
+        f"{', '.join(left_out)}: too short, or commands and motion do not show the motors' lag; "
+        "that of the other flights is taken"
+    )
+
+    def joined_by(field: str, value: str) -> _Joined:
+        return _joined([one for one in found if getattr(one, field) == value], before)
+
+    signals = dict.fromkeys(one.signal for one in found)
     return MotorResponse(
         lag,
         latency,
         float(np.exp(joined.moments[0]) * (joined.weight @ joined.spread)),
-        tuple(_look(one, _joined([of for of in found if of.signal == one], before)) for one in signals),
-        tuple(notes),
-        {one: _joined([of for of in found if of.flight == one], before).moments for one in names},
+        tuple(_look(one, joined_by("signal", one)) for one in signals),
+        (note,) if left_out else (),
+        {one: joined_by("flight", one).moments for one in names},
     )
 
 
 def _before(flights: Sequence[Flight]) -> Float[np.ndarray, "D"]:
-    """How plausible latencies are without a flight: mostly `USUAL`, of Student's t with three
-    degrees of freedom. Logs of samples may have read commands up to a row apart from the gyro.
+    """How plausible latencies are without a flight.
+
+    Mostly as `USUAL`, but logs of samples may have read commands a row apart from the gyro.
     """
     held = all(flight.zero_order_hold for flight in flights)
     size = np.hypot(USUAL_DEVIATION, 0.0 if held else min(flights[0].period, 0.01) / np.sqrt(12))
-    near = (1 + ((LATENCIES - USUAL) / size) ** 2 / 3) ** -2
     wide = np.gradient(LATENCIES)
-    near *= wide / (near @ wide)
-    return (1 - _UNUSUAL) * near + _UNUSUAL * wide / wide.sum()
+    near = np.exp(-0.5 * ((LATENCIES - USUAL) / size) ** 2) * wide
+    return (1 - _UNUSUAL) * near / near.sum() + _UNUSUAL * wide / wide.sum()
 
 
 def _stretches(flight: Flight, drone: Parameters, longest: float) -> Iterator[_Stretch]:
     """What each signal shows over parts of a piece of flight."""
-    parts = max(1, round(flight.duration / longest))
+    held, parts = flight.zero_order_hold, max(1, round(flight.duration / longest))
     ends = np.linspace(0, len(flight), parts + 1).astype(int)
     for begin, end in zip(ends[:-1], ends[1:], strict=True):
         part = flight.part(begin, end)
         if len(part) * part.period < _FEWEST:
             continue
         for signal, one, delay in _signals(part, drone):
-            seen = lag_by_delay(one, LATENCIES + delay, closed=signal != _ROTORS)
+            rotors = signal == _ROTORS
+            if one.coherence < _COHERENT if rotors else not (held or one.clear > _CLEAR):
+                continue
+            seen = lag_by_delay(one, LATENCIES + delay, closed=not rotors)
             if seen is not None:
-                yield _Stretch(flight.name, signal, one.coherence, seen)
+                yield _Stretch(flight.name, signal, seen)
 
 
 def _signals(flight: Flight, drone: Parameters) -> Iterator[tuple[str, Spectra, float]]:
@@ -227,7 +232,7 @@ def _joined(found: Sequence[_Stretch], before: Float[np.ndarray, "D"]) -> _Joine
     the latency are taken to the power of one over the root of their number.
     """
     loss = np.minimum([one.seen.loss for one in found], _CLEARLY).sum(axis=0)
-    weight = np.log(before) - loss / len(found) ** POWER
+    weight = np.log(before) - loss / np.sqrt(len(found))
     weight = np.exp(weight - weight.max())
     mean, error, spread = np.zeros((3, len(LATENCIES)))
     for place, latency in enumerate(LATENCIES):
