@@ -107,7 +107,7 @@ def test_an_interval_that_is_cut_off_at_a_bound_is_said_once():
 
 
 def test_a_lag_that_is_seen_has_the_bounds_of_what_was_tried():
-    searched = {"motor_time_constant": estimate(0.24, (0.003, 0.5))}
+    searched = {"motor_time_constant": estimate(0.2495, (0.003, 0.5))}
     assert at_bounds(searched) == {}
     seen = of_seen_lag(searched)
     assert seen["motor_time_constant"].bounds == SEEN_LAGS

@@ -27,7 +27,6 @@ from maidenflight.identification.likelihood.one_step import LENGTH, OneStep, one
 from maidenflight.identification.likelihood.one_step_errors import ORDER
 from maidenflight.identification.likelihood.selection import Parts
 from maidenflight.identification.methods import Likelihood
-from maidenflight.identification.outcome import posterior
 from maidenflight.identification.outcome.bounds import of_seen_lag
 from maidenflight.identification.outcome.ensembles import as_flights_differ
 from maidenflight.identification.outcome.estimates import (
@@ -37,7 +36,7 @@ from maidenflight.identification.outcome.estimates import (
     evaluations_table,
     notes_on,
 )
-from maidenflight.identification.outcome.plausible import Expected, Ranges, prior_ranges
+from maidenflight.identification.outcome.plausible import Expected, Ranges, is_told, prior_ranges
 from maidenflight.identification.outcome.problem import Problem, must_tell
 from maidenflight.identification.outcome.progress import EXPECTING, MOTOR_LAG
 from maidenflight.identification.signals import lag
@@ -83,7 +82,8 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         question = _question(problem, settings, (coarse, fine), motors, untold)
         found = answer_question(problem, settings, question)
         box, draws = found.best.box, found.samples
-        wide = _too_wide(draws, box.names, expected, _groups(problem, motors))
+        searched = [name for name in box.names if not (motors and name in DELAYS)]
+        wide = _too_wide(draws, searched, expected, _groups(problem, motors))
         if not wide:
             break
         untold |= {name: expected[name].prior for name in wide}
@@ -97,6 +97,10 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     estimates |= as_flights_differ(estimates, flights, drone)
     if motors and LAG in box.names:
         estimates = of_seen_lag(estimates)
+    if motors and motors.usual_latency and "latency" in estimates:
+        # It belongs to the lag that is told, so that the drone has it, and not the start's.
+        del estimates["latency"]
+        untold["latency"] = motors.usual_latency
     looks = lag.looks(motors, draws, untold, drone)
     return Identification(
         parameters=check(drone, "identified parameters"),
@@ -158,8 +162,10 @@ def _expected(
     priors = prior_ranges(problem.start, box_of(problem, names).limits)
     found = information.expected(coarse, problem.start, names, priors, _seen(motors))
     # What is not even looked for in such flights cannot be told by them either.
+    # Of a lag that is seen its own width decides, not what is plausible about some start.
+    seen = {} if motors is None else {LAG: motors.is_told, "latency": True}
     return {
-        name: replace_(one, identifiable=one.identifiable and name in offered)
+        name: replace_(one, identifiable=seen.get(name, one.identifiable) and name in offered)
         for name, one in found.items()
     }
 
@@ -175,17 +181,20 @@ def _too_wide(
     expected: Mapping[str, Expected],
     groups: Mapping[str, Sequence[str]],
 ) -> list[str]:
-    """The parameter whose interval exceeds its plausible range most, and those of its group.
+    """The parameter that flights tell least beyond its plausible range, and those of its group.
 
-    None at all if all are narrower. Others may be wide only because of this one.
+    None at all if they tell all of them. Others may be wide only because of this one.
     """
-    share = {}
-    for name in names:
-        low, high = posterior.interval(draws[name])
-        share[name] = float((high - low) / np.ptp(expected[name].prior))
+    share = {
+        name: float(np.std(draws[name]) / np.ptp(expected[name].prior))
+        for name in names
+        if not is_told(float(np.std(draws[name])), expected[name].prior)
+    }
+    if not share:
+        return []
     widest = max(share, key=lambda name: share[name])
     alike = next((group for group in groups.values() if widest in group), (widest,))
-    return [name for name in alike if share.get(name, 0.0) >= 1.0]
+    return [name for name in alike if name in share]
 
 
 def _question(

@@ -312,7 +312,7 @@ def _motors(found: Sequence[Answer]) -> MotorResponse | None:
         *(_look("gyro", one.others[OWN_LAG]) for one in found if OWN_LAG in one.others),
     ]
     lags, latency = (np.asarray(force.samples[name]) for name in DELAYS)
-    return MotorResponse(lags, latency, 0.0, tuple(looks), (), {})
+    return MotorResponse(lags, latency, None, 0.0, tuple(looks), (), {})
 
 
 def _look(signal: str, fit: Fit) -> Look:

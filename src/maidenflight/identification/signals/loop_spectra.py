@@ -217,8 +217,8 @@ class _Model:
         more: list[float],
     ) -> Float[np.ndarray, "d"]:
         turn = self.seen.s * np.exp(x[0])
-        lag = np.sum((by_response.conj() * response * -turn / (1 + turn)).real)
-        gain = np.sum((by_response.conj() * response).real)
+        lag = np.sum(np.real(by_response.conj() * response * -turn / (1 + turn)))
+        gain = np.sum(np.real(by_response.conj() * response))
         return np.array([lag, gain, *more])
 
     def stable(self, x: Float[np.ndarray, "d"]) -> bool:
@@ -236,7 +236,7 @@ class _Model:
             polynomial.polymul(motors, behind), np.exp(x[1]) * polynomial.polymul(weights, ahead)
         )
         roots = polynomial.polyroots(loop) * _AROUND / (2 * np.pi)
-        near = (np.abs(roots) > 0.8 * LOWEST) & (np.abs(roots) < 1.5 * HIGHEST)
+        near = (np.abs(roots) > 1.6 * LOWEST) & (np.abs(roots) < 1.5 * HIGHEST)
         return not bool((near & (roots.real > 0)).any())
 
     def best(
@@ -256,8 +256,9 @@ class _Model:
 
     def sound(self, x: Float[np.ndarray, "d"]) -> bool:
         """Whether this is a loop that can have flown, of a lag that shows."""
-        bounded = _SEARCHED[0] < np.exp(x[0]) < _SEARCHED[1] and abs(x[1]) < 4.5
-        return bool(np.isfinite(x).all() and bounded and self.stable(x))
+        known = np.isfinite(x).all() and np.isfinite(self(x)[0])
+        shown = known and _SEARCHED[0] < np.exp(x[0]) < _SEARCHED[1] and abs(x[1]) < 4.5
+        return bool(shown and self.stable(x))
 
     def deviation(self, value: float, x: Float[np.ndarray, "d"]) -> float:
         """Standard error of the logarithm of the lag, from the loss of two others."""
@@ -265,7 +266,8 @@ class _Model:
         for change in (-_STEP, _STEP):
             moved = x + change * (np.arange(len(x)) == 0)
             beside, there = self.best(moved, moved[0])
-            rises.append(max(beside - value, 0.0) if self.stable(there) else _REACH)
+            known = np.isfinite(beside) and np.isfinite(there).all() and self.stable(there)
+            rises.append(max(beside - value, 0.0) if known else _REACH)
         return float(1 / np.sqrt(2 * np.mean(rises) / _STEP**2 + 1.0))
 
 

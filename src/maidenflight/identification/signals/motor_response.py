@@ -28,6 +28,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.flights.log import Flight, by_log
+from maidenflight.identification.outcome.plausible import TOLD
 from maidenflight.identification.signals.loop_spectra import (
     LagByDelay,
     Spectra,
@@ -82,12 +83,19 @@ class MotorResponse:
     """Samples of the posterior [s]."""
     latency: Float[np.ndarray, "N"]
     """Likewise."""
+    usual_latency: tuple[float, float] | None
+    """Where 95 % of latencies lie before any flight [s], if these flights do not narrow it."""
     spread: float
     """Standard deviation of lag and latency together between stretches [s]."""
     looks: tuple[Look, ...]
     notes: tuple[str, ...]
     per_flight: Mapping[str, tuple[float, float]]
     """Mean and variance of the logarithm of lag and latency together [s], by flight."""
+
+    @property
+    def is_told(self) -> bool:
+        """Whether these flights tell the lag: within a factor of two up and down."""
+        return bool(np.std(np.log(self.lag + self.latency)) < np.log(2) / 1.96)
 
 
 class _Stretch(NamedTuple):
@@ -173,6 +181,7 @@ def motor_response(
     return MotorResponse(
         lag,
         latency,
+        _usual(before, latency, flights),
         float(np.exp(joined.moments[0]) * (joined.weight @ joined.spread)),
         tuple(_look(one, joined_by("signal", one)) for one in signals),
         (note,) if left_out else (),
@@ -190,6 +199,21 @@ def _before(flights: Sequence[Flight]) -> Float[np.ndarray, "D"]:
     wide = np.gradient(LATENCIES)
     near = np.exp(-0.5 * ((LATENCIES - USUAL) / size) ** 2) * wide
     return (1 - _UNUSUAL) * near / near.sum() + _UNUSUAL * wide / wide.sum()
+
+
+def _usual(
+    before: Float[np.ndarray, "D"], latency: Float[np.ndarray, "N"], flights: Sequence[Flight]
+) -> tuple[float, float] | None:
+    """Where latencies lie beforehand, if samples of the posterior do not say more.
+
+    Nor do they where time stamps of commands and gyro may differ.
+    """
+    tried = np.maximum(LATENCIES, 0.0)
+    variance = float(before @ tried**2 - (before @ tried) ** 2)
+    if all(one.zero_order_hold for one in flights) and np.var(latency) < TOLD * variance:
+        return None
+    low, high = np.interp([0.025, 0.975], np.cumsum(before), tried)
+    return float(low), float(high)
 
 
 def _stretches(flight: Flight, drone: Parameters, longest: float) -> Iterator[_Stretch]:
