@@ -254,9 +254,9 @@ class _Model:
         found = _least(of_rest, start[1:])
         return found.fun, np.concatenate([[log_lag], found.x])
 
-    def sound(self, x: Float[np.ndarray, "d"]) -> bool:
+    def sound(self, value: float, x: Float[np.ndarray, "d"]) -> bool:
         """Whether this is a loop that can have flown, of a lag that shows."""
-        known = np.isfinite(x).all() and np.isfinite(self(x)[0])
+        known = np.isfinite(value) and np.isfinite(x).all()
         shown = known and _SEARCHED[0] < np.exp(x[0]) < _SEARCHED[1] and abs(x[1]) < 4.5
         return bool(shown and self.stable(x))
 
@@ -296,7 +296,7 @@ def lag_by_delay(
     starts = []
     for lag in _STARTS:
         value, x = model.best(model.start(lag))
-        if model.sound(x):
+        if model.sound(value, x):
             starts.append((value, x, model.unit))
     if not starts:
         return None
@@ -307,7 +307,7 @@ def lag_by_delay(
             model = _Model(seen, float(delays[place]), closed=closed)
             model.unit = best[2]
             value, found = best[:2] if place == first else model.best(x)
-            if not model.sound(found):
+            if not model.sound(value, found):
                 break
             x = found
             loss[place], lags[place] = value, found[0]

@@ -84,7 +84,7 @@ class MotorResponse:
     latency: Float[np.ndarray, "N"]
     """Likewise."""
     usual_latency: tuple[float, float] | None
-    """Where 95 % of latencies lie before any flight [s], if these flights do not narrow it."""
+    """What 95 % of latencies are before and after these flights [s], if they do not narrow it."""
     spread: float
     """Standard deviation of lag and latency together between stretches [s]."""
     looks: tuple[Look, ...]
@@ -204,16 +204,16 @@ def _before(flights: Sequence[Flight]) -> Float[np.ndarray, "D"]:
 def _usual(
     before: Float[np.ndarray, "D"], latency: Float[np.ndarray, "N"], flights: Sequence[Flight]
 ) -> tuple[float, float] | None:
-    """Where latencies lie beforehand, if samples of the posterior do not say more.
+    """Where latencies may lie, if samples of the posterior say no more than is usual.
 
     Nor do they where time stamps of commands and gyro may differ.
     """
-    tried = np.maximum(LATENCIES, 0.0)
-    variance = float(before @ tried**2 - (before @ tried) ** 2)
-    if all(one.zero_order_hold for one in flights) and np.var(latency) < TOLD * variance:
+    low, high = np.interp([0.025, 0.975], np.cumsum(before), np.maximum(LATENCIES, 0.0))
+    least, most = np.quantile(latency, [0.025, 0.975])
+    narrower = (most - least) ** 2 < TOLD * (high - low) ** 2
+    if narrower and all(one.zero_order_hold for one in flights):
         return None
-    low, high = np.interp([0.025, 0.975], np.cumsum(before), tried)
-    return float(low), float(high)
+    return float(min(low, least)), float(max(high, most))
 
 
 def _stretches(flight: Flight, drone: Parameters, longest: float) -> Iterator[_Stretch]:
