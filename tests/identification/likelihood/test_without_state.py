@@ -19,10 +19,10 @@ from maidenflight.identification.likelihood.inertial_errors import Accelerometer
 from maidenflight.identification.likelihood.sensor_signals import signals
 from maidenflight.identification.methods import Likelihood, Replay
 from maidenflight.identification.outcome.estimates import Identification
-from maidenflight.identification.signals.flight_signals import lagged
 from maidenflight.parameters import Parameters, component, crazyflie, replace
 from maidenflight.simulator.battery import MOST_COUNTS
 from maidenflight.simulator.virtual_drone import virtual_drone
+from planted import lagged
 
 pytestmark = pytest.mark.slow
 

@@ -27,6 +27,6 @@ def test_without_delays_there_is_nothing_to_compare():
 
 def test_looks_whose_intervals_do_not_touch_disagree():
     one, other = Look("accelerometer", 0.08, (0.07, 0.09)), Look("gyro x", 0.05, (0.04, 0.06))
-    motors = MotorResponse(SPEEDING_UP, SPEEDING_UP, None, 0.0, (one, other), (), {})
+    motors = MotorResponse(SPEEDING_UP, SPEEDING_UP, None, (one, other), (), {})
     assert len(lag.notes((one, other), motors)) == 2
     assert len(lag.notes((one, Look("taken", 0.08, (0.06, 0.1))), motors)) == 1

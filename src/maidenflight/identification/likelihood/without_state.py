@@ -25,7 +25,7 @@ from maidenflight.identification.likelihood.fit import Fit, box_of
 from maidenflight.identification.likelihood.inertial_errors import AccelerometerErrors, GyroErrors
 from maidenflight.identification.likelihood.laplace import Others
 from maidenflight.identification.likelihood.observation import MOTORS
-from maidenflight.identification.likelihood.other_ways import ABOUT_Z, OWN_LAG, WHITE
+from maidenflight.identification.likelihood.other_ways import ABOUT_Z
 from maidenflight.identification.likelihood.sensor_errors import SensorErrors
 from maidenflight.identification.methods import Likelihood
 from maidenflight.identification.outcome import posterior
@@ -40,7 +40,7 @@ from maidenflight.identification.outcome.problem import Problem, must_tell
 from maidenflight.identification.search.box import Box
 from maidenflight.identification.signals import lag
 from maidenflight.identification.signals.lag import DELAYS
-from maidenflight.identification.signals.motor_response import Look, MotorResponse
+from maidenflight.identification.signals.motor_response import motor_response
 from maidenflight.parameters import Parameters, check, component, replace
 
 FORCE = ("thrust_to_weight", "thrust_linear", *DELAYS, "drag_z")
@@ -115,7 +115,8 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     samples = box.unit(np.stack([draws[name] for name in names], axis=1))
     deviations = np.array([spread[name] for name in names])
     estimates = estimates_of(box, optimum, optima, posterior.interval(samples), deviations)
-    segments, motors = found[0].best.model.segments, _motors(found)
+    segments = found[0].best.model.segments
+    motors = motor_response(problem.flights, problem.generator, problem.start)
     looks = lag.looks(motors, found[0].samples, found[0].untold, drone)
     return Identification(
         parameters=check(drone, "identified parameters"),
@@ -299,29 +300,3 @@ def _in_box(fit: Fit, box: Box) -> tuple[Float[np.ndarray, "n d"], Float[np.ndar
         if name in fit.box.names:
             values[:, place] = own[:, fit.box.names.index(name)]
     return box.unit(values), fit.values
-
-
-def _motors(found: Sequence[Answer]) -> MotorResponse | None:
-    """What the signals show of the motors' lag."""
-    force = found[0]
-    if not set(DELAYS) <= force.samples.keys():
-        return None
-    looks = [
-        _look("accelerometer", force.best),
-        _look("accelerometer with white noise", force.others[WHITE]),
-        *(_look("gyro", one.others[OWN_LAG]) for one in found if OWN_LAG in one.others),
-    ]
-    lags, latency = (np.asarray(force.samples[name]) for name in DELAYS)
-    return MotorResponse(lags, latency, None, 0.0, tuple(looks), (), {})
-
-
-def _look(signal: str, fit: Fit) -> Look:
-    """Lag and latency together by one fit, with its own standard error."""
-    names = fit.box.names
-    _, scores, curvatures = fit.model.derivatives(fit.drone, names)
-    rows = fit.model.rows
-    covariance = posterior.sandwich(scores * rows, curvatures.sum(axis=0) * rows)
-    along = np.array([name in DELAYS for name in names], float)
-    value = float(sum(component(fit.drone, name) for name in DELAYS))
-    share = 1.96 * float(np.sqrt(along @ covariance @ along)) / value
-    return Look(signal, value, (value * np.exp(-share), value * np.exp(share)))

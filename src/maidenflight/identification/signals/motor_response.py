@@ -85,8 +85,6 @@ class MotorResponse:
     """Likewise."""
     usual_latency: tuple[float, float] | None
     """What 95 % of latencies are before and after these flights [s], if they do not narrow it."""
-    spread: float
-    """Standard deviation of lag and latency together between stretches [s]."""
     looks: tuple[Look, ...]
     notes: tuple[str, ...]
     per_flight: Mapping[str, tuple[float, float]]
@@ -113,8 +111,6 @@ class _Joined(NamedTuple):
     log_total: Float[np.ndarray, "D"]
     """Mean of the logarithm of lag and latency together [s]."""
     error: Float[np.ndarray, "D"]
-    spread: Float[np.ndarray, "D"]
-    """Standard deviation between stretches beyond their errors."""
 
     @property
     def moments(self) -> tuple[float, float]:
@@ -182,7 +178,6 @@ def motor_response(
         lag,
         latency,
         _usual(before, latency, flights),
-        float(np.exp(joined.moments[0]) * (joined.weight @ joined.spread)),
         tuple(_look(one, joined_by("signal", one)) for one in signals),
         (note,) if left_out else (),
         {one: joined_by("flight", one).moments for one in names},
@@ -258,7 +253,7 @@ def _joined(found: Sequence[_Stretch], before: Float[np.ndarray, "D"]) -> _Joine
     loss = np.minimum([one.seen.loss for one in found], _CLEARLY).sum(axis=0)
     weight = np.log(before) - loss / np.sqrt(len(found))
     weight = np.exp(weight - weight.max())
-    mean, error, spread = np.zeros((3, len(LATENCIES)))
+    mean, error = np.zeros((2, len(LATENCIES)))
     for place, latency in enumerate(LATENCIES):
         here = [one.seen for one in found if np.isfinite(one.seen.loss[place])]
         if not here:
@@ -267,14 +262,14 @@ def _joined(found: Sequence[_Stretch], before: Float[np.ndarray, "D"]) -> _Joine
         lag = np.exp([one.log_lag[place] for one in here])
         total = np.maximum(lag + latency, SEEN_LAGS[0] / 2)
         errors = np.hypot([one.deviation[place] for one in here] * lag / total, _OWN)
-        mean[place], error[place], spread[place] = _random_effects(np.log(total), errors**2)
-    return _Joined(weight / weight.sum(), mean, np.hypot(error, _LIKE), spread)
+        mean[place], error[place] = _random_effects(np.log(total), errors**2)
+    return _Joined(weight / weight.sum(), mean, np.hypot(error, _LIKE))
 
 
 def _random_effects(
     values: Float[np.ndarray, "n"], variances: Float[np.ndarray, "n"]
-) -> tuple[float, float, float]:
-    """Mean of estimates that differ by more than their variances, its error, and by how much.
+) -> tuple[float, float]:
+    """Mean of estimates that may differ by more than their variances, and its error.
 
     Source: DerSimonian and Laird 1986, Meta-analysis in clinical trials.
     """
@@ -284,11 +279,7 @@ def _random_effects(
     scale = weights.sum() - (weights @ weights) / weights.sum()
     between = max(0.0, float(excess / scale)) if len(values) > 1 else 0.0
     weights = 1 / (variances + between)
-    return (
-        float(weights @ values / weights.sum()),
-        float(1 / np.sqrt(weights.sum())),
-        float(np.sqrt(between)),
-    )
+    return float(weights @ values / weights.sum()), float(1 / np.sqrt(weights.sum()))
 
 
 def _look(signal: str, joined: _Joined) -> Look:
