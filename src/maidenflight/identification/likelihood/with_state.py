@@ -71,7 +71,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         problem.reporter.stage(EXPECTING, 0, 1)
         compiled.result()
     if motors:
-        problem = _sharp(problem)
+        problem = replace_(problem, flights=[sharp(one) for one in problem.flights])
         coarse = _coarse(problem, settings)
     flights = problem.flights
     fine = one_step_objective(flights, settings, settings.physics_step)
@@ -135,13 +135,8 @@ def expected_intervals(problem: Problem, settings: Likelihood) -> dict[str, Expe
     """
     motors = _motors(problem)
     if motors:
-        problem = _sharp(problem)
+        problem = replace_(problem, flights=[sharp(one) for one in problem.flights])
     return _expected(problem, _coarse(problem, settings), motors)
-
-
-def _sharp(problem: Problem) -> Problem:
-    """The flights with the gyro's delay undone, for those that show the motors."""
-    return replace_(problem, flights=[sharp(flight) for flight in problem.flights])
 
 
 def _coarse(problem: Problem, settings: Likelihood) -> OneStep:

@@ -78,12 +78,8 @@ class Spectra(NamedTuple):
     def coherence(self) -> float:
         """Mean squared coherence of both signals in the bands; a command read late is no noise."""
         cross = self.cross * np.exp(self.s * 0.03)
-        real, imaginary = (self._sums(part) for part in (np.real(cross), np.imag(cross)))
-        shared = (real**2 + imaginary**2) / self._sums(self.drive) / self._sums(self.motion)
-        return float(np.mean(shared))
-
-    def _sums(self, power: Float[np.ndarray, "F"]) -> Float[np.ndarray, "B"]:
-        return np.bincount(self.band, power) + 1e-30
+        shared = self.means(np.real(cross)) ** 2 + self.means(np.imag(cross)) ** 2
+        return float(np.mean(shared / (self.means(self.drive) * self.means(self.motion) + 1e-30)))
 
 
 class LagByDelay(NamedTuple):

@@ -10,10 +10,7 @@ too, and from log to log of one brushed drone it says 60 to 118 ms where rotor s
 rotor speed was measured it alone is asked, without a loop: nothing answers it.
 
 Samples of a faster and noisy loop are not what the motors got: noise above half the log's rate is
-folded into them, and passes for commands. Where they are as strong near half the rate as at a few
-hertz, nothing is said. Neither is it of speeds that do not cohere with commands: in a third of the
-brushed logs known the reading was broken.
-
+folded into them. Where they are as strong near half the rate as at a few hertz, nothing is said.
 docs/identification.md has figures of drones whose rotor speeds were measured.
 
 Source: DerSimonian and Laird 1986 (random effects); Miller and Dunson 2019, Robust Bayesian
@@ -46,18 +43,14 @@ USUAL, USUAL_DEVIATION = 0.002, 0.0014
 2 ms +- 1 ms, and as much again for the gyro's own filter (`other_ways.FILTER`)."""
 _UNUSUAL = 0.03
 """Share of drones of which nothing of the kind is known."""
-_FEWEST = 3.0
-"""Length of a stretch at least [s]."""
-_LONGEST, _MOST = 10.0, 16
-"""Length of a stretch at most [s], and stretches of all flights at about which they are longer."""
+_FEWEST, _LONGEST, _MOST = 3.0, 10.0, 16
+"""Length of a stretch at least and at most [s], and stretches beyond which they are longer."""
 _COHERENT = 0.7
 """Coherence of commands and measured speeds below which the reading is broken."""
 _CLEAR = 5.0
 """How much stronger than what their samples fold commands must be."""
-_LIKE = 0.06
-"""Least standard deviation of the joined lag, a share: a motor is not quite of first order."""
-_OWN = 0.03
-"""The same of one stretch."""
+_LIKE, _OWN = 0.06, 0.03
+"""Least errors of the joined lag and of a stretch's, shares: no motor is quite of first order."""
 _CLEARLY = 10.0
 """Most by which one stretch may vote against a latency [nats]."""
 DRAWS = 500
@@ -118,6 +111,12 @@ class _Joined(NamedTuple):
         mean = float(self.weight @ self.log_total)
         return mean, float(self.weight @ ((self.log_total - mean) ** 2 + self.error**2))
 
+    def look(self, signal: str) -> Look:
+        """Returns what a signal says by itself."""
+        mean, variance = self.moments
+        value, low, high = np.exp(mean + 1.96 * np.sqrt(variance) * np.array([0.0, -1.0, 1.0]))
+        return Look(signal, float(value), (float(low), float(high)))
+
     def draw(
         self, generator: np.random.Generator
     ) -> tuple[Float[np.ndarray, "N"], Float[np.ndarray, "N"]]:
@@ -147,8 +146,9 @@ def motor_response(
         drone: where its rotors are.
         on_flight: called with (flights looked at, flights).
     """
-    if all(one.zero_order_hold and one.accelerometer is None for one in flights) and not any(
-        one.rotor_speed is not None for one in flights
+    if all(
+        one.zero_order_hold and one.accelerometer is None and one.rotor_speed is None
+        for one in flights
     ):
         return None
     groups, found = by_log(flights), list[_Stretch]()
@@ -178,7 +178,7 @@ def motor_response(
         lag,
         latency,
         _usual(before, latency, flights),
-        tuple(_look(one, joined_by("signal", one)) for one in signals),
+        tuple(joined_by("signal", one).look(one) for one in signals),
         (note,) if left_out else (),
         {one: joined_by("flight", one).moments for one in names},
     )
@@ -280,10 +280,3 @@ def _random_effects(
     between = max(0.0, float(excess / scale)) if len(values) > 1 else 0.0
     weights = 1 / (variances + between)
     return float(weights @ values / weights.sum()), float(1 / np.sqrt(weights.sum()))
-
-
-def _look(signal: str, joined: _Joined) -> Look:
-    """What a signal says by itself."""
-    mean, variance = joined.moments
-    value, low, high = np.exp(mean + 1.96 * np.sqrt(variance) * np.array([0.0, -1.0, 1.0]))
-    return Look(signal, float(value), (float(low), float(high)))
