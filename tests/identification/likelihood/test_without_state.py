@@ -216,7 +216,7 @@ def test_what_a_calm_flight_hides_keeps_the_starts_value() -> None:
     found = identify(recorded(0.0), ONCE, start=start)
     held = holds(found, as_identified(found))
     assert sum(held.values()) >= len(held) - 1, held
-    assert {"inertia_x", "inertia_y"} & set(found.unidentified)
+    assert "torque_to_thrust" in found.unidentified
     assert not set(found.unidentified) & set(found.estimates)
     for name, (low, high) in found.unidentified.items():
         assert component(found.parameters, name) == component(start, name)

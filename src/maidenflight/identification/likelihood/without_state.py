@@ -36,11 +36,15 @@ from maidenflight.identification.outcome.estimates import (
     notes_on,
 )
 from maidenflight.identification.outcome.plausible import Ranges, is_told, prior_ranges
+from maidenflight.identification.outcome.posterior import RESAMPLES
 from maidenflight.identification.outcome.problem import Problem, must_tell
 from maidenflight.identification.search.box import Box
 from maidenflight.identification.signals import lag
-from maidenflight.identification.signals.lag import DELAYS
-from maidenflight.identification.signals.motor_response import motor_response
+from maidenflight.identification.signals.lag import DELAYS, LAG
+from maidenflight.identification.signals.motor_response import (
+    MotorResponse,
+    motor_response,
+)
 from maidenflight.parameters import Parameters, check, component, replace
 
 FORCE = ("thrust_to_weight", "thrust_linear", *DELAYS, "drag_z")
@@ -96,7 +100,8 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     _must_be_shown(problem.over)
     problem = replace_(problem, bounds={**BOUNDS, **problem.bounds})
     settings = replace_(settings, evaluations=min(settings.evaluations, _MOST))
-    force = _force(problem, settings)
+    motors = motor_response(problem.flights, problem.generator.spawn(1)[0], problem.start)
+    force = _force(problem, settings, motors)
     found = [one for one in (force, _torque(problem, settings, force)) if one is not None]
     untold = {name: ends for one in found for name, ends in one.untold.items()}
     draws = {name: samples for one in found for name, samples in one.samples.items()}
@@ -113,10 +118,9 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     optima = np.array([points[int(np.argmin(values))] for points, values in runs])
     optima[0] = optimum
     samples = box.unit(np.stack([draws[name] for name in names], axis=1))
-    deviations = np.array([spread[name] for name in names])
+    deviations = np.array([spread.get(name, 0.0) for name in names])
     estimates = estimates_of(box, optimum, optima, posterior.interval(samples), deviations)
     segments = found[0].best.model.segments
-    motors = motor_response(problem.flights, problem.generator, problem.start)
     looks = lag.looks(motors, found[0].samples, found[0].untold, drone)
     return Identification(
         parameters=check(drone, "identified parameters"),
@@ -157,8 +161,8 @@ def _asked(problem: Problem, first: tuple[str, ...], shown: tuple[str, ...]) -> 
     return first if problem.over is None else tuple(one for one in problem.over if one in shown)
 
 
-def _force(problem: Problem, settings: Likelihood) -> Answer | None:
-    """What the accelerometer tells."""
+def _force(problem: Problem, settings: Likelihood, motors: MotorResponse | None) -> Answer | None:
+    """What the accelerometer tells, given the gyro's lag where it tells none itself."""
     names, start = _asked(problem, FORCE, OF_ACCELEROMETER), problem.start
     if not names:
         return None
@@ -174,6 +178,14 @@ def _force(problem: Problem, settings: Likelihood) -> Answer | None:
     found = _ask_sensor(problem, settings, model, names, groups, start)
     plausible = _plausible(problem, tuple(found.samples), priors)
     lost = [name for name in DELAYS if name in names and not _lag_is_told(found, plausible)]
+    if lost and motors and motors.is_told and set(DELAYS) < set(names):
+        chosen = problem.generator.integers(len(motors.lag), size=RESAMPLES)
+        seen = {LAG: motors.lag[chosen], "latency": motors.latency[chosen]}
+        drone = replace(start, **{name: np.float32(np.median(seen[name])) for name in DELAYS})
+        rest = tuple(name for name in names if name not in DELAYS)
+        again = _ask_sensor(problem, settings, model, rest, {}, drone, seen)
+        usual = motors.usual_latency
+        return again if usual is None else replace_(again, untold={"latency": usual})
     if lost:
         lost = [name for name in found.samples if name in MOTORS]
     if "thrust_linear" in names and not is_told(
