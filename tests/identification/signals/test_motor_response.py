@@ -138,6 +138,14 @@ def test_a_policy_at_the_logs_rate_is_left_to_the_likelihood() -> None:
     assert motor_response([bare], np.random.default_rng(0), DRONE) is None
 
 
+def test_a_drone_that_stands_says_nothing() -> None:
+    still = flown(1, seconds=4.0)
+    for part in ("command", "body_rates"):
+        rest = replace(still, **{part: np.full_like(getattr(still, part), 0.5)})
+        found = motor_response([rest], np.random.default_rng(0), DRONE)
+        assert found is None or not found.is_told
+
+
 @pytest.mark.slow
 def test_intervals_of_single_flights_hold_planted_lags() -> None:
     held, count = 0, 20

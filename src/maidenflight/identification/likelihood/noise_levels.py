@@ -107,11 +107,10 @@ def noise_levels(
 def without_false_walks(noise: dict[str, float], flights: Sequence[Flight]) -> dict[str, float]:
     """Returns the noise without walks where position moves as the drone's tilt accelerates it.
 
-    Estimated velocity and position of a drone in a motion capture differ as after a walk: their
-    filters are late, of another scale (velocity 6 % too large in logs of a Crazyflie) and in steps.
-    But position is measured from outside and goes nowhere, and holds velocity. What walks, as under
-    optical flow, bends the path where no tilt does: 7 mm in half a second in the authors' flights,
-    and 0.2 mm in motion captures.
+    Estimates of velocity and position in a motion capture differ as after a walk, since velocity is
+    of another scale (6 % too large in logs of a Crazyflie) and in steps; but position holds both.
+    What walks bends the path where no tilt does: 7 mm in half a second under optical flow, 0.2 mm
+    in motion captures.
 
     Args:
         noise: of `noise_levels`.

@@ -1,20 +1,19 @@
 """The lag between a command and what follows it, from their spectra in a loop that is closed.
 
-A controller answers what it measures, so that commands and motion explain each other: from 4 Hz on
-most of a Crazyflie's torque commands are answers to noise, and a regression of the motion on them
+Most of a Crazyflie's torque commands are answers to noise: a regression of the motion on them
 finds a mixture of the drone and of the controller's inverse. Both equations are therefore fitted
-together, in each frequency with set-points r and disturbances e of any size:
+together, with set-points r and disturbances e of any size in each band of frequencies:
 
     y = G u + e,   u = r - H y,   G = gain exp(-s delay) / (1 + s lag)
 
 y is the angular acceleration, u the torque command, and H y what a PID or Lee controller makes of
-the turn: rate, attitude, its integral, and the angular acceleration, with weights that are not
-negative. Minus the log likelihood of the spectra, r and e of the best size in each band, is
+rate, attitude, its integral and the angular acceleration, with weights that are not negative.
+Minus the log likelihood is the sum over bands of
 
     n [log mean |y - G u|^2 + log mean |u + H y|^2 - 2 mean log |1 + G H|]
 
-whose last term, the Jacobian of (e, r) by (y, u), is what a regression of filtered signals lacks.
-A loop that the model makes unstable is no solution: it is not what flew.
+whose last term, the Jacobian of (e, r) by (y, u), regressions of filtered signals lack. A loop that
+the model makes unstable is no solution: it is not what flew.
 
 Source: Whittle 1953 (likelihood of spectra); Ljung 1999, System identification, sec. 13.5, and
 Forssell and Ljung 1999, Closed-loop identification revisited (joint input-output methods).
@@ -131,7 +130,7 @@ def spectra(
     drives, moves = (np.sum(np.abs(one) ** 2, axis=0) for one in (u, y))
     looks = drive.shape[1] * len(drive) / rows
     fast = frequencies > 0.7 * frequencies[-1]
-    noise = np.mean(np.abs(lines(drive, fast)) ** 2) * scale**2 * len(u)
+    noise = np.mean(np.abs(lines(drive, fast)) ** 2) * scale**2 * len(u) + 1e-30
     slow = np.bincount(band, drives / noise)[: band[frequencies[used] < SLOW][-1]]
     clear = slow / np.bincount(band)[: len(slow)]
     cross = np.sum(y * u.conj(), axis=0)
@@ -286,6 +285,8 @@ def lag_by_delay(
         delays: from the command to the signal, the sensor's own included [s].
         closed: whether a controller answers the signal.
     """
+    if min(seen.drive.min(), seen.motion.min()) <= 0.0:
+        return None
     count, first = len(delays), len(delays) // 3
     loss, lags, errors = np.full(count, np.inf), np.zeros(count), np.ones(count)
     model = _Model(seen, float(delays[first]), closed=closed)

@@ -1,17 +1,14 @@
 """The motors' lag and latency from gyro and commands, or from measured rotor speeds.
 
-Flights are cut into stretches. Each tells, by roll and by pitch, which lag goes with which latency
-(`loop_spectra`): a millisecond of latency more is two to five of lag less. Stretches are joined as
-random effects for each latency, whose own likelihood is that of all, taken to a power, and what is
-plausible of it before. Samples of the posterior draw a latency, then lag and latency together.
+Each stretch of flight tells, by roll and by pitch, which lag goes with which latency
+(`loop_spectra`); stretches are joined as random effects for each latency. docs/identification.md
+leads from there to the interval and has figures of drones whose rotor speeds were measured.
 
-The accelerometer is not asked: what it hears of four motors together is drag, vibration and loads
-too, and from log to log of one brushed drone it says 60 to 118 ms where rotor speeds say 80. Where
-rotor speed was measured it alone is asked, without a loop: nothing answers it.
-
-Samples of a faster and noisy loop are not what the motors got: noise above half the log's rate is
-folded into them. Where they are as strong near half the rate as at a few hertz, nothing is said.
-docs/identification.md has figures of drones whose rotor speeds were measured.
+The accelerometer is not asked: of four motors together it hears drag, vibration and loads too,
+and from log to log of one brushed drone says 60 to 118 ms where rotor speeds say 80. Measured
+speeds are asked alone, without a loop: nothing answers them. Samples of a faster loop hold noise
+from above half the log's rate; where it is as strong as what they hold of a few hertz, they are
+left out.
 
 Source: DerSimonian and Laird 1986 (random effects); Miller and Dunson 2019, Robust Bayesian
 inference via coarsening (powers of likelihoods).
