@@ -46,7 +46,7 @@ _COHERENT = 0.7
 """Coherence of commands and measured speeds below which the reading is broken."""
 _CLEAR = 5.0
 """How much stronger than what their samples fold commands must be."""
-_LIKE, _OWN = 0.06, 0.03
+_LIKE, _OWN = 0.05, 0.03
 """Least errors of the joined lag and of a stretch's, shares: no motor is quite of first order."""
 _CLEARLY = 10.0
 """Most by which one stretch may vote against a latency [nats]."""
