@@ -22,7 +22,6 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.flights.log import Flight, by_log
-from maidenflight.identification.outcome.plausible import TOLD
 from maidenflight.identification.signals.loop_spectra import (
     LagByDelay,
     Spectra,
@@ -48,6 +47,8 @@ _CLEAR = 5.0
 """How much stronger than what their samples fold commands must be."""
 _LIKE, _OWN = 0.05, 0.03
 """Least errors of the joined lag and of a stretch's, shares: no motor is quite of first order."""
+_NARROWER = 0.7
+"""Share of the usual interval's width that a latency's must be below to be told."""
 _CLEARLY = 10.0
 """Most by which one stretch may vote against a latency [nats]."""
 DRAWS = 500
@@ -202,7 +203,7 @@ def _usual(
     """
     low, high = np.interp([0.025, 0.975], np.cumsum(before), np.maximum(LATENCIES, 0.0))
     least, most = np.quantile(latency, [0.025, 0.975])
-    narrower = (most - least) ** 2 < TOLD * (high - low) ** 2
+    narrower = most - least < _NARROWER * (high - low)
     if narrower and all(one.zero_order_hold for one in flights):
         return None
     return float(min(low, least)), float(max(high, most))
