@@ -19,7 +19,6 @@ Source: Whittle 1953 (likelihood of spectra); Ljung 1999, System identification,
 Forssell and Ljung 1999, Closed-loop identification revisited (joint input-output methods).
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -47,6 +46,8 @@ _STEP = 0.2
 """Change of the logarithm of the lag by which the curvature is measured."""
 _STARTS = (0.03, 0.07)
 """Lags from which an optimum is looked for [s]."""
+_SEARCH = {"gtol": 2e-2, "maxiter": 40}
+"""When a search for an optimum ends [nats a unit of the parameters]."""
 _REACH = 15.0
 """Loss over the least one beyond which further delays are not tried [nats]."""
 
@@ -181,40 +182,26 @@ class _Model:
         # Conjugate slope with respect to G: the value moves by Re(conj(slope) dG).
         by_response = (response * seen.drive - seen.cross) * 2 / disturbance[seen.band]
         by_response = by_response * seen.looks
-        if not self.closed:
-            return value, self._slope(x, response, by_response, [])
-        weights = self.unit * x[2:-1] ** 2
-        late = self.basis * np.exp(-s * _ANSWER * x[-1])
-        answer = weights @ late
-        asked = seen.drive + 2 * (answer * seen.cross).real + np.abs(answer) ** 2 * seen.motion
-        setpoint = seen.means(asked)
-        loop = 1 + response * answer
-        value += float(self.lines @ np.log(setpoint)) - 2 * seen.looks * float(
-            np.sum(np.log(np.abs(loop) + 1e-12))
-        )
-        by_answer = (seen.cross.conj() + answer * seen.motion) * 2 / setpoint[seen.band]
-        by_answer = seen.looks * (by_answer - 2 * (response / loop).conj())
-        by_response = by_response - 2 * seen.looks * (answer / loop).conj()
-        apart = (x[-1] - 1) * _ANSWER / _ANSWER_DEVIATION
-        value += 0.5 * apart**2
-        more = [
-            *(2 * self.unit * x[2:-1] * np.sum((by_answer.conj() * late).real, axis=1)),
-            float(np.sum((by_answer.conj() * -s * answer).real)) * _ANSWER
-            + apart * _ANSWER / _ANSWER_DEVIATION,
-        ]
-        return value, self._slope(x, response, by_response, more)
-
-    def _slope(
-        self,
-        x: Float[np.ndarray, "d"],
-        response: Complex[np.ndarray, "F"],
-        by_response: Complex[np.ndarray, "F"],
-        more: list[float],
-    ) -> Float[np.ndarray, "d"]:
-        turn = self.seen.s * np.exp(x[0])
-        lag = np.sum(np.real(by_response.conj() * response * -turn / (1 + turn)))
-        gain = np.sum(np.real(by_response.conj() * response))
-        return np.array([lag, gain, *more])
+        more = list[float]()
+        if self.closed:
+            late = self.basis * np.exp(-s * _ANSWER * x[-1])
+            answer = self.unit * x[2:-1] ** 2 @ late
+            asked = seen.drive + 2 * (answer * seen.cross).real + np.abs(answer) ** 2 * seen.motion
+            setpoint, loop = seen.means(asked), 1 + response * answer
+            apart = (x[-1] - 1) * _ANSWER / _ANSWER_DEVIATION
+            jacobian = 2 * seen.looks * float(np.sum(np.log(np.abs(loop) + 1e-12)))
+            value += float(self.lines @ np.log(setpoint)) - jacobian + 0.5 * apart**2
+            by_answer = (seen.cross.conj() + answer * seen.motion) * 2 / setpoint[seen.band]
+            by_answer = seen.looks * (by_answer - 2 * (response / loop).conj())
+            by_response = by_response - 2 * seen.looks * (answer / loop).conj()
+            later = np.sum(np.real(by_answer.conj() * -s * answer))
+            more = [
+                *(2 * self.unit * x[2:-1] * np.sum((by_answer.conj() * late).real, axis=1)),
+                float(later + apart / _ANSWER_DEVIATION) * _ANSWER,
+            ]
+        moved = by_response.conj() * response
+        by_lag = np.sum(np.real(moved * -s * lag / (1 + s * lag)))
+        return value, np.array([by_lag, np.sum(np.real(moved)), *more])
 
     def stable(self, x: Float[np.ndarray, "d"]) -> bool:
         """Whether no oscillation of these frequencies grows, delays by Pade's approximation."""
@@ -235,19 +222,19 @@ class _Model:
         return not bool((near & (roots.real > 0)).any())
 
     def best(
-        self, start: Float[np.ndarray, "d"], log_lag: float | None = None
+        self, start: Float[np.ndarray, "d"], fixed: tuple[float, ...] = ()
     ) -> tuple[float, Float[np.ndarray, "d"]]:
-        """Least loss from a start on, for one lag if it is given, and where."""
-        if log_lag is None:
-            found = _least(self, start)
-            return found.fun, found.x
+        """Least loss from a start on, where the first parameters are as given, and where."""
 
         def of_rest(rest: Float[np.ndarray, "r"]) -> tuple[float, Float[np.ndarray, "r"]]:
-            value, slope = self(np.concatenate([[log_lag], rest]))
-            return value, slope[1:]
+            value, slope = self(np.concatenate([fixed, rest]))
+            return value, slope[len(fixed) :]
 
-        found = _least(of_rest, start[1:])
-        return found.fun, np.concatenate([[log_lag], found.x])
+        with np.errstate(all="ignore"):
+            found = scipy.optimize.minimize(
+                of_rest, start[len(fixed) :], jac=True, method="BFGS", options=_SEARCH
+            )
+        return found.fun, np.concatenate([fixed, found.x])
 
     def sound(self, value: float, x: Float[np.ndarray, "d"]) -> bool:
         """Whether this is a loop that can have flown, of a lag that shows."""
@@ -260,19 +247,10 @@ class _Model:
         rises = []
         for change in (-_STEP, _STEP):
             moved = x + change * (np.arange(len(x)) == 0)
-            beside, there = self.best(moved, moved[0])
+            beside, there = self.best(moved, (moved[0],))
             known = np.isfinite(beside) and np.isfinite(there).all() and self.stable(there)
             rises.append(max(beside - value, 0.0) if known else _REACH)
         return float(1 / np.sqrt(2 * np.mean(rises) / _STEP**2 + 1.0))
-
-
-def _least(
-    function: Callable[[np.ndarray], tuple[float, np.ndarray]], start: Float[np.ndarray, "d"]
-) -> scipy.optimize.OptimizeResult:
-    with np.errstate(all="ignore"):
-        return scipy.optimize.minimize(
-            function, start, jac=True, method="BFGS", options={"gtol": 2e-2, "maxiter": 40}
-        )
 
 
 def lag_by_delay(
