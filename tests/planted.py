@@ -11,8 +11,10 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 
 from maidenflight.flights.log import Flight
+from maidenflight.identification.signals.flight_signals import delayed
 from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import Environment
@@ -124,3 +126,20 @@ def with_noise(flights, seed=0, velocity=0.01, rates=0.05):
         )
         for flight in flights
     ]
+
+
+def lagged(command: np.ndarray, period: float, lag: float, latency: float) -> np.ndarray:
+    """Speeds nu of rotors of a lag [s] whose commands come late, at each row and behind the last.
+
+    They begin at the speed of the first command.
+
+    Args:
+        command: sqrt(u), held until the next row.
+        period: of a row [s].
+        lag: of the motors [s].
+        latency: of the commands [s].
+    """
+    late = delayed(command, latency / period)
+    kept = np.exp(-period / lag)
+    after = scipy.signal.lfilter([1 - kept], [1.0, -kept], late, axis=0, zi=kept * late[:1])[0]
+    return np.concatenate([late[:1], after])

@@ -15,11 +15,11 @@ from maidenflight.flights.checks import checking
 from maidenflight.flights.flight_plan import Block, FlightPlan
 from maidenflight.flights.manoeuvres import Manoeuvre
 from maidenflight.flying import recording
-from maidenflight.identification.signals.flight_signals import lagged
 from maidenflight.parameters import replace as with_values
 from maidenflight.simulator.realities.virtual_drone import virtual_drone
 from numpy_drone import NumpyDrone
 from numpy_reference import PAPER
+from planted import lagged
 
 DRONE = virtual_drone(3)
 SECONDS, FLIGHTS = 4.0, 2

@@ -142,6 +142,15 @@ def test_what_calm_flights_do_not_tell_keeps_its_start_and_a_plausible_range(fou
     assert UNTOLD in str(found)
 
 
+def test_what_is_printed_as_found_the_flights_have_narrowed(found):
+    """No posterior is its prior: the variance is below half of what was plausible."""
+    assert found.estimates
+    for name in found.estimates:
+        assert is_told(float(np.std(found.posterior[name])), found.expected[name].prior), name
+    for name, (low, high) in found.unidentified.items():
+        assert np.ptp(found.posterior[name]) > 0.8 * (high - low), name
+
+
 def test_thrust_allows_for_the_air_of_another_day(found):
     least = 1.96 * OTHER_DAY * found.estimates[HOVERING].value
     for interval in (found.estimates[HOVERING].interval, found.expected[HOVERING].interval):

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from maidenflight.identification.likelihood.noise_levels import noise_levels
+from maidenflight.flights.log import Flight, flight_of
+from maidenflight.identification.likelihood.noise_levels import (
+    WALKS,
+    against_tilt,
+    noise_levels,
+    without_false_walks,
+)
 from maidenflight.identification.likelihood.one_step_errors import ORDER
 from maidenflight.parameters import QUANTITIES, check, crazyflie, replace
 
@@ -116,3 +122,38 @@ def test_what_is_found_makes_a_physical_drone(generator):
     ):
         assert set(levels) <= set(QUANTITIES)
         check(replace(PAPER, **{name: np.float32(value) for name, value in levels.items()}))
+
+
+def tilting(generator, walk):
+    """Forty seconds of a drone that goes where its tilt takes it, and an estimate that walks."""
+    rows = 4000
+    tilt = 0.1 * np.sin(np.cumsum(0.05 * generator.normal(size=(rows, 2)), axis=0))
+    velocity = np.cumsum(9.81 * tilt * PERIOD, axis=0)
+    place = np.cumsum(velocity * PERIOD, axis=0)
+    place += walk * np.sqrt(PERIOD) * np.cumsum(generator.normal(size=(rows, 2)), axis=0)
+    attitude = np.stack([-tilt[:, 1], tilt[:, 0], 0 * tilt[:, 0]], axis=1)
+    height = np.ones((rows, 1))
+    return flight_of(
+        "tilting",
+        PERIOD,
+        position=np.concatenate([place, height], axis=1),
+        velocity=np.concatenate([velocity, 0 * height], axis=1),
+        attitude=attitude,
+        body_rates=np.zeros((rows, 3)),
+        command=np.full((rows, 4), 0.5),
+        zero_order_hold=True,
+    )
+
+
+def test_what_bends_a_path_without_a_tilt_is_a_walk(generator):
+    assert against_tilt([tilting(generator, 0.08)]) == pytest.approx(0.08, rel=0.25)
+    assert against_tilt([tilting(generator, 0.0)]) < 0.002
+
+
+def test_walks_that_the_tilt_does_not_confirm_are_none(generator):
+    noise = {**dict.fromkeys(WALKS, 0.05), "gyro_noise": 0.1}
+    still: list[Flight] = [tilting(generator, 0.0)]
+    assert without_false_walks(noise, still) == {**dict.fromkeys(WALKS, 0.0), "gyro_noise": 0.1}
+    assert without_false_walks(noise, [tilting(generator, 0.05)]) == noise
+    short = [one.part(0, 20) for one in still]
+    assert without_false_walks(noise, short) == noise

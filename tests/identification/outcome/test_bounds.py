@@ -26,7 +26,7 @@ from maidenflight.identification.search.box import (
     physical_bounds,
     search_box,
 )
-from maidenflight.identification.signals.motor_response import LAGS, SEEN_LAGS
+from maidenflight.identification.signals.motor_response import SEEN_LAGS
 from maidenflight.parameters import COMPONENTS, QUANTITIES, crazyflie
 from maidenflight.simulator.policy_spec import PolicySpec
 
@@ -107,11 +107,10 @@ def test_an_interval_that_is_cut_off_at_a_bound_is_said_once():
 
 
 def test_a_lag_that_is_seen_has_the_bounds_of_what_was_tried():
-    searched = {"motor_time_constant": estimate(0.24, (0.003, 0.5))}
+    searched = {"motor_time_constant": estimate(0.2495, (0.003, 0.5))}
     assert at_bounds(searched) == {}
     seen = of_seen_lag(searched)
     assert seen["motor_time_constant"].bounds == SEEN_LAGS
-    assert LAGS[0] < SEEN_LAGS[0] < SEEN_LAGS[1] < LAGS[-1]
     assert "--ignore" in at_bounds(seen)["motor_time_constant"]
     both = searched | {"spin_down_ratio": estimate(3.0, (0.2, 5.0))}
     assert of_seen_lag(both)["motor_time_constant"].bounds == (SEEN_LAGS[0] / 2, SEEN_LAGS[1] / 2)

@@ -13,7 +13,7 @@ DRAWS = {"motor_time_constant": SPEEDING_UP, "latency": np.full(200, 0.005)}
 
 def taken(**more: np.ndarray) -> Look:
     drone = replace(crazyflie(), spin_down_ratio=1.4)
-    return lag.looks(None, [], {**DRAWS, **more}, (), drone)[-1]
+    return lag.looks(None, {**DRAWS, **more}, (), drone)[-1]
 
 
 def test_what_is_taken_is_the_mean_of_speeding_up_and_slowing_down_as_signals_show():
@@ -22,11 +22,11 @@ def test_what_is_taken_is_the_mean_of_speeding_up_and_slowing_down_as_signals_sh
 
 
 def test_without_delays_there_is_nothing_to_compare():
-    assert lag.looks(None, [], {"latency": np.full(9, 0.005)}, (), crazyflie()) == ()
+    assert lag.looks(None, {"latency": np.full(9, 0.005)}, (), crazyflie()) == ()
 
 
 def test_looks_whose_intervals_do_not_touch_disagree():
     one, other = Look("accelerometer", 0.08, (0.07, 0.09)), Look("gyro x", 0.05, (0.04, 0.06))
-    motors = MotorResponse(SPEEDING_UP, SPEEDING_UP, 0.0, (one, other), (), {})
+    motors = MotorResponse(SPEEDING_UP, SPEEDING_UP, None, (one, other), (), {})
     assert len(lag.notes((one, other), motors)) == 2
     assert len(lag.notes((one, Look("taken", 0.08, (0.06, 0.1))), motors)) == 1

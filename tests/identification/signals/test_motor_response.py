@@ -1,123 +1,167 @@
-"""Lag and latency from rotor speed, accelerometer and gyro: planted ones come back."""
+"""Lag and latency planted in a closed loop come back, and nothing is said where nothing shows."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter
 
-from maidenflight.flights.log import ACCELEROMETER_DELAY, Flight
+from maidenflight.flights.log import Flight, flight_of, thinned
 from maidenflight.flights.reading import read_flights
-from maidenflight.identification.signals.flight_signals import lagged
-from maidenflight.identification.signals.motor_response import BETWEEN, motor_response
-from maidenflight.parameters import crazyflie
+from maidenflight.identification.signals.motor_response import MotorResponse, motor_response
+from maidenflight.parameters import crazyflie, levers
 
 USD = Path(__file__).parents[4] / "shared" / "data" / "usd"
 DRONE = crazyflie()
-PERIOD, LAG, LATENCY, THRUST = 0.002, 0.07, 0.006, 4.4
+PERIOD, LATENCY, HOVER = 0.002, 0.002, 0.5
+TURN = np.sign(levers(DRONE)[:, :2])
+"""Which way each rotor turns the drone about x and y."""
 
 
-def made(seed: int, *, rotor_speed: bool, lag: float = LAG, name: str = "made") -> Flight:
-    """A drone that is shaken at 500 Hz, with drag against climbing, noise that lasts, and the
-    sensors' filters as delays.
+def _low_pass(order: int, cutoff: float) -> np.ndarray:
+    return np.array(butter(order, cutoff, fs=1 / PERIOD))
+
+
+def _filtered(weights: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    return np.asarray(lfilter(weights[0], weights[1], noise, axis=0))
+
+
+def flown(
+    seed: int,
+    lag: float = 0.05,
+    *,
+    seconds: float = 8.0,
+    noise: float = 0.03,
+    asked: float = 0.3,
+    name: str = "flown",
+    rotor_speed: bool = False,
+) -> Flight:
+    """Roll and pitch of a drone that a controller of rate and attitude holds at 500 Hz.
+
+    Set-points of the attitude [rad] are slow, with a tenth of jitter as from an estimated position.
+    Torques of the air are fast, and the gyro's noise [rad/s] goes through its filter of 80 Hz into
+    most of the commands, as a real one's does.
     """
-    generator = np.random.default_rng(seed)
-    rows = 6000
-    slow = np.asarray(lfilter([0.04], [1.0, -0.96], generator.normal(size=(rows, 4)), axis=0))
-    command = np.clip(0.57 + 0.4 * slow, 0.05, 1.0).astype(np.float32)
-    zeros = np.zeros((rows, 3), np.float32)
-    bare = Flight(
-        name=name,
-        period=PERIOD,
+    random, rows = np.random.default_rng(seed), round(seconds / PERIOD)
+    late, kept = round(LATENCY / PERIOD), np.exp(-PERIOD / lag)
+    slow = _filtered(_low_pass(2, 1.0), random.normal(size=(rows, 2)))
+    jitter = _filtered(_low_pass(1, 10.0), random.normal(size=(rows, 2)))
+    wanted = asked * slow / slow.std(axis=0) + 0.1 * asked * jitter / jitter.std(axis=0)
+    air = _filtered(np.array([[0.1, 0.0], [1.0, -0.9]]), 20 * random.normal(size=(rows, 2)))
+    heard = random.normal(size=(rows, 2)) * noise * 2
+    first, second = _low_pass(2, 80.0)
+    delay = np.zeros((2, 2))
+    rate, angle, speed = np.zeros(2), np.zeros(2), np.full(4, np.sqrt(HOVER))
+    command, gyro, speeds = np.zeros((rows, 4)), np.zeros((rows, 2)), np.zeros((rows, 4))
+    for row in range(rows):
+        raw = rate + heard[row]
+        gyro[row] = first[0] * raw + delay[0]
+        delay[0] = first[1] * raw - second[1] * gyro[row] + delay[1]
+        delay[1] = first[2] * raw - second[2] * gyro[row]
+        torque = 0.05 * ((wanted[row] - angle) * 5 - gyro[row])
+        command[row] = np.clip(HOVER + TURN @ torque / 4, 0.02, 1.0)
+        speeds[row] = speed
+        before = speed
+        speed = kept * speed + (1 - kept) * np.sqrt(command[max(row - late, 0)])
+        rate = rate + PERIOD * (200 * TURN.T @ ((before**2 + speed**2) / 2) / 1 + air[row])
+        angle = angle + PERIOD * rate
+    rates = np.concatenate([gyro, np.zeros((rows, 1))], axis=1)
+    zeros = np.zeros((rows, 3))
+    return flight_of(
+        name,
+        PERIOD,
         position=zeros,
         velocity=zeros,
         attitude=zeros,
-        body_rates=zeros,
+        body_rates=rates,
         command=command,
-        battery=zeros[:, 0],
-        setpoint=zeros,
         zero_order_hold=True,
-    )
-    speed = lagged(bare.speed_command, PERIOD, lag, LATENCY)
-    thrust = THRUST * (0.5 * (speed[1:] ** 2 + speed[:-1] ** 2)).sum(axis=1)
-    wind = np.asarray(lfilter([1.0], [1.0, -0.98], 0.01 * generator.normal(size=rows)))
-    climb, force = 0.0, np.zeros(rows)
-    velocity = np.zeros((rows, 3))
-    for row in range(rows):
-        velocity[row, 2] = climb
-        force[row] = thrust[row] - 0.5 * climb + wind[row]
-        climb = 0.999 * climb + PERIOD * (force[row] - thrust.mean())
-    late = np.arange(rows) - ACCELEROMETER_DELAY / PERIOD - 0.5
-    felt = np.zeros((rows, 3))
-    felt[:, 2] = np.interp(late, np.arange(rows), force) + 0.02 * generator.normal(size=rows)
-    measured = 2000 * speed[:-1] + generator.normal(size=(rows, 4))
-    return Flight(
-        name=name,
-        period=PERIOD,
-        position=zeros,
-        velocity=velocity.astype(np.float32),
-        attitude=zeros,
-        body_rates=0.01 * generator.normal(size=(rows, 3)).astype(np.float32),
-        command=command,
-        battery=zeros[:, 0],
-        setpoint=zeros,
-        zero_order_hold=True,
-        accelerometer=felt.astype(np.float32),
-        rotor_speed=measured.astype(np.float32) if rotor_speed else None,
+        accelerometer=np.broadcast_to([0.0, 0.0, 9.81], (rows, 3)),
+        rotor_speed=2000 * speeds + random.normal(size=(rows, 4)) if rotor_speed else None,
     )
 
 
-@pytest.mark.parametrize("rotor_speed", [True, False])
-def test_a_planted_lag_comes_back(rotor_speed: bool) -> None:
-    found = motor_response([made(1, rotor_speed=rotor_speed)], np.random.default_rng(0), DRONE)
+def seen(*flights: Flight) -> MotorResponse:
+    found = motor_response(flights, np.random.default_rng(0), DRONE)
     assert found is not None
+    return found
+
+
+def total(found: MotorResponse) -> tuple[float, float, float]:
     low, middle, high = np.quantile(found.lag + found.latency, [0.025, 0.5, 0.975])
-    assert low < LAG + LATENCY < high
-    assert middle == pytest.approx(LAG + LATENCY, rel=0.12)
-    assert found.looks[0].signal == ("rotor speed" if rotor_speed else "accelerometer")
+    return float(low), float(middle), float(high)
+
+
+@pytest.mark.parametrize("lag", [0.03, 0.08])
+def test_a_lag_in_a_closed_loop_comes_back(lag: float) -> None:
+    low, middle, high = total(
+        seen(flown(1, lag, seconds=12.0), flown(2, lag, seconds=12.0, name="other"))
+    )
+    assert low < lag + LATENCY < high
+    assert middle == pytest.approx(lag + LATENCY, rel=0.15)
+    assert high / low < 2.0
+
+
+def test_every_second_row_of_a_clear_command_tells_the_same() -> None:
+    whole = flown(3, noise=0.001)
+    assert total(seen(thinned(whole, 2)))[1] == pytest.approx(total(seen(whole))[1], rel=0.2)
+
+
+def test_samples_of_a_noisy_loop_say_nothing() -> None:
+    noisy = thinned(flown(3, noise=0.3, asked=0.02), 5)
+    assert motor_response([noisy], np.random.default_rng(0), DRONE) is None
+
+
+def test_measured_speeds_are_asked_alone() -> None:
+    found = seen(flown(4, rotor_speed=True))
+    assert [look.signal for look in found.looks] == ["rotor speed"]
+    assert total(found)[1] == pytest.approx(0.05 + LATENCY, rel=0.06)
+
+
+def test_what_one_flight_shows_by_itself_is_wider() -> None:
+    flights = [flown(seed, name=f"flight {seed}", seconds=6.0) for seed in range(4)]
+    low, _, high = total(seen(*flights))
+    alone = [total(seen(flight)) for flight in flights]
+    assert np.median([one[2] / one[0] for one in alone]) > high / low > 1.2
+    found = seen(*flights)
+    assert set(found.per_flight) == {flight.name for flight in flights}
+
+
+def test_a_latency_that_flights_do_not_narrow_is_not_told() -> None:
+    low, high = seen(flown(5, seconds=4.0)).usual_latency or (np.nan, np.nan)
+    assert 0 <= low < 0.002 < high
+
+
+def test_a_policy_at_the_logs_rate_is_left_to_the_likelihood() -> None:
+    bare = replace(flown(1, seconds=4.0), accelerometer=None)
+    assert motor_response([bare], np.random.default_rng(0), DRONE) is None
+
+
+def test_a_drone_that_stands_says_nothing() -> None:
+    still = flown(1, seconds=4.0)
+    for part in ("command", "body_rates"):
+        rest = replace(still, **{part: np.full_like(getattr(still, part), 0.5)})
+        found = motor_response([rest], np.random.default_rng(0), DRONE)
+        assert found is None or not found.is_told
 
 
 @pytest.mark.slow
-def test_flights_of_different_lags_widen_the_interval() -> None:
-    alike = [made(seed, rotor_speed=True, name=f"flight {seed}") for seed in range(3)]
-    apart = [
-        made(seed, rotor_speed=True, lag=lag, name=f"flight {seed}")
-        for seed, lag in enumerate((0.04, 0.07, 0.12))
-    ]
-    one, other = (motor_response(some, np.random.default_rng(0), DRONE) for some in (alike, apart))
-    assert one is not None
-    assert other is not None
-    assert other.spread > one.spread + 0.01
-    assert np.std(other.lag) > 2 * np.std(one.lag)
-
-
-def test_one_flight_does_not_show_what_flights_differ_by() -> None:
-    found = motor_response([made(1, rotor_speed=True)], np.random.default_rng(0), DRONE)
-    assert found is not None
-    assert found.spread == 0
-    assert np.std(np.log(found.lag + found.latency)) > 0.9 * BETWEEN
-
-
-def test_without_sensors_beside_the_estimate_nothing_is_seen() -> None:
-    flight = made(1, rotor_speed=False)
-    bare = Flight(**{**vars(flight), "accelerometer": None})
-    assert motor_response([bare], np.random.default_rng(0), DRONE) is None
+def test_intervals_of_single_flights_hold_planted_lags() -> None:
+    held, count = 0, 20
+    for seed in range(count):
+        lag = float(np.random.default_rng(seed).uniform(0.025, 0.09))
+        low, _, high = total(seen(flown(seed, lag, seconds=8.0)))
+        held += low < lag + LATENCY < high
+    assert held >= 0.85 * count
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(not USD.exists(), reason="no logs of measured drones here")
-def test_the_lag_of_a_real_drone_is_that_of_its_measured_speeds() -> None:
-    flights = read_flights(USD / "brushed" / "jana01").flights
-    measured = motor_response(flights, np.random.default_rng(0), DRONE)
-    hidden = motor_response(
-        [Flight(**{**vars(flight), "rotor_speed": None}) for flight in flights],
-        np.random.default_rng(0),
-        DRONE,
-    )
-    assert measured is not None
-    assert hidden is not None
-    truth = float(np.median(measured.lag + measured.latency))
-    assert truth == pytest.approx(0.080, abs=0.008)
-    low, high = np.quantile(hidden.lag + hidden.latency, [0.025, 0.975])
+@pytest.mark.parametrize(("folder", "truth"), [("brushless", 0.046), ("payload", 0.044)])
+def test_the_lag_of_a_real_drone_is_that_of_its_measured_speeds(folder: str, truth: float) -> None:
+    flights = read_flights(USD / folder).flights
+    low, middle, high = total(seen(*(replace(one, rotor_speed=None) for one in flights)))
     assert low < truth < high
-    assert np.median(hidden.lag + hidden.latency) == pytest.approx(truth, abs=0.015)
+    assert middle == pytest.approx(truth, rel=0.1)
+    assert high / low < 1.6

@@ -27,9 +27,10 @@ from maidenflight.identification.likelihood.observation import (
 )
 from maidenflight.identification.likelihood.selection import Parts
 from maidenflight.identification.likelihood.sensor_signals import Rotors, Sensor, Signals, signals
-from maidenflight.identification.signals.regression import MEMORY
 from maidenflight.parameters import Parameters, component, replace
 
+_MEMORY = 0.25
+"""Time that the noise model of a sensor's signal looks back [s]."""
 _NUDGES = {
     "latency": 1e-3,
     "motor_coasting": 5e-3,
@@ -70,7 +71,7 @@ class SensorErrors(ObservationModel):
             white: whether errors are white noise, as in plain least squares.
         """
         self.signals, self.priors = signals, priors or {}
-        self.order = 0 if white else round(MEMORY / signals.step)
+        self.order = 0 if white else round(_MEMORY / signals.step)
         self.rows_per_segment = signals.used.sum(axis=0).astype(float)
         self._latest: tuple[list[float], Rotors] | None = None
 

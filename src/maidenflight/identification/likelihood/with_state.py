@@ -18,13 +18,15 @@ from maidenflight.identification.likelihood.estimator import Models, Question, a
 from maidenflight.identification.likelihood.fit import box_of, fit
 from maidenflight.identification.likelihood.flight_differences import differences
 from maidenflight.identification.likelihood.laplace import Others
-from maidenflight.identification.likelihood.noise_levels import noise_levels
+from maidenflight.identification.likelihood.noise_levels import (
+    noise_levels,
+    without_false_walks,
+)
 from maidenflight.identification.likelihood.observation import ObservationModel
 from maidenflight.identification.likelihood.one_step import LENGTH, OneStep, one_step_objective
 from maidenflight.identification.likelihood.one_step_errors import ORDER
 from maidenflight.identification.likelihood.selection import Parts
 from maidenflight.identification.methods import Likelihood
-from maidenflight.identification.outcome import posterior
 from maidenflight.identification.outcome.bounds import of_seen_lag
 from maidenflight.identification.outcome.ensembles import as_flights_differ
 from maidenflight.identification.outcome.estimates import (
@@ -34,7 +36,7 @@ from maidenflight.identification.outcome.estimates import (
     evaluations_table,
     notes_on,
 )
-from maidenflight.identification.outcome.plausible import Expected, Ranges, prior_ranges
+from maidenflight.identification.outcome.plausible import Expected, Ranges, is_told, prior_ranges
 from maidenflight.identification.outcome.problem import Problem, must_tell
 from maidenflight.identification.outcome.progress import EXPECTING, MOTOR_LAG
 from maidenflight.identification.signals import lag
@@ -69,7 +71,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         problem.reporter.stage(EXPECTING, 0, 1)
         compiled.result()
     if motors:
-        problem = _sharp(problem)
+        problem = replace_(problem, flights=[sharp(one) for one in problem.flights])
         coarse = _coarse(problem, settings)
     flights = problem.flights
     fine = one_step_objective(flights, settings, settings.physics_step)
@@ -80,20 +82,26 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         question = _question(problem, settings, (coarse, fine), motors, untold)
         found = answer_question(problem, settings, question)
         box, draws = found.best.box, found.samples
-        wide = _too_wide(draws, box.names, expected, _groups(problem, motors))
+        searched = [name for name in box.names if not (motors and name in DELAYS)]
+        wide = _too_wide(draws, searched, expected, _groups(problem, motors))
         if not wide:
             break
         untold |= {name: expected[name].prior for name in wide}
     drone = found.best.drone
     left = fine.products_about_means(drone)
     noise = noise_levels(left, drone, stride(flights[0]) * flights[0].period)
+    noise = without_false_walks(noise, flights)
     drone = replace(drone, **{name: np.float32(value) for name, value in noise.items()})
     interval, spread = found.posterior.interval, np.array([*found.posterior.spread.values()])
     estimates = estimates_of(box, found.best.optimum, found.optima, interval, spread)
     estimates |= as_flights_differ(estimates, flights, drone)
     if motors and LAG in box.names:
         estimates = of_seen_lag(estimates)
-    looks = lag.looks(motors, flights, draws, untold, drone)
+    if motors and motors.usual_latency and "latency" in estimates:
+        # It belongs to the lag that is told, so that the drone has it, and not the start's.
+        del estimates["latency"]
+        untold["latency"] = motors.usual_latency
+    looks = lag.looks(motors, draws, untold, drone)
     return Identification(
         parameters=check(drone, "identified parameters"),
         estimates=estimates,
@@ -127,13 +135,8 @@ def expected_intervals(problem: Problem, settings: Likelihood) -> dict[str, Expe
     """
     motors = _motors(problem)
     if motors:
-        problem = _sharp(problem)
+        problem = replace_(problem, flights=[sharp(one) for one in problem.flights])
     return _expected(problem, _coarse(problem, settings), motors)
-
-
-def _sharp(problem: Problem) -> Problem:
-    """The flights with the gyro's delay undone, for those that show the motors."""
-    return replace_(problem, flights=[sharp(flight) for flight in problem.flights])
 
 
 def _coarse(problem: Problem, settings: Likelihood) -> OneStep:
@@ -154,8 +157,10 @@ def _expected(
     priors = prior_ranges(problem.start, box_of(problem, names).limits)
     found = information.expected(coarse, problem.start, names, priors, _seen(motors))
     # What is not even looked for in such flights cannot be told by them either.
+    # Of a lag that is seen its own width decides, not what is plausible about some start.
+    seen = {} if motors is None else {LAG: motors.is_told, "latency": True}
     return {
-        name: replace_(one, identifiable=one.identifiable and name in offered)
+        name: replace_(one, identifiable=seen.get(name, one.identifiable) and name in offered)
         for name, one in found.items()
     }
 
@@ -171,17 +176,20 @@ def _too_wide(
     expected: Mapping[str, Expected],
     groups: Mapping[str, Sequence[str]],
 ) -> list[str]:
-    """The parameter whose interval exceeds its plausible range most, and those of its group.
+    """The parameter that flights tell least beyond its plausible range, and those of its group.
 
-    None at all if all are narrower. Others may be wide only because of this one.
+    None at all if they tell all of them. Others may be wide only because of this one.
     """
-    share = {}
-    for name in names:
-        low, high = posterior.interval(draws[name])
-        share[name] = float((high - low) / np.ptp(expected[name].prior))
+    share = {
+        name: float(np.std(draws[name]) / np.ptp(expected[name].prior))
+        for name in names
+        if not is_told(float(np.std(draws[name])), expected[name].prior)
+    }
+    if not share:
+        return []
     widest = max(share, key=lambda name: share[name])
     alike = next((group for group in groups.values() if widest in group), (widest,))
-    return [name for name in alike if share.get(name, 0.0) >= 1.0]
+    return [name for name in alike if name in share]
 
 
 def _question(

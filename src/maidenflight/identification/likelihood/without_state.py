@@ -25,7 +25,7 @@ from maidenflight.identification.likelihood.fit import Fit, box_of
 from maidenflight.identification.likelihood.inertial_errors import AccelerometerErrors, GyroErrors
 from maidenflight.identification.likelihood.laplace import Others
 from maidenflight.identification.likelihood.observation import MOTORS
-from maidenflight.identification.likelihood.other_ways import ABOUT_Z, OWN_LAG, WHITE
+from maidenflight.identification.likelihood.other_ways import ABOUT_Z
 from maidenflight.identification.likelihood.sensor_errors import SensorErrors
 from maidenflight.identification.methods import Likelihood
 from maidenflight.identification.outcome import posterior
@@ -36,11 +36,15 @@ from maidenflight.identification.outcome.estimates import (
     notes_on,
 )
 from maidenflight.identification.outcome.plausible import Ranges, is_told, prior_ranges
+from maidenflight.identification.outcome.posterior import RESAMPLES
 from maidenflight.identification.outcome.problem import Problem, must_tell
 from maidenflight.identification.search.box import Box
 from maidenflight.identification.signals import lag
-from maidenflight.identification.signals.lag import DELAYS
-from maidenflight.identification.signals.motor_response import Look, MotorResponse
+from maidenflight.identification.signals.lag import DELAYS, LAG
+from maidenflight.identification.signals.motor_response import (
+    MotorResponse,
+    motor_response,
+)
 from maidenflight.parameters import Parameters, check, component, replace
 
 FORCE = ("thrust_to_weight", "thrust_linear", *DELAYS, "drag_z")
@@ -96,7 +100,8 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     _must_be_shown(problem.over)
     problem = replace_(problem, bounds={**BOUNDS, **problem.bounds})
     settings = replace_(settings, evaluations=min(settings.evaluations, _MOST))
-    force = _force(problem, settings)
+    motors = motor_response(problem.flights, problem.generator.spawn(1)[0], problem.start)
+    force = _force(problem, settings, motors)
     found = [one for one in (force, _torque(problem, settings, force)) if one is not None]
     untold = {name: ends for one in found for name, ends in one.untold.items()}
     draws = {name: samples for one in found for name, samples in one.samples.items()}
@@ -113,10 +118,10 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     optima = np.array([points[int(np.argmin(values))] for points, values in runs])
     optima[0] = optimum
     samples = box.unit(np.stack([draws[name] for name in names], axis=1))
-    deviations = np.array([spread[name] for name in names])
+    deviations = np.array([spread.get(name, 0.0) for name in names])
     estimates = estimates_of(box, optimum, optima, posterior.interval(samples), deviations)
-    segments, motors = found[0].best.model.segments, _motors(found)
-    looks = lag.looks(motors, problem.flights, found[0].samples, found[0].untold, drone)
+    segments = found[0].best.model.segments
+    looks = lag.looks(motors, found[0].samples, found[0].untold, drone)
     return Identification(
         parameters=check(drone, "identified parameters"),
         estimates=estimates,
@@ -156,8 +161,8 @@ def _asked(problem: Problem, first: tuple[str, ...], shown: tuple[str, ...]) -> 
     return first if problem.over is None else tuple(one for one in problem.over if one in shown)
 
 
-def _force(problem: Problem, settings: Likelihood) -> Answer | None:
-    """What the accelerometer tells."""
+def _force(problem: Problem, settings: Likelihood, motors: MotorResponse | None) -> Answer | None:
+    """What the accelerometer tells, given the gyro's lag where it tells none itself."""
     names, start = _asked(problem, FORCE, OF_ACCELEROMETER), problem.start
     if not names:
         return None
@@ -173,6 +178,14 @@ def _force(problem: Problem, settings: Likelihood) -> Answer | None:
     found = _ask_sensor(problem, settings, model, names, groups, start)
     plausible = _plausible(problem, tuple(found.samples), priors)
     lost = [name for name in DELAYS if name in names and not _lag_is_told(found, plausible)]
+    if lost and motors and motors.is_told and set(DELAYS) < set(names):
+        chosen = problem.generator.integers(len(motors.lag), size=RESAMPLES)
+        seen = {LAG: motors.lag[chosen], "latency": motors.latency[chosen]}
+        drone = replace(start, **{name: np.float32(np.median(seen[name])) for name in DELAYS})
+        rest = tuple(name for name in names if name not in DELAYS)
+        again = _ask_sensor(problem, settings, model, rest, {}, drone, seen)
+        usual = motors.usual_latency
+        return again if usual is None else replace_(again, untold={"latency": usual})
     if lost:
         lost = [name for name in found.samples if name in MOTORS]
     if "thrust_linear" in names and not is_told(
@@ -299,29 +312,3 @@ def _in_box(fit: Fit, box: Box) -> tuple[Float[np.ndarray, "n d"], Float[np.ndar
         if name in fit.box.names:
             values[:, place] = own[:, fit.box.names.index(name)]
     return box.unit(values), fit.values
-
-
-def _motors(found: Sequence[Answer]) -> MotorResponse | None:
-    """What the signals show of the motors' lag."""
-    force = found[0]
-    if not set(DELAYS) <= force.samples.keys():
-        return None
-    looks = [
-        _look("accelerometer", force.best),
-        _look("accelerometer with white noise", force.others[WHITE]),
-        *(_look("gyro", one.others[OWN_LAG]) for one in found if OWN_LAG in one.others),
-    ]
-    lags, latency = (np.asarray(force.samples[name]) for name in DELAYS)
-    return MotorResponse(lags, latency, 0.0, tuple(looks), (), {})
-
-
-def _look(signal: str, fit: Fit) -> Look:
-    """Lag and latency together by one fit, with its own standard error."""
-    names = fit.box.names
-    _, scores, curvatures = fit.model.derivatives(fit.drone, names)
-    rows = fit.model.rows
-    covariance = posterior.sandwich(scores * rows, curvatures.sum(axis=0) * rows)
-    along = np.array([name in DELAYS for name in names], float)
-    value = float(sum(component(fit.drone, name) for name in DELAYS))
-    share = 1.96 * float(np.sqrt(along @ covariance @ along)) / value
-    return Look(signal, value, (value * np.exp(-share), value * np.exp(share)))

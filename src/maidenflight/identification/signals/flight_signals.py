@@ -6,9 +6,7 @@ Delays of the sensors' low-pass filters are undone, so that signals and commands
 from dataclasses import replace
 
 import numpy as np
-import scipy
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 from maidenflight.flights.log import Flight
 
@@ -19,14 +17,6 @@ STEP = 0.01
 def stride(flight: Flight) -> int:
     """Rows of a step."""
     return max(1, round(STEP / flight.period))
-
-
-def body_velocity(flight: Flight) -> Float[np.ndarray, "N 3"]:
-    """Velocity along the body's axes [m/s]; zero where it is unknown."""
-    if not flight.has_state:
-        return np.zeros((len(flight), 3))
-    attitude = Rotation.from_euler("ZYX", flight.attitude[:, ::-1].astype(float))
-    return attitude.inv().apply(flight.velocity.astype(float))
 
 
 def means(values: Float[np.ndarray, "N c"], rows: int) -> Float[np.ndarray, "M c"]:
@@ -57,25 +47,6 @@ def gyro(flight: Flight) -> Float[np.ndarray, "N 3"]:
 def sharp(flight: Flight) -> Flight:
     """The flight with the delay of the gyro's filter undone."""
     return replace(flight, body_rates=gyro(flight).astype(np.float32))
-
-
-def lagged(
-    command: Float[np.ndarray, "N 4"], period: float, lag: float, latency: float
-) -> Float[np.ndarray, "N+1 4"]:
-    """Speeds nu of rotors of a lag [s] whose commands come late, at each row and behind the last.
-
-    They begin at the speed of the first command.
-
-    Args:
-        command: sqrt(u), held until the next row.
-        period: of a row [s].
-        lag: of the motors [s].
-        latency: of the commands [s].
-    """
-    late = delayed(command, latency / period)
-    kept = np.exp(-period / lag)
-    after = scipy.signal.lfilter([1 - kept], [1.0, -kept], late, axis=0, zi=kept * late[:1])[0]
-    return np.concatenate([late[:1], after])
 
 
 def delayed(command: Float[np.ndarray, "N ..."], rows: float) -> Float[np.ndarray, "N ..."]:

@@ -4,8 +4,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from maidenflight.flights.log import Flight
-from maidenflight.identification.signals.motor_response import Look, MotorResponse, cross_spectrum
+from maidenflight.identification.signals.motor_response import Look, MotorResponse
 from maidenflight.parameters import Parameters
 
 LAG = "motor_time_constant"
@@ -17,7 +16,6 @@ DELAYS = (LAG, "latency")
 
 def looks(
     motors: MotorResponse | None,
-    flights: Sequence[Flight],
     draws: Mapping[str, np.ndarray],
     untold: Collection[str],
     drone: Parameters,
@@ -28,7 +26,6 @@ def looks(
 
     Args:
         motors: what logs show of the motors.
-        flights: the flights.
         draws: posterior samples by parameter.
         untold: parameters that the flights cannot tell.
         drone: what was identified.
@@ -41,7 +38,6 @@ def looks(
     taken = "plausible" if LAG in untold else "taken" if motors else "likelihood"
     return (
         *(motors.looks if motors else ()),
-        *cross_spectrum(flights, drone),
         Look(taken, float(value), (float(low), float(high))),
     )
 

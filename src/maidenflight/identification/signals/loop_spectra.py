@@ -1,0 +1,292 @@
+"""The lag between a command and what follows it, from their spectra in a loop that is closed.
+
+Most of a Crazyflie's torque commands are answers to noise: a regression of the motion on them
+finds a mixture of the drone and of the controller's inverse. Both equations are therefore fitted
+together, with set-points r and disturbances e of any size in each band of frequencies:
+
+    y = G u + e,   u = r - H y,   G = gain exp(-s delay) / (1 + s lag)
+
+y is the angular acceleration, u the torque command, and H y what a PID or Lee controller makes of
+rate, attitude, its integral and the angular acceleration, with weights that are not negative.
+Minus the log likelihood is the sum over bands of
+
+    n [log mean |y - G u|^2 + log mean |u + H y|^2 - 2 mean log |1 + G H|]
+
+whose last term, the Jacobian of (e, r) by (y, u), regressions of filtered signals lack. A loop that
+the model makes unstable is no solution: it is not what flew.
+
+Source: Whittle 1953 (likelihood of spectra); Ljung 1999, System identification, sec. 13.5, and
+Forssell and Ljung 1999, Closed-loop identification revisited (joint input-output methods).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+from jaxtyping import Complex, Float, Int
+from numpy.polynomial import polynomial
+
+WINDOW = 4.0
+"""Length of a stretch that is transformed, with Hann's window and half overlap [s]."""
+LOWEST, HIGHEST = 1.5, 15.0
+"""Frequencies that count [Hz]: below, position and speed are controlled; above is vibration."""
+SLOW = 6.0
+"""Frequency up to which a command that is sampled must be clear of what its samples fold [Hz]."""
+BANDS = 8
+"""Parts of these frequencies in which set-points and disturbances have sizes of their own."""
+_POWERS = (0, -1, -2, 1)
+"""Powers of s by which a controller acts on the rate."""
+_AROUND = 2 * np.pi * 4.0
+"""Frequency at which the weights of all powers are in like units [rad/s]."""
+_ANSWER, _ANSWER_DEVIATION = 0.002, 0.002
+"""Delay from a measurement to the answer of an on-board controller [s]."""
+_SEARCHED = (0.006, 0.35)
+"""Lags beyond which a flight shows none [s]."""
+_STEP = 0.2
+"""Change of the logarithm of the lag by which the curvature is measured."""
+_STARTS = (0.03, 0.07)
+"""Lags from which an optimum is looked for [s]."""
+_SEARCH = {"gtol": 2e-2, "maxiter": 40}
+"""When a search for an optimum ends [nats a unit of the parameters]."""
+_REACH = 15.0
+"""Loss over the least one beyond which further delays are not tried [nats]."""
+
+
+class Spectra(NamedTuple):
+    """Sums over stretches of the squares and products of a command and the motion, F lines."""
+
+    s: Complex[np.ndarray, "F"]
+    """Imaginary frequency [rad/s]."""
+    drive: Float[np.ndarray, "F"]
+    """Of the command's square, in units in which both signals are alike."""
+    motion: Float[np.ndarray, "F"]
+    """Of the motion's square."""
+    cross: Complex[np.ndarray, "F"]
+    """Of the motion with the command."""
+    band: Int[np.ndarray, "F"]
+    """Number of the band of each line."""
+    looks: float
+    """Independent stretches in these sums."""
+    clear: float
+    """Times by which the command is stronger than near half the log's rate, up to `SLOW`."""
+
+    def means(self, power: Float[np.ndarray, "F"]) -> Float[np.ndarray, "B"]:
+        """Mean of a power in each band."""
+        return np.bincount(self.band, power) / np.bincount(self.band)
+
+    @property
+    def coherence(self) -> float:
+        """Mean squared coherence of both signals in the bands; a command read late is no noise."""
+        cross = self.cross * np.exp(self.s * 0.03)
+        shared = self.means(np.real(cross)) ** 2 + self.means(np.imag(cross)) ** 2
+        return float(np.mean(shared / (self.means(self.drive) * self.means(self.motion) + 1e-30)))
+
+
+class LagByDelay(NamedTuple):
+    """What spectra say of the lag for each of D delays."""
+
+    loss: Float[np.ndarray, "D"]
+    """Over the least one [nats]; infinite where there is no solution."""
+    log_lag: Float[np.ndarray, "D"]
+    """Logarithm of the best lag [s]."""
+    deviation: Float[np.ndarray, "D"]
+    """Its standard error."""
+
+
+def spectra(
+    drive: Float[np.ndarray, "N c"],
+    motion: Float[np.ndarray, "N c"],
+    period: float,
+    *,
+    held: bool,
+    differentiate: bool,
+) -> Spectra:
+    """Returns the spectra of commands and of what follows them, sums over c such pairs.
+
+    Args:
+        drive: the commands.
+        motion: what follows each.
+        period: of a row [s].
+        held: whether a command acts until the next row, half a row later in the mean.
+        differentiate: whether the motion's derivative follows the command.
+    """
+    rows = min(round(WINDOW / period), len(drive))
+    frequencies = np.fft.rfftfreq(rows, period)
+    used = (frequencies >= LOWEST) & (frequencies <= HIGHEST)
+    s = 2j * np.pi * frequencies[used]
+    count = int(np.ceil((len(drive) - rows) / (rows / 2))) + 1
+    begins = np.unique(np.round(np.linspace(0, len(drive) - rows, count)).astype(int))
+    window = scipy.signal.windows.hann(rows, sym=False)
+
+    def lines(values: Float[np.ndarray, "N c"], chosen: np.ndarray) -> Complex[np.ndarray, "S F"]:
+        pieces = np.concatenate([values[begin : begin + rows].T for begin in begins])
+        return np.fft.rfft(scipy.signal.detrend(pieces) * window)[:, chosen]
+
+    u = lines(drive, used) * (np.exp(-s * period / 2) if held else 1.0)
+    y = lines(motion, used) * (s if differentiate else 1.0)
+    scale = np.sqrt(np.mean(np.abs(y) ** 2) / max(float(np.mean(np.abs(u) ** 2)), 1e-30))
+    u = u * scale
+    edges = np.geomspace(0.999 * LOWEST, 1.001 * HIGHEST, BANDS + 1)
+    _, band = np.unique(np.digitize(frequencies[used], edges), return_inverse=True)
+    drives, moves = (np.sum(np.abs(one) ** 2, axis=0) for one in (u, y))
+    looks = drive.shape[1] * len(drive) / rows
+    fast = frequencies > 0.7 * frequencies[-1]
+    noise = np.mean(np.abs(lines(drive, fast)) ** 2) * scale**2 * len(u) + 1e-30
+    slow = np.bincount(band, drives / noise)[: band[frequencies[used] < SLOW][-1]]
+    clear = slow / np.bincount(band)[: len(slow)]
+    cross = np.sum(y * u.conj(), axis=0)
+    return Spectra(s, drives, moves, cross, band, looks, float(clear.min()))
+
+
+class _Model:
+    """The likelihood of spectra for one delay, and its slope.
+
+    Parameters are the logarithms of lag and gain, then, in a closed loop, the roots of the
+    controller's weights and its delay, in units of their usual sizes.
+    """
+
+    def __init__(self, seen: Spectra, delay: float, *, closed: bool) -> None:
+        self.seen, self.delay, self.closed = seen, delay, closed
+        z = seen.s / _AROUND
+        self.basis = np.stack([z ** (power - 1) for power in _POWERS])
+        self.lines = np.bincount(seen.band) * seen.looks
+        self.unit = 1.0
+
+    def start(self, lag: float) -> Float[np.ndarray, "d"]:
+        """A loop of some lag that is stable, by least squares of either equation."""
+        seen, shape = self.seen, np.exp(-self.seen.s * self.delay) / (1 + self.seen.s * lag)
+        gain = np.sum(np.real(shape.conj() * seen.cross)) / np.sum(np.abs(shape) ** 2 * seen.drive)
+        x = np.array([np.log(lag), np.log(max(gain, 0.05))])
+        if not self.closed:
+            return x
+        late = self.basis * np.exp(-seen.s * _ANSWER)
+        matrix = np.einsum("if,jf,f->ij", late.conj(), late, seen.motion).real
+        ridge = 1e-9 * np.trace(matrix) * np.eye(len(matrix))
+        weights = np.linalg.solve(matrix + ridge, -np.sum((late * seen.cross).real, axis=1))
+        self.unit = max(float(np.abs(weights).max()), 1e-3)
+        x = np.concatenate([x, np.sqrt(np.maximum(weights / self.unit, 1e-3)), [1.0]])
+        for _ in range(10):
+            if self.stable(x):
+                break
+            x[1] -= 0.3
+        return x
+
+    def __call__(self, x: Float[np.ndarray, "d"]) -> tuple[float, Float[np.ndarray, "d"]]:
+        """Minus the log likelihood [nats] and its slope."""
+        seen, s, lag = self.seen, self.seen.s, np.exp(x[0])
+        response = np.exp(x[1] - s * self.delay) / (1 + s * lag)
+        left = seen.motion - 2 * (response.conj() * seen.cross).real
+        left = left + np.abs(response) ** 2 * seen.drive
+        disturbance = seen.means(left)
+        value = float(self.lines @ np.log(disturbance))
+        # Conjugate slope with respect to G: the value moves by Re(conj(slope) dG).
+        by_response = (response * seen.drive - seen.cross) * 2 / disturbance[seen.band]
+        by_response = by_response * seen.looks
+        more = list[float]()
+        if self.closed:
+            late = self.basis * np.exp(-s * _ANSWER * x[-1])
+            answer = self.unit * x[2:-1] ** 2 @ late
+            asked = seen.drive + 2 * (answer * seen.cross).real + np.abs(answer) ** 2 * seen.motion
+            setpoint, loop = seen.means(asked), 1 + response * answer
+            apart = (x[-1] - 1) * _ANSWER / _ANSWER_DEVIATION
+            jacobian = 2 * seen.looks * float(np.sum(np.log(np.abs(loop) + 1e-12)))
+            value += float(self.lines @ np.log(setpoint)) - jacobian + 0.5 * apart**2
+            by_answer = (seen.cross.conj() + answer * seen.motion) * 2 / setpoint[seen.band]
+            by_answer = seen.looks * (by_answer - 2 * (response / loop).conj())
+            by_response = by_response - 2 * seen.looks * (answer / loop).conj()
+            later = np.sum(np.real(by_answer.conj() * -s * answer))
+            more = [
+                *(2 * self.unit * x[2:-1] * np.sum((by_answer.conj() * late).real, axis=1)),
+                float(later + apart / _ANSWER_DEVIATION) * _ANSWER,
+            ]
+        moved = by_response.conj() * response
+        by_lag = np.sum(np.real(moved * -s * lag / (1 + s * lag)))
+        return value, np.array([by_lag, np.sum(np.real(moved)), *more])
+
+    def stable(self, x: Float[np.ndarray, "d"]) -> bool:
+        """Whether no oscillation of these frequencies grows, delays by Pade's approximation."""
+        if not self.closed:
+            return True
+        lowest = min(_POWERS) - 1
+        weights = np.zeros(max(_POWERS) - lowest)
+        for weight, power in zip(self.unit * x[2:-1] ** 2, _POWERS, strict=True):
+            weights[power - 1 - lowest] += weight
+        d = _AROUND * (self.delay + _ANSWER * x[-1])
+        ahead, behind = np.array([1, -d / 2, d * d / 12]), np.array([1, d / 2, d * d / 12])
+        motors = np.concatenate([np.zeros(-lowest), [1.0, _AROUND * np.exp(x[0])]])
+        loop = polynomial.polyadd(
+            polynomial.polymul(motors, behind), np.exp(x[1]) * polynomial.polymul(weights, ahead)
+        )
+        roots = polynomial.polyroots(loop) * _AROUND / (2 * np.pi)
+        near = (np.abs(roots) > 1.6 * LOWEST) & (np.abs(roots) < 1.5 * HIGHEST)
+        return not bool((near & (roots.real > 0)).any())
+
+    def best(
+        self, start: Float[np.ndarray, "d"], fixed: tuple[float, ...] = ()
+    ) -> tuple[float, Float[np.ndarray, "d"]]:
+        """Least loss from a start on, where the first parameters are as given, and where."""
+
+        def of_rest(rest: Float[np.ndarray, "r"]) -> tuple[float, Float[np.ndarray, "r"]]:
+            value, slope = self(np.concatenate([fixed, rest]))
+            return value, slope[len(fixed) :]
+
+        with np.errstate(all="ignore"):
+            found = scipy.optimize.minimize(
+                of_rest, start[len(fixed) :], jac=True, method="BFGS", options=_SEARCH
+            )
+        return found.fun, np.concatenate([fixed, found.x])
+
+    def sound(self, value: float, x: Float[np.ndarray, "d"]) -> bool:
+        """Whether this is a loop that can have flown, of a lag that shows."""
+        known = np.isfinite(value) and np.isfinite(x).all()
+        shown = known and _SEARCHED[0] < np.exp(x[0]) < _SEARCHED[1] and abs(x[1]) < 4.5
+        return bool(shown and self.stable(x))
+
+    def deviation(self, value: float, x: Float[np.ndarray, "d"]) -> float:
+        """Standard error of the logarithm of the lag, from the loss of two others."""
+        rises = []
+        for change in (-_STEP, _STEP):
+            moved = x + change * (np.arange(len(x)) == 0)
+            beside, there = self.best(moved, (moved[0],))
+            known = np.isfinite(beside) and np.isfinite(there).all() and self.stable(there)
+            rises.append(max(beside - value, 0.0) if known else _REACH)
+        return float(1 / np.sqrt(2 * np.mean(rises) / _STEP**2 + 1.0))
+
+
+def lag_by_delay(
+    seen: Spectra, delays: Float[np.ndarray, "D"], *, closed: bool
+) -> LagByDelay | None:
+    """Returns the lag for each delay; None where no loop that can fly explains the spectra.
+
+    Args:
+        seen: spectra of a command and of what follows it.
+        delays: from the command to the signal, the sensor's own included [s].
+        closed: whether a controller answers the signal.
+    """
+    if min(seen.drive.min(), seen.motion.min()) <= 0.0:
+        return None
+    count, first = len(delays), len(delays) // 3
+    loss, lags, errors = np.full(count, np.inf), np.zeros(count), np.ones(count)
+    model = _Model(seen, float(delays[first]), closed=closed)
+    starts = []
+    for lag in _STARTS:
+        value, x = model.best(model.start(lag))
+        if model.sound(value, x):
+            starts.append((value, x, model.unit))
+    if not starts:
+        return None
+    best = min(starts, key=lambda one: one[0])
+    for places in (range(first, count), range(first - 1, -1, -1)):
+        x = best[1]
+        for place in places:
+            model = _Model(seen, float(delays[place]), closed=closed)
+            model.unit = best[2]
+            value, found = best[:2] if place == first else model.best(x)
+            if not model.sound(value, found):
+                break
+            x = found
+            loss[place], lags[place] = value, found[0]
+            errors[place] = model.deviation(value, found)
+            if value > loss.min() + _REACH:
+                break
+    return LagByDelay(loss - loss.min(), lags, errors)
