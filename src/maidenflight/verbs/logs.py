@@ -45,12 +45,8 @@ def describe_flights(flights: Flights, further: str = "") -> list[str]:
         f"{flights.duration:.0f} s{further}"
     )
     dropped, refused = _group(flights.notes), flights.refused
-    lines = [whole, *_first(dropped, _FEW_NOTES)]
-    return (
-        lines
-        + ([f"{len(refused)} files refused:"] if refused else [])
-        + _first(refused, _FEW_REFUSED)
-    )
+    head = [f"{len(refused)} files refused:"] if refused else []
+    return [whole, *head, *_first(refused, _FEW_REFUSED), *_first(dropped, _FEW_NOTES)]
 
 
 def _group(notes: Sequence[str]) -> list[str]:
