@@ -145,7 +145,7 @@ _PUSHES: Mapping[str, Measure] = {
 
 def check_state(pieces: Sequence[Flight]) -> list[CheckResult]:
     """Checks body rates, velocity, tilt and clock of pieces of one flight with a state."""
-    pieces = [relations.slow_down(piece) for piece in pieces]
+    pieces = relations.take_enough(pieces)
     turned, moved = (relations.sample_spans(pieces, one) for one in (turn, move))
     turns, moves = (relations.match(one) if one else None for one in (turned, moved))
     scale = {
