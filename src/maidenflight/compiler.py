@@ -21,13 +21,16 @@ result that computes them anew; the second has no tiles in these loops. XLA does
 and it is not for everything: a rate PID of arrays, simulated without derivatives, takes half as
 long again (one of `vectors.Entries` half as long), and a loop whose body holds several steps of
 physics computes the first again for each use of the next and takes for ever
-(docs/studies/roofline.md). XLA newer than jaxlib 0.10's ignores both.
+(paper/notes/roofline.md). XLA newer than jaxlib 0.10's ignores both.
 """
 
 
 @functools.cache
 def has_older_emitter() -> bool:
-    """Whether XLA still has its older emitter of loops: up to jaxlib 0.10, Python 3.11's last."""
+    """Returns whether XLA still has its older emitter of loops.
+
+    Up to jaxlib 0.10, Python 3.11's last.
+    """
     from jaxlib.version import __version__
 
     return tuple(map(int, __version__.split(".")[:2])) < (0, 11)
@@ -57,16 +60,18 @@ def set_flags(flags: str) -> None:
     """
     if os.environ.get("XLA_FLAGS") in (None, QUICK, FUSED):
         os.environ["XLA_FLAGS"] = flags
+    # On a busy machine XLA asks to file a bug of its slow compilation; what fails is an exception.
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 
 def prepare_jax(number: int | None = None, *, fused: bool = False) -> None:
-    """Has JAX run here as the command line does: on all cores, and compiled programs are kept.
+    """Has JAX run here as the command line does: on all cores, and compiled programs are stored.
 
     To be called before JAX does anything; where it runs already, as in a notebook that has used it,
     its devices and flags stay. Other programs of JAX in this process are compiled alike.
 
     Args:
-        number: cores to use; all unless given.
+        number: cores to use; all by default.
         fused: compile by `FUSED`, in a process that trains or identifies.
     """
     if fused:

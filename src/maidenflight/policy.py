@@ -64,6 +64,12 @@ class Policy:
         output = self.weights[-1] @ values + self.biases[-1]
         return jnp.concatenate([form.action_of(output), memory])
 
+    def __repr__(self) -> str:
+        """Returns its kind and sizes; its numbers would fill a screen."""
+        memory = "" if self.gru is None else f", memory of {self.gru.size}"
+        layers = "-".join(map(str, self.layer_sizes))
+        return f"Policy({self.interface.name}, {self.interface.rate} Hz, layers {layers}{memory})"
+
     @property
     def multiplications(self) -> int:
         """Of one action."""
@@ -76,7 +82,7 @@ class Policy:
         return self.weights, self.biases, self.gru
 
     def with_network(self, network: Any) -> "Policy":
-        """The same policy with another network."""
+        """Returns the same policy with another network."""
         weights, biases, gru = network
         return dataclasses.replace(self, weights=weights, biases=biases, gru=gru)
 
@@ -106,7 +112,7 @@ class Policy:
 def untrained(
     key: Array, interface: ControlInterface | None = None, spec: PolicySpec = PolicySpec()
 ) -> Policy:
-    """A policy with Kaiming-uniform weights and zero biases, unless its form says otherwise.
+    """Draws a policy with Kaiming-uniform weights and zero biases, or as its form says.
 
     Its last layer is small, so that it starts near a constant.
 
@@ -115,7 +121,7 @@ def untrained(
 
     Args:
         key: random key.
-        interface: what its actions command; PWM at 100 Hz unless given.
+        interface: what its actions command; PWM at 100 Hz by default.
         spec: what it sees and remembers, and its hidden layers.
 
     Raises:
@@ -187,16 +193,16 @@ class Actor:
     def act(
         self, measurement: Measurement, setpoint: ArrayLike, ahead: ArrayLike | None = None
     ) -> Act:
-        """What to do now; to be called `policy.interface.rate` times a second.
+        """Returns what to do now; to be called `policy.interface.rate` times a second.
 
         Args:
             measurement: what is known of the drone now.
             setpoint: where it shall be now [m], world, (3,).
             ahead: where it shall be at the K instants that the policy looks ahead at [m], world,
-                (K, 3); to be given where it looks ahead, and only there.
+                (K, 3); required where it looks ahead, and only there.
 
         Raises:
-            InputError: a number that is given, or an action, is not finite, or there are not K
+            InputError: an argument, or an action, is not finite, or there are not K
                 points ahead. What is remembered stays as it was.
         """
         points = np.zeros((0, 3), np.float32) if ahead is None else np.asarray(ahead, np.float32)

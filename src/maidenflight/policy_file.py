@@ -38,7 +38,7 @@ class PolicyFormat(NamedTuple):
     keys: AbstractSet[str]
     """What all of its files have, and ours have not."""
     read: Callable[[Mapping[str, Any], str, str | None], Policy]
-    """Of the content, the file that errors name, and what the policy commands if that is given."""
+    """Of the content, the file that errors name, and what the policy commands if known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class PolicyFile:
         Raises:
             InputError: as of `read`.
         """
-        return read(path, control)
+        return read_policy(path, control)
 
     def write(self, path: StrPath) -> Path:
         """Writes the policy with its record.
@@ -66,7 +66,7 @@ class PolicyFile:
         Raises:
             WriteError: the file cannot be written.
         """
-        return write(path, self.policy, self.record)
+        return write_policy(path, self.policy, self.record)
 
     @property
     def spec(self) -> PolicySpec:
@@ -124,7 +124,7 @@ def _decimals(array: Any) -> Any:
 
 
 def to_json(policy: Policy, record: Mapping[str, Any] | None = None) -> str:
-    """The text of a policy file; `record` says how the policy was made."""
+    """Returns the text of a policy file; `record` says how the policy was made."""
     layers = [
         {"weights": _decimals(weight), "biases": _decimals(bias)}
         for weight, bias in zip(policy.weights, policy.biases, strict=True)
@@ -157,13 +157,13 @@ def _describe_gru(gru: Gru | None) -> dict[str, Any]:
 
 
 def from_json(text: str, where: str = "policy", control: str | None = None) -> PolicyFile:
-    """Reads the text of a policy file, ours or the authors', told apart by content.
+    """Reads the text of a policy file, ours or the authors', recognised by content.
 
     Args:
         text: content of the file.
         where: what errors name, usually the file.
         control: what the authors' policy commands, one of `interface.CONTROLS`, which also sets the
-            rate; unless given, what `where` begins with or its folder is called. Ours say it
+            rate; by default, what `where` begins with or its folder is called. Ours say it
             themselves.
 
     Raises:
@@ -263,17 +263,17 @@ def _check_rest(content: Mapping[str, Any], where: str) -> None:
         )
 
 
-def write(path: StrPath, policy: Policy, record: Mapping[str, Any] | None = None) -> Path:
+def write_policy(path: StrPath, policy: Policy, record: Mapping[str, Any] | None = None) -> Path:
     """Writes a policy file; see `to_json`."""
     return results.write(path, to_json(policy, record) + "\n")
 
 
-def read(path: StrPath, control: str | None = None) -> PolicyFile:
-    """Reads a policy file, ours or the authors', told apart by content.
+def read_policy(path: StrPath, control: str | None = None) -> PolicyFile:
+    """Reads a policy file, ours or the authors', recognised by content.
 
     Args:
         path: the file.
-        control: what the authors' policy commands; unless given, the control structure that the
+        control: what the authors' policy commands; by default, the control structure that the
             file's name begins with, such as `attitude_rate_066.json`, or that its folder is called.
             Ours say it themselves.
 

@@ -1,5 +1,6 @@
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -82,11 +83,33 @@ def test_a_study_is_read_from_toml(tmp_path: Path) -> None:
         'settings = { drone = "crazyflie", policies = 2 }\n'
         "grid = { seed = { first = 3, count = 2 } }\n"
     )
-    found = study.read(path)
+    found = study.read_study(path)
     assert [task.point for task in found.tasks] == [{"policy.seed": 3}, {"policy.seed": 4}]
     assert found.tasks[0].settings["policies"] == 2
     assert found.home == tmp_path
     assert json.dumps(found.entries)
+
+
+@pytest.mark.parametrize(
+    ("setting", "code"),
+    [
+        ('kind = "evil:Verb"', "evil:Verb"),
+        ('kind = "transfer"\nsettings = { reality = ["virtual:7", "evil:f+10ms"] }', "evil:f+10ms"),
+        ('kind = "transfer"\ngrid = { reality = ["evil:f"] }', "evil:f"),
+    ],
+    ids=["verb", "reality", "grid"],
+)
+def test_code_that_a_file_names_is_imported_with_trust_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, setting: str, code: str
+) -> None:
+    (tmp_path / "evil.py").write_text("raise SystemExit('imported')")
+    (tmp_path / "study.toml").write_text(f'[[task]]\nname = "a"\n{setting}\n')
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(InputError, match=re.escape(code)):
+        study.read_study(tmp_path / "study.toml")
+    with pytest.raises((SystemExit, InputError)) as raised:
+        study.read_study(tmp_path / "study.toml", trust=True)
+    assert "trust" not in str(raised.value)
 
 
 GOOD: dict[str, Any] = {"name": "a", "kind": "train", "settings": {"drone": "crazyflie"}}
@@ -127,7 +150,7 @@ GOOD: dict[str, Any] = {"name": "a", "kind": "train", "settings": {"drone": "cra
             "bbb",
         ),
         ([{**GOOD, "settings": {"drone": "my.toml"}}], "no file my.toml"),
-        ([{**GOOD, "grid": {"drone": ["crazyflie"]}}], "drone is given twice"),
+        ([{**GOOD, "grid": {"drone": ["crazyflie"]}}], "drone is set twice"),
         ([{**GOOD, "grid": {"seed": []}}], "grid seed"),
         ([{**GOOD, "grid": {"seed": [1, 1]}}], "twice"),
         ([{**GOOD, "grid": {"seed": {"first": 0}}}], "grid seed"),
@@ -187,9 +210,9 @@ def test_a_file_that_is_no_study_is_refused(content: str, tmp_path: Path) -> Non
     path = tmp_path / "study.toml"
     path.write_text(content)
     with pytest.raises(InputError):
-        study.read(path)
+        study.read_study(path)
     with pytest.raises(InputError):
-        study.read(tmp_path / "none.toml")
+        study.read_study(tmp_path / "none.toml")
 
 
 def test_a_grid_sweeps_values_of_a_table(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ _FOLLOWED = (
 )
 _NOTES = {
     "pwm": "Motors: 0 front right, 1 back right, 2 back left, 3 front left (the firmware's M1 to "
-    "M4); the first and the third turn counter-clockwise, seen from above.",
+    "M4); the first and the third turn counter-clockwise from above.",
     "attitude_rate": "Command 0 is collective thrust; 1 to 3 are roll, pitch and yaw rate, body. "
     + _FOLLOWED,
     "attitude": f"Command 0 is collective thrust; 1 to 3 are roll, pitch and yaw. {_FOLLOWED}",
@@ -22,7 +22,7 @@ _NOTES = {
 
 
 def described(interface: ControlInterface) -> str:
-    """What the four commands are, in one paragraph."""
+    """Returns what the four commands are, in one paragraph."""
     ranges = [
         f"{np.float32(centre - span):.6g} to {np.float32(centre + span):.6g} {unit}"
         for centre, span, unit in zip(
@@ -68,7 +68,7 @@ def check_form(policy: Policy) -> None:
 
 
 def level_in_c(interface: ControlInterface) -> str:
-    """The action that keeps a drone level, in C; `share` of full thrust hovers."""
+    """Returns the action that keeps a drone level, in C; `share` of full thrust hovers."""
     terms = []
     for slope, offset in zip(*interface.level_line, strict=True):
         constant = f"{np.float32(abs(offset))!s}f"

@@ -71,7 +71,7 @@ class Policies:
         """Returns what they fly, and notes for the user.
 
         Args:
-            task: name of a task; unless given, the one that all the files that say so were trained
+            task: name of a task; by default, the one that all the files that say so were trained
                 for.
 
         Returns:
@@ -117,7 +117,7 @@ def read_policies(places: Sequence[StrPath], control: str | None = None) -> Poli
 
     Args:
         places: files and folders of policies, and policies by others.
-        control: what the authors' policies command; what their files' names say unless given.
+        control: what the authors' policies command; what their files' names say by default.
 
     Raises:
         InputError: one is no policy, or commands something else; or one by others needs a package
@@ -128,7 +128,7 @@ def read_policies(places: Sequence[StrPath], control: str | None = None) -> Poli
     others = {path: policy for path, policy in foreign.items() if policy is not None}
     return Policies(
         tuple(paths),
-        tuple(policy_file.read(path, control) for path in paths),
+        tuple(policy_file.read_policy(path, control) for path in paths),
         tuple(others.values()),
         tuple(Path(path) for path in others if Path(path).suffix in (".toml", ".zip")),
     )

@@ -35,7 +35,7 @@ class Trials(NamedTuple):
     keys: Array
     """Of each trial."""
     wanted: Bool[Any, "policies lanes"]
-    """Whether a trial is flown at all; the others end at once."""
+    """Whether a trial is simulated; the others end at once."""
 
 
 class Limits(NamedTuple):
@@ -52,7 +52,7 @@ POLICIES = "policies"
 
 
 def mesh() -> Mesh:
-    """All devices, in a row."""
+    """Returns all devices, in a row."""
     return Mesh(np.array(jax.local_devices()), (POLICIES,))
 
 
@@ -63,7 +63,7 @@ def draw(
     trials: UInt[Array, "policies lanes"],
     count: Int[Array, ""],
 ) -> tuple[Int[Array, "policies lanes"], Array]:
-    """Which of `count` drones each trial flies, and its key.
+    """Returns which of `count` drones each trial flies, and its key.
 
     Neither depends on the other trials or policies.
     """
@@ -88,9 +88,9 @@ def fly_together(
     """Flies until the last flight has ended, on each device for itself.
 
     Args:
-        env: what is simulated; its actions are held for a row of 10 ms.
+        env: what is simulated; its actions last for a row of 10 ms.
         every: rows from one action of the policies to the next.
-        trials: what is flown.
+        trials: drones and initial states to simulate.
         limits: of each flight.
         start: spread of first states.
     """

@@ -1,4 +1,4 @@
-"""What is flown: task, duration, drones, and the states in which flights begin."""
+"""Defines a scenario: task, duration, drones, and the states in which flights begin."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -88,10 +88,10 @@ PUBLISHED_START = _start(
 
 
 def after_hover(env: Environment, env_state: EnvState, drone: Parameters) -> EnvState:
-    """The beginning of a flight before which the firmware has hovered the drone.
+    """Returns the beginning of a flight before which the firmware has hovered the drone.
 
     Its rotors balance the constant torques, and so do the integrals of PIDs that go on: in the
-    published flights the yaw command of the first rows is that of the rest (docs/studies/
+    published flights the yaw command of the first rows is that of the rest (paper/notes/
     flight-times.md).
     """
     hovers = balanced(drone)

@@ -65,7 +65,7 @@ def report(source: StrPath | Transfer | None, path: StrPath, **files: Unpack[Fil
 
     Args:
         source: the folder of a run, a file or folder that its `run.json` lists, test flights, or
-            nothing where files are given.
+            nothing where options name files.
         path: the HTML file.
         **files: files of any name and place, in place of those of the run: `logs` (one or several,
             of any format that `identify` reads), `drone`, `truth`, `policies`, `flights`,
@@ -78,15 +78,15 @@ def report(source: StrPath | Transfer | None, path: StrPath, **files: Unpack[Fil
         InputError: nothing of a run is there, a file is broken, or the page cannot be written.
     """
     if not isinstance(source, Transfer):
-        return results.write(path, to_html(runs.read(source, files)))
+        return results.write(path, to_html(runs.read_run(source, files)))
     run = runs.of_transfer(source)
     if files:
-        run = replace(runs.read(None, files), table=run.table, flights=run.flights)
+        run = replace(runs.read_run(None, files), table=run.table, flights=run.flights)
     return results.write(path, to_html(run))
 
 
 def to_html(run: Run) -> str:
-    """The page."""
+    """Returns the page."""
     sections = [Section(name, title, make(run)) for name, title, make in _SECTIONS]
     logs = viewer.viewer_data(run)
     drawn = any("<figure class=chart " in section.content for section in sections)
@@ -109,11 +109,12 @@ def to_html(run: Run) -> str:
         logs=embedded(logs) if logs else "",
         scripts=scripts,
     )
-    return f"{page}\n"
+    # A file's name may hold bytes that are no UTF-8.
+    return f"{page}\n".encode(errors="backslashreplace").decode()
 
 
 def vega() -> list[Markup]:
-    """The scripts of Vega; its interpreter of expressions, a module, as a plain script.
+    """Returns the scripts of Vega; its interpreter of expressions, a module, as a plain script.
 
     With the interpreter no text is ever run as a script, which the page does not allow.
     """

@@ -16,8 +16,8 @@ from maidenflight.manifest import Entry, Kind, Manifest
 class FileOptions(TypedDict, total=False):
     """Files that a user gives in place of a run's; `maidenflight report --help` says what each is.
 
-    What commands write beside such files is shown too: windows beside a validation, `training.csv`
-    beside policies, and logs `flight_*.csv` beside test flights.
+    The report shows what commands write beside such files too: windows beside a validation,
+    `training.csv` beside policies, and logs `flight_*.csv` beside test flights.
     """
 
     logs: StrPath | Sequence[StrPath]
@@ -40,7 +40,7 @@ _GROUPS: tuple[tuple[Kind, ...], ...] = (
     ("study",),
     ("stages",),
 )
-"""Kinds of files that are shown together, of one entry, the main one first."""
+"""Kinds of files that stand together, of one entry, the main one first."""
 _USUAL = {
     *(run_folder.DRONE, run_folder.POLICIES, run_folder.TRANSFER, *run_folder.RECORDED),
     *(run_folder.VALIDATION.name, run_folder.PREDICTION.name),
@@ -70,14 +70,14 @@ class RunFiles:
     """Names of what else the manifest lists, by kind."""
 
     def first(self, kind: Kind) -> Path | None:
-        """The file of a kind of which a report shows one."""
+        """Returns the file of a kind of which a report shows one."""
         return next(iter(self.files.get(kind, ())), None)
 
 
 def find_files(source: StrPath | None, options: FileOptions) -> RunFiles:
     """Finds the files that a report shows.
 
-    Of several entries of a kind the one with the command's usual output is shown, else the latest.
+    Of several entries of a kind the command's usual output counts, else the latest.
 
     Args:
         source: a run folder, or a file or folder that its manifest lists.
@@ -109,7 +109,7 @@ def find_files(source: StrPath | None, options: FileOptions) -> RunFiles:
 
 
 def nothing_here(place: Path, missing: Sequence[str] = ()) -> InputError:
-    """The error where there is nothing for a report, with what may hold flights."""
+    """Returns the error where there is nothing for a report, with what may hold flights."""
     kinds = not_logs.below(place)[0] if place.is_dir() else None
     wrong = "nothing of a run here" if os.path.lexists(place) else "no such file or folder"
     return InputError(

@@ -1,4 +1,4 @@
-"""A step of an episode: an action is held for one control period.
+"""A step of an episode: an action lasts one control period.
 
 Within it the controller commands the motors, the physics goes on and the sensors are read.
 """
@@ -48,7 +48,7 @@ class Noise(NamedTuple):
 
 
 def draw(environment: Environment, key: Array) -> Noise:
-    """The random numbers of one step."""
+    """Returns the random numbers of one step."""
     estimates = environment.estimates_per_action
     commands = environment.commands_per_action // estimates
     size = commands * 7 + sensors.DRIFT_NORMALS + 3 + sensors.NORMALS + 3
@@ -131,7 +131,7 @@ def step(
         after, _ = until_estimate(env_state, tree.map(lambda numbers: numbers[0], drawn))
     else:
         # A gradient computes the PIDs' 500 Hz loop once more instead of keeping all of it, which is
-        # faster (docs/studies/roofline.md) and changes nothing else.
+        # faster (paper/notes/roofline.md) and changes nothing else.
         again = jax.checkpoint(until_estimate, prevent_cse=False)
         after, _ = lax.scan(again, env_state, drawn)
 
@@ -252,10 +252,10 @@ def spin(
     steps: int | Int[Array, ""],
     parameters: Parameters,
 ) -> Float[Array, "4"]:
-    """Rotor speeds after one command period, without the rest of the drone.
+    """Returns the rotor speeds after one command period, without the rest of the drone.
 
     Args:
-        speed: of the rotors when the newest command is given.
+        speed: of the rotors at the newest command.
         line: rotor speed commands.
         steps: physics steps in the period.
         parameters: the drone.
@@ -280,7 +280,7 @@ def drive(
 
     Args:
         integrator: `dynamics.midpoint`, `dynamics.euler` or `dynamics.rk4`.
-        state: the drone when the newest command is given.
+        state: the drone at the newest command.
         line: rotor speed commands.
         steps: physics steps in the period.
         parameters: the drone.
@@ -312,7 +312,7 @@ def drive_entries(
 
     Args:
         integrator: as of `drive`.
-        state: the drone when the newest command is given, as `vectors.entries` gives it.
+        state: the drone at the newest command, as `vectors.entries` gives it.
         line: as of `drive`; of `Entries` it is faster.
         steps: as of `drive`, or an argument of the program.
         parameters: the drone.

@@ -1,8 +1,9 @@
-"""Where the results of a study are: a folder each, named by its key, seen whole or not at all.
+"""Where the results of a study are: a folder each, named by its key, whole or not at all.
 
 A store is a folder, which machines share, or an address of fsspec such as s3://BUCKET/STUDY.
 """
 
+import hashlib
 import json
 import os
 import re
@@ -14,7 +15,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
-from maidenflight import inputs, results
+from maidenflight import cache, inputs, results
 from maidenflight.errors import InputError, WriteError, optional
 
 RESULT = "result.json"
@@ -32,19 +33,19 @@ class Store(Protocol):
         ...
 
     def keys(self) -> set[str]:
-        """Keys of all results that are there."""
+        """Returns keys of all results that are there."""
         ...
 
     def has(self, key: str) -> bool:
-        """Whether a result is there."""
+        """Returns whether a result is there."""
         ...
 
     def folder(self, key: str) -> Path:
-        """A result's files on this machine."""
+        """Returns a result's files on this machine."""
         ...
 
     def result(self, key: str) -> dict[str, Any]:
-        """What `RESULT` of it holds."""
+        """Returns what `RESULT` of it holds."""
         ...
 
     def remove(self, key: str) -> None:
@@ -52,7 +53,7 @@ class Store(Protocol):
         ...
 
     def making(self, key: str) -> Any:
-        """A context with an empty folder, which becomes the result where nothing is raised."""
+        """Returns a context with an empty folder, which becomes result where nothing is raised."""
         ...
 
     def write(self, name: str, content: str) -> None:
@@ -205,8 +206,12 @@ class Address:
 
     def folder(self, key: str) -> Path:
         """See `Store`."""
-        user = os.getuid() if hasattr(os, "getuid") else 0
-        fetched = Folder(Path(tempfile.gettempdir(), f"maidenflight-{user}-results"))
+        # In the user's own cache, which nobody else may write to; anew where it was computed again.
+        place = cache.folder() / "results" / hashlib.sha256(self._address.encode()).hexdigest()[:16]
+        place.mkdir(mode=0o700, parents=True, exist_ok=True)
+        fetched = Folder(place)
+        if fetched.has(key) and fetched.result(key) != self.result(key):
+            fetched.remove(key)
         if not fetched.has(key):
             with fetched.making(key) as place:
                 self._files.get(f"{self._at(_RESULTS, key)}/", f"{place}/", recursive=True)
@@ -257,7 +262,7 @@ class Address:
 
 
 def opened(place: inputs.StrPath) -> Store:
-    """The store of a folder, or of an address such as s3://BUCKET/STUDY.
+    """Returns the store of a folder, or of an address such as s3://BUCKET/STUDY.
 
     Raises:
         InputError: see `Address`.

@@ -19,7 +19,7 @@ from maidenflight.studies import status
 from maidenflight.studies.engine import Engine, Resources
 from maidenflight.studies.status import Progress
 from maidenflight.studies.store import Folder, Store, opened
-from maidenflight.studies.study import Study, Task, of, read, to_cell
+from maidenflight.studies.study import Study, Task, of, read_study, to_cell
 from maidenflight.studies.worker import DONE, LOST, Order, TaskResult, product_of
 from maidenflight.verb import find_verb
 
@@ -37,6 +37,7 @@ def sweep(
     resources: Resources | None = None,
     retries: int = 1,
     on_progress: Callable[[Progress], None] | None = None,
+    trust: bool = False,
 ) -> polars.DataFrame:
     """Computes a study: what is not there yet, on one machine or many.
 
@@ -51,10 +52,11 @@ def sweep(
             given.
         retries: how often a task that fails is begun again.
         on_progress: called with how far it is, about each second.
+        trust: whether a TOML file may name Python code, `MODULE:NAME`, which is then imported.
 
     Returns:
         A row a row of each task, in the order of the study: `task`, `kind`, what is swept as
-        `ENTRY.SETTING`, and what the task found.
+        `ENTRY.SETTING`, and the task's results.
 
     Raises:
         InputError: the study is wrong (see `study.of`) or the engine cannot be used, before any
@@ -64,7 +66,7 @@ def sweep(
     resources = resources or Resources()
     cpus, gpus = resources.cpus, resources.gpus
     study = (
-        read(tasks, cpus, gpus)
+        read_study(tasks, cpus, gpus, trust=trust)
         if isinstance(tasks, str | os.PathLike)
         else of(list(tasks), cpus=cpus, gpus=gpus)
     )
@@ -81,7 +83,7 @@ def sweep(
 
 
 def describe_failures(study: Study, failures: Mapping[str, str], output: StrPath) -> str:
-    """What to say of tasks that failed."""
+    """Returns what to say of tasks that failed."""
     first = next(task for task in study.tasks if task.key in failures)
     waiting = blocked(study, failures)
     rest = f", and {len(waiting)} wait for them" if waiting else ""
@@ -94,7 +96,7 @@ def describe_failures(study: Study, failures: Mapping[str, str], output: StrPath
 
 
 def blocked(study: Study, failures: Mapping[str, str]) -> set[str]:
-    """Keys of tasks whose inputs failed, or are such themselves."""
+    """Returns keys of tasks whose inputs failed, or are such themselves."""
     keys: set[str] = set()
     for task in study.tasks:
         if any(key in failures or key in keys for key in task.inputs.values()):
@@ -121,7 +123,7 @@ def compute(
         on_progress: called with how far it is.
 
     Returns:
-        By its key, what each task said that failed as often as it may.
+        By its key, the message of each task that failed as often as it may.
 
     Raises:
         InputError: the engine cannot be used.
@@ -181,7 +183,7 @@ class _Driving:
         return not (self._ready or self._running)
 
     def next_order(self, resources: Resources) -> Order | None:
-        """A task to begin, or none."""
+        """Returns a task to begin, or none."""
         if not self._ready:
             return None
         task = self._tasks[self._ready.popleft()]
@@ -253,7 +255,9 @@ class _Driving:
         if on_progress is not None:
             on_progress(now)
         if state != "running" or time.monotonic() - self._written >= _REPORT_S:
-            status.write(self._store, dataclasses.replace(now, running=now.running[: status.NAMED]))
+            status.write_status(
+                self._store, dataclasses.replace(now, running=now.running[: status.NAMED])
+            )
             self._written = time.monotonic()
 
 
@@ -263,7 +267,7 @@ def _place(task: Task) -> str:
 
 
 def gather(study: Study, store: Store, skipped: AbstractSet[str] = frozenset()) -> polars.DataFrame:
-    """One table of the results of a study; writes it too.
+    """Returns one table of the results of a study; writes it too.
 
     Args:
         study: the tasks.

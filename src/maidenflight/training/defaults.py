@@ -27,7 +27,7 @@ SETTINGS: dict[str, AnalyticGradient] = {
     "attitude": AnalyticGradient(updates=800, num_envs=128, horizon=16),
 }
 """Default settings by control structure. At a lower rate the same time ahead is fewer periods
-(docs/studies/training.md#how-far-ahead). To separate initial states that can be saved from those
+(paper/notes/training.md#how-far-ahead). To separate initial states that can be saved from those
 that cannot takes more environments."""
 
 HIDDEN_BY_CONTROL: dict[str, tuple[int, ...]] = {"attitude_rate": (75, 75)}
@@ -36,7 +36,7 @@ At 50 Hz most episodes depend on separating initial states, which takes a larger
 Crazyflie with up to four instants."""
 
 DISTILLED_HIDDEN = (32, 32)
-"""Hidden layers of policies by distillation (docs/studies/adaptation.md)."""
+"""Hidden layers of policies by distillation (paper/notes/adaptation.md)."""
 
 REMEMBERING_BY_CONTROL: dict[str, dict[str, int]] = {
     "attitude_rate": {"horizon": 32},
@@ -72,7 +72,7 @@ def choose_randomization(task: str, structure: str) -> float | str:
     """Returns what policies for a task and a control structure are trained over by default.
 
     An attitude-rate policy turns slowly in flight, and falls after some seconds if it has not
-    learned to fly turned: trims in yaw teach it (docs/studies/adaptation.md).
+    learned to fly turned: trims in yaw teach it (paper/notes/adaptation.md).
     """
     if task in tasks.FASTEST:
         return FASTEST_BOX
@@ -169,9 +169,9 @@ def choose_controller(
         structure: a name in `names.CONTROLS`.
         drone: to train for.
         full_scale_counts: of the drone; see `ControlInterface`.
-        initial: where training starts, if given; the range of thrust is then its own.
+        initial: where training starts, if set; the range of thrust is then its own.
         paper_scales: whether all actions are scaled as the paper does.
-        rate: actions a second [Hz]; the structure's own unless given.
+        rate: actions a second [Hz]; the structure's own by default.
     """
     at: dict[str, Any] = {} if rate is None else {"action_rate": rate}
     papers = control.CONTROLLERS[structure](full_scale_counts=full_scale_counts, **at)

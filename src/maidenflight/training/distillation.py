@@ -1,4 +1,4 @@
-"""Distillation: a policy with a memory learns from a teacher that is told what it flies.
+"""Distillation: a policy with a memory learns from a teacher that knows the drone.
 
 Three like shares of the updates. In the first a teacher, a network without a memory that also sees
 what the drone is, learns by analytic gradients. In the second the policy imitates it, in the states
@@ -51,7 +51,7 @@ class Distillation(AnalyticGradient):
     """Settings of distillation: those of training by analytic gradients, for each third.
 
     Learning rates and resets were chosen by returns over drones of any make
-    (docs/studies/adaptation.md).
+    (paper/notes/adaptation.md).
     """
 
     updates: int = 4500
@@ -67,7 +67,7 @@ class Distillation(AnalyticGradient):
 
 
 def phase(update: int, updates: int) -> str:
-    """What led to the policy after an update, one of `PHASES`.
+    """Returns what led to the policy after an update, one of `PHASES`.
 
     Args:
         update: number of the update, from 1 on.
@@ -77,7 +77,7 @@ def phase(update: int, updates: int) -> str:
 
 
 def known(drone: Parameters) -> Float[Array, "19"]:
-    """What a teacher is told of a drone, in numbers that do not depend on its size.
+    """Returns a teacher's input about a drone, in numbers that do not depend on its size.
 
     Logarithms of thrust-to-weight ratio, lag and what the rotors can turn the body by; delays;
     trims and wind; thrust of each rotor; drag.
@@ -128,7 +128,7 @@ class Teacher:
         return weights, biases, self.known_weights
 
     def with_network(self, network: Any) -> "Teacher":
-        """The same teacher with another network."""
+        """Returns the same teacher with another network."""
         weights, biases, known_weights = network
         policy = self.policy.with_network((weights, biases, None))
         return dataclasses.replace(self, policy=policy, told=known_weights)
@@ -149,7 +149,7 @@ SHARDING = _Learner(**_PARTS)  # type: ignore[arg-type]
 
 @partial(jax.jit, static_argnums=0)
 def begin(env: Environment, settings: Distillation, boxes: Distribution, keys: Array) -> _Learner:
-    """Untrained learners and teachers, one per key and distribution of drones, all stacked."""
+    """Returns untrained learners with teachers, one per key and distribution of drones."""
 
     def one(box: Distribution, key: Array) -> _Learner:
         learner = analytic_gradient.init_learner(env, settings, box, key)
@@ -163,7 +163,7 @@ def begin(env: Environment, settings: Distillation, boxes: Distribution, keys: A
 def _teacher(
     env: Environment, settings: Distillation, box: Distribution, drones: EnvInstance, key: Array
 ) -> Teacher:
-    """An untrained teacher, which does not heed yet what it is told."""
+    """An untrained teacher, which does not heed its extra input yet."""
     drawn = jax.vmap(lambda key: known(box.draw(key)))(jax.random.split(key, _DRAWN))
     spec = dataclasses.replace(env.spec, memory=0, hidden=settings.teacher_hidden, form=INSTANTS)
     policy = untrained(key, env.controller.interface, spec)

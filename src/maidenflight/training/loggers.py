@@ -20,13 +20,13 @@ each score, `train`'s `on_progress`."""
 def opened(
     names: Sequence[str], folder: str | PathLike[str], policies: int, settings: Mapping[str, Any]
 ) -> Iterator[Listener]:
-    """Several loggers as one; none, where none is named.
+    """Joins several loggers into one; none, where none is named.
 
     Args:
         names: of `registry.LOGGERS`.
         folder: of the policies.
         policies: how many learn.
-        settings: plain values that are kept with the scores.
+        settings: plain values to store with the scores.
 
     Raises:
         InputError: a logger's package is not installed, or it cannot be opened.

@@ -56,13 +56,13 @@ class PPO:
     final_noise_std: float = 0.15
     """Standard deviation in the last update; it decays linearly."""
     evaluations: int = 15
-    """How often the policy is evaluated; the best one is kept."""
+    """How often the policy is evaluated; the best one counts."""
     episodes: int = 128
     """Episodes per evaluation."""
 
     @classmethod
     def paper(cls) -> Self:
-        """The paper's settings: 500 epochs of 64,000 steps, as by 64 workers of 1,000.
+        """Returns the paper's settings: 500 epochs of 64,000 steps, as by 64 workers of 1,000.
 
         What differs: episodes continue from one epoch to the next, while the paper's workers were
         reset; minibatches are drawn from all environments together; the actor's last layer starts

@@ -17,7 +17,7 @@ class Drone(Verb):
     """
 
     in_studies = False
-    output = Output(None, "File to write; standard output unless given.")
+    output = Output(None, "File to write; standard output by default.")
 
     drone: str = shared.drone("crazyflie", argument=True)
     list_names: bool = setting(
@@ -26,12 +26,12 @@ class Drone(Verb):
     mass: float | None = shared.mass()
 
     def compute(self, output: Path | None, progress: Progress) -> Result:
-        """Reads and checks the drone; writes it where an output is given."""
+        """Reads and checks the drone; writes it where there is an output."""
         if self.list_names:
             return _list()
         kilograms = None if self.mass is None else self.mass / 1e3
         parameters, named = core.parameters, self.drone in core.parameters.DRONES
-        read, name = parameters.read(self.drone, kilograms), parameters.name_of(self.drone)
+        read, name = parameters.read_drone(self.drone, kilograms), parameters.name_of(self.drone)
         sources = parameters.sources(self.drone, kilograms) if named else {}
         content: dict[str, Any] = {
             "name": name,

@@ -24,7 +24,7 @@ class Export(Verb):
         None,
         "Folder; "
         + ", ".join(f"{choose_folder(to)} for {to}" for to in EXPORTERS.own)
-        + " unless given.",
+        + " by default.",
     )
 
     policy: Path = setting(path("a policy file"), REQUIRED, argument=True, files=True)
@@ -46,7 +46,7 @@ class Export(Verb):
     seed: int = shared.seed()
 
     def choose_output(self, output: StrPath | None) -> Path:
-        """Returns the folder; the exporter's own unless given."""
+        """Returns the folder; the exporter's own by default."""
         return Path(choose_folder(self.to) if output is None else output)
 
     def check_early(self) -> None:
@@ -63,7 +63,7 @@ class Export(Verb):
             InputError: the file is no policy, or one of ours of another structure; or what is
                 written cannot hold it, or not fly the frame that it was trained for.
         """
-        file = core.policy_file.read(self.policy, self.control)
+        file = core.policy_file.read_policy(self.policy, self.control)
         interface, rotors = file.interface, file.rotors
         if rotors is not None:
             drone = core.parameters.replace(core.crazyflie(), **rotors)

@@ -25,7 +25,7 @@ class Log(Verb):
     """
 
     output = Output(
-        None, "Folder for the logs in our format, a CSV a piece; nothing is written unless given."
+        None, "Folder for the logs in our format, a CSV a piece; nothing is written by default."
     )
 
     logs: Path = shared.logs()
@@ -33,7 +33,7 @@ class Log(Verb):
     battery_law: str | None = shared.battery_law()
 
     def compute(self, output: Path | None, progress: Progress) -> Result:
-        """Reads the logs; writes the usable pieces where an output is given."""
+        """Reads the logs; writes the usable pieces where there is an output."""
         flights = core.read_flights(
             *(self.logs, core.logs.count_files(progress), math.inf),
             commands=self.commands,

@@ -45,13 +45,13 @@ class Network(NamedTuple):
     deviation: Float[np.ndarray, "inputs"]
 
 
-def read(content: Mapping[str, Any], where: str, control: str | None) -> Policy:
+def read_authors_policy(content: Mapping[str, Any], where: str, control: str | None) -> Policy:
     """Reads the policy of a file of the authors.
 
     Args:
         content: the object in the file, with all of `MARKS`.
         where: what errors name, usually the file.
-        control: what it commands; what `where` says unless given.
+        control: what it commands; what `where` says by default.
 
     Raises:
         InputError: it is damaged, or what it commands is not known.
@@ -106,7 +106,7 @@ def _network(content: Mapping[str, Any], where: str) -> Network:
 
 
 def interface_of(control: str) -> ControlInterface:
-    """What policies of the authors' drone command, by the name of the control structure."""
+    """Returns what policies of the authors' drone command, by the name of the control structure."""
     return INTERFACES[control](action_rate=RATES[control])
 
 
@@ -169,4 +169,4 @@ def check_sum(weights: list[np.ndarray], biases: list[np.ndarray]) -> tuple[floa
     return float(values.sum()), size
 
 
-FORMAT = PolicyFormat(MARKS, read)
+FORMAT = PolicyFormat(MARKS, read_authors_policy)

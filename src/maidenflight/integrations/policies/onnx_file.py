@@ -14,11 +14,11 @@ Network = Callable[[Float[np.ndarray, "N"]], Float[np.ndarray, "..."]]
 
 
 def network(path: Path, output: str | None, where: str) -> Network:
-    """The network of a file.
+    """Returns the network of a file.
 
     Args:
         path: the ONNX file.
-        output: name of the output that commands the motors; the first one unless given.
+        output: name of the output that commands the motors; the first one by default.
         where: the file that named the output.
 
     Raises:

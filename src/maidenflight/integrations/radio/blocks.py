@@ -86,7 +86,7 @@ COMMANDER = 2
 
 
 def with_policy(block: Block) -> Block:
-    """The block with what the controller on board tells."""
+    """Returns the block with what the controller on board tells."""
     return block._replace(variables={**block.variables, ACTIVE: "uint8_t", WHY: "uint8_t"})
 
 
@@ -97,7 +97,7 @@ CAN_BE_ARMED, ARMED, AUTO_ARMED, CAN_FLY, FLYING, TUMBLED, LOCKED, CRASHED = (
 
 
 class Reading(NamedTuple):
-    """What a drone told last, in SI units and our signs."""
+    """The last telemetry of a drone, in SI units and our signs."""
 
     received: float
     """When the last state came [s], on the program's clock."""
@@ -140,7 +140,7 @@ class Reading(NamedTuple):
 
 
 def reading(values: Mapping[str, float], received: float) -> Reading:
-    """What the last packets of both fast blocks mean together.
+    """Returns what the last packets of both fast blocks mean together.
 
     Args:
         values: log variables in the firmware's units.

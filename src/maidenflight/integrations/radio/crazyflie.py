@@ -62,7 +62,7 @@ class Crazyflie:
         Args:
             uri: such as `radio://0/80/2M/E7E7E7E7E7`, or `udp://127.0.0.1:19850` for a simulation.
             clock: the program's.
-            cache: folder in which the drone's tables of contents are kept, so that the next
+            cache: folder in which the drone's tables of contents lie, so that the next
                 connection is quick.
             patience: longest wait for a connection with all its tables [s].
 
@@ -84,7 +84,7 @@ class Crazyflie:
         self._closed = False
         self._types = {name: code for code, (name, _) in ParamTocElement.types.items()}
         self._config = LogConfig
-        # What goes wrong comes back to us, and is told once.
+        # What goes wrong comes back to us, and is reported once.
         logging.getLogger("cflib").setLevel(logging.CRITICAL)
         if not cflib.crtp.CLASSES:
             cflib.crtp.init_drivers()
@@ -112,11 +112,11 @@ class Crazyflie:
         ready, why = threading.Event(), []
 
         def failed(_: str, message: str) -> None:
-            why.append(message.strip().splitlines()[0] if message.strip() else "no reason given")
+            why.append(message.strip().splitlines()[0] if message.strip() else "no reason")
             ready.set()
 
         def lost(_: str, message: str) -> None:
-            self.lost = message.strip().splitlines()[0] if message.strip() else "no reason given"
+            self.lost = message.strip().splitlines()[0] if message.strip() else "no reason"
             failed(_, message)
 
         self._cf.fully_connected.add_callback(lambda _: ready.set())
@@ -214,12 +214,12 @@ class Crazyflie:
         self.received += 1
 
     def write_to(self, rows: RowFile | None) -> None:
-        """Where rows go from now on; nowhere, where there is nothing."""
+        """Returns where rows go from now on; nowhere, where there is nothing."""
         with self._writing:
             self._rows = rows
 
     def parameter(self, name: str) -> float | None:
-        """A parameter's value as it was on connecting.
+        """Returns a parameter's value as it was on connecting.
 
         Nothing where the firmware has none of that name.
         """
@@ -254,13 +254,13 @@ class Crazyflie:
     def arm(self, armed: bool) -> None:
         """Arms or disarms."""
         with warnings.catch_warnings():
-            # Firmware before the supervisor's own port is asked in the old way; there is nothing to
+            # Firmware before the supervisor's own port answers in the old way; there is nothing to
             # warn of.
             warnings.simplefilter("ignore")
             self._cf.supervisor.send_arming_request(armed)
 
     def close(self) -> None:
-        """Ends the connection."""
+        """Returns ends the connection."""
         if not self._closed:
             self._closed = True
             self._cf.incoming.stop()

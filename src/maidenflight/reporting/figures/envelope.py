@@ -20,13 +20,13 @@ _END_WORDS = {
 
 
 def envelope(summary: polars.DataFrame) -> Figure:
-    """A panel an axis, a row a policy and reality.
+    """Returns a panel an axis, a row a policy and reality.
 
     Args:
         summary: what `experiments.envelope.summary` gives.
     """
     legend = [
-        Entry("flown by 95 % of flights, simulated", "blue", "thick"),
+        Entry("95 % of flights succeed, simulated", "blue", "thick"),
         Entry("95 % interval of that", "orange", "interval"),
         Entry("limit of physics", "purple", "tick"),
     ]

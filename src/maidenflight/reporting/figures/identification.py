@@ -1,4 +1,4 @@
-"""What an identification found and how sure it is: the picture beside the drone file."""
+"""Draws estimates and their intervals: the picture beside the drone file."""
 
 from collections.abc import Mapping, Sequence
 
@@ -46,7 +46,7 @@ def identification(found: Identification, start: Parameters) -> Figure:
 def estimates(
     known: Mapping[str, Estimate], unknown: Mapping[str, tuple[float, float]], beside: Beside
 ) -> Figure:
-    """A row a parameter, each on a scale of its own.
+    """Returns a row a parameter, each on a scale of its own.
 
     Args:
         known: estimates by parameter.

@@ -16,11 +16,11 @@ _DISPLAY_FORMATS = {
     "torque_bias_z": ("yaw trim [10⁻⁶ N m]", 1e6),
     "battery": ("battery [V]", 1.0),
 }
-"""Label and shown value per SI value."""
+"""Label and displayed value per SI value."""
 
 
 def trims(flights: polars.DataFrame, estimates: Mapping[str, Estimate] | None = None) -> Figure:
-    """A panel a quantity, a dot a flight with its standard error.
+    """Returns a panel a quantity, a dot a flight with its standard error.
 
     Args:
         flights: a row a flight, as `flight_tables.trims` gives them.

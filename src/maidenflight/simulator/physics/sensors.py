@@ -30,14 +30,14 @@ ACCELEROMETER_CUTOFF = 30.0
 sensors_bmi088_bmp3xx.c)."""
 ACCELEROMETER_NOISE = 0.5
 """Standard deviation of a reading before the filter, at 500 Hz [m/s2]: motors' vibration, of the
-size seen between 20 and 40 Hz in logs of a brushed Crazyflie (IMRCLab 2026)."""
+size between 20 and 40 Hz in logs of a brushed Crazyflie (IMRCLab 2026)."""
 DRIFT_TIME = 1.0
 """Correlation time of the error of the estimated velocity [s]; a flight log of seconds cannot
 distinguish it from a pure random walk."""
 
 
 def turn_on_bias(parameters: Parameters, normal: Float[Array, "3"]) -> Float[Array, "3"]:
-    """Gyro bias [rad/s] at power-on.
+    """Draws the gyro bias [rad/s] at power-on.
 
     Args:
         parameters: uses `gyro_turn_on_bias`.
@@ -54,7 +54,9 @@ def walk_bias(
     parameters: Parameters,
     normal: Float[Array, "3"],
 ) -> Float[Array, "3"]:
-    """The gyro's bias after some time: a first-order Gauss-Markov process, exact at any time step.
+    """Returns the gyro's bias after some time.
+
+    A first-order Gauss-Markov process, exact at any time step.
 
     Source: Furrer et al. 2016 (RotorS): sigma_b^2 tau / 2 (1 - exp(-2 t / tau)).
     """
@@ -70,14 +72,14 @@ def walk_estimate(
     parameters: Parameters,
     normal: Float[Array, "3"],
 ) -> Float[Array, "6"]:
-    """Random-walk drift of the estimated position [m] and velocity [m/s] after some time.
+    """Draws the drift of the estimated position [m] and velocity [m/s] after some time.
 
     What a Kalman filter's measurement corrects moves both alike: in the authors' flights the steps
     of horizontal position and velocity correlate by 0.92 to 0.97.
 
     The position error integrates the velocity error. The error of an estimator without a position
     sensor, such as that of optical flow, is a random walk, which a policy follows. White noise of
-    the size seen between two rows of a log averages out within a few rows and does not model this.
+    the size between two rows of a log averages out within a few rows and does not model this.
 
     Args:
         drift: errors of position and velocity before.
@@ -103,7 +105,7 @@ def low_pass(
     elapsed: Float[Array, ""],
     parameters: Parameters,
 ) -> Float[Array, "3"]:
-    """The gyro's low-pass filter after some time: tau_g dy/dt = omega - y.
+    """Returns the gyro's low-pass filter after some time: tau_g dy/dt = omega - y.
 
     Exact for body rates that change linearly.
 
@@ -125,7 +127,7 @@ def gyro_noise(
     parameters: Parameters,
     normal: Float[Array, "3"],
 ) -> Float[Array, "3"]:
-    """Noise of the gyro's next reading [rad/s].
+    """Returns the noise of the gyro's next reading [rad/s].
 
     White noise behind a Butterworth filter of second order: two readings 2 ms apart have most of it
     in common, two 10 ms apart none. An autoregression of first order, whose coefficient is the
@@ -153,7 +155,7 @@ def measure(
     normal: Float[Array, "9"],
     uniform: Float[Array, "6"],
 ) -> Measurement:
-    """One noisy reading of the state.
+    """Returns one noisy reading of the state.
 
     Position and attitude carry Gaussian and uniform noise, velocity Gaussian noise. The attitude
     noise is a small rotation in the body frame, which for small tilt is what adding noise to roll,
@@ -186,7 +188,7 @@ def accelerometer(
     gravity: float,
     generator: np.random.Generator,
 ) -> Float[np.ndarray, "N 3"]:
-    """What an accelerometer behind its low-pass filter reads in a flight [m/s2].
+    """Returns what an accelerometer behind its low-pass filter reads in a flight [m/s2].
 
     Args:
         velocity: true velocity, world [m/s].
@@ -217,13 +219,13 @@ def remember(past: Float[Array, "memory 10"], state: State) -> Float[Array, "mem
 def delayed(
     past: Float[Array, "memory 10"], state: State, period: Float[Array, ""], parameters: Parameters
 ) -> State:
-    """The state with its position, velocity and attitude `estimator_delay` old.
+    """Returns the state with its position, velocity and attitude `estimator_delay` old.
 
     Interpolated between remembered instants.
 
     Args:
         past: memory, newest first, one row an estimate; row 0 is the present.
-        state: the present; its body rates are kept, because the gyro is read afresh.
+        state: the present; its body rates stay, because the gyro is read afresh.
         period: time between two estimates [s].
         parameters: uses `estimator_delay` [s], at most (memory - 1) periods.
     """

@@ -1,7 +1,7 @@
 """What policies fly in: the `Reality` protocol, and `reality` by name.
 
-A reality is a `VirtualDrone`, of which many are flown at once in JAX, or anything that follows the
-`Reality` protocol: another simulator or a test bench, flown one command at a time.
+A reality is a `VirtualDrone`, of which many fly at once in JAX, or anything that follows the
+`Reality` protocol: another simulator or a test bench, which takes one command at a time.
 """
 
 import dataclasses
@@ -44,7 +44,7 @@ class Truth(NamedTuple):
 
 @runtime_checkable
 class Reality(Protocol):
-    """A drone flown one command at a time; it keeps its own state and needs no JAX.
+    """A drone that takes one command at a time; it keeps its own state and needs no JAX.
 
     Arrays may be of NumPy or lists; axes, units and motors are those of `dynamics.State`.
     """
@@ -86,11 +86,11 @@ class Reality(Protocol):
         ...
 
     def observe(self) -> Measurement:
-        """What the sensors say now."""
+        """Returns what the sensors say now."""
         ...
 
     def truth(self) -> Truth:
-        """The true state now."""
+        """Returns the true state now."""
         ...
 
 
@@ -98,7 +98,7 @@ AnyReality = VirtualDrone | Reality
 
 
 def reality(name: str) -> AnyReality:
-    """A reality by name.
+    """Returns a reality by name.
 
     Args:
         name: `NAME:SEED` with one of `VARIANTS`; `NAME:SEED@DRONE`, drawn about a drone's TOML
@@ -121,13 +121,13 @@ def reality(name: str) -> AnyReality:
         return _virtual_about(drawn_name, centre)
     kind, _, rest = name.partition(":")
     if is_drone(name):
-        drone = parameters.replace(parameters.read(name), time_step=0.001)
+        drone = parameters.replace(parameters.read_drone(name), time_step=0.001)
         law = law_for(parameters.full_scale_counts(name))
         return VirtualDrone(parameters.name_of(name), drone, thrust_law=law)
     if kind in VARIANTS:
         return virtual_drone(seed_of(name), kind)
     if rest and kind in REALITIES:
-        return checked(REALITIES[kind](rest))
+        return check_reality(REALITIES[kind](rest))
     if rest and not rest.isdecimal():
         return _imported(kind, rest)
     raise InputError(
@@ -151,8 +151,15 @@ def seed_of(name: str) -> int:
 
 
 def is_drone(name: str) -> bool:
-    """Whether a reality's name is that of a drone or of a drone's file."""
+    """Returns whether a reality's name is that of a drone or of a drone's file."""
     return name in parameters.DRONES or os.path.exists(name)
+
+
+def imports_code(name: str) -> bool:
+    """Tests whether a reality's name stands for Python code: `MODULE:FACTORY`."""
+    kind, _, rest = additions.split(name)[0].partition("@")[0].partition(":")
+    known = kind in VARIANTS or kind in REALITIES or rest.isdecimal()
+    return bool(rest) and not known and not is_drone(name)
 
 
 def _virtual_about(drawn_name: str, centre: str) -> VirtualDrone:
@@ -164,11 +171,11 @@ def _virtual_about(drawn_name: str, centre: str) -> VirtualDrone:
             " before @, such as virtual:7@drone.toml."
         )
     law = law_for(parameters.full_scale_counts(centre))
-    drone = virtual_drone(int(seed), kind, parameters.read(centre), law)
+    drone = virtual_drone(int(seed), kind, parameters.read_drone(centre), law)
     return dataclasses.replace(drone, name=f"{drone.name}-{Path(centre).stem}")
 
 
-def checked(candidate: Any) -> AnyReality:
+def check_reality(candidate: Any) -> AnyReality:
     """Returns a reality.
 
     Raises:
@@ -220,6 +227,6 @@ def _imported(module: str, factory: str) -> AnyReality:
             f"{', '.join(name for name in vars(imported) if not name.startswith('_'))}."
         )
     try:
-        return checked(make())
+        return check_reality(make())
     except InputError as error:
         raise InputError(f"{where}: {error}") from error

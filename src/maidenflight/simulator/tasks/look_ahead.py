@@ -18,7 +18,7 @@ from maidenflight.simulator.tasks.trajectories import Trajectory
 
 MOST_POINTS = 50
 SPACING = 0.1
-"""Time between two points unless given [s]."""
+"""Time between two points by default [s]."""
 _SHORTEST, _LONGEST = 1e-3, 10.0
 
 
@@ -27,7 +27,7 @@ class LookAhead:
     """K points of the reference, at t + spacing, t + 2 spacing, ..., t + K spacing.
 
     An observation has their positions relative to the drone's measured position, world [m], behind
-    its last instant. Where a trajectory has ended, its last point is seen again. Hashable,
+    its last instant. Where a trajectory has ended, its last point repeats. Hashable,
     for use as a static argument.
 
     Raises:
@@ -78,12 +78,12 @@ class LookAhead:
         return jax.vmap(reference)(time + jnp.asarray(self.times))
 
     def to_dict(self) -> dict[str, Any]:
-        """For a file."""
+        """Returns plain values for a file."""
         return {"points": self.points, "spacing": self.spacing}
 
     @classmethod
     def from_dict(cls, content: Any) -> Self:
-        """What `to_dict` gave, read back.
+        """Returns what `to_dict` gave, read back.
 
         Raises:
             InputError: a field is missing, unknown or not what it should be.
