@@ -207,7 +207,7 @@ def read_flights_of(source: StrPath | None, options: FileOptions) -> Sequence[Fl
         InputError: nothing is there, or a log cannot be used.
     """
     if source is not None and manifest.find_manifest(source) is None:
-        return read_flights(source).flights
+        return read_flights(source, faulty="use").flights
     return flights_to_show(read_run(source, options))
 
 
@@ -275,7 +275,7 @@ def _pieces(path: Path) -> Sequence[Flight]:
         InputError: there is not even that.
     """
     try:
-        return read_flights(path).flights
+        return read_flights(path, faulty="use").flights
     except InputError:
         whole = whole_flights(path)
         pieces = [one for one in whole if one.duration < BRIEF_S and usable(one).stop > 1]
