@@ -1,6 +1,6 @@
 """Measures how often the check-up names logs that were spoilt on purpose, and how often sound ones.
 
-Writes docs/checkup.md. Thresholds were set while looking at the first set of logs alone; the second
+Writes paper/notes/checkup.md. Thresholds were set while looking at the first set of logs alone; the second
 set, other logs of the same and of other sources, was first tried with all of them fixed.
 """
 
@@ -21,7 +21,7 @@ from maidenflight.flights.checkup.result import FAILS, UNKNOWN, WARNS, CheckResu
 from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights
 
-PAGE = Path(__file__).parent.parent / "docs" / "checkup.md"
+PAGE = Path(__file__).parent.parent / "paper" / "notes" / "checkup.md"
 Logs = dict[str, tuple[Flight, ...]]
 LONGEST_S = 40.0
 """Of a log that is spoilt [s]; more only takes more time."""

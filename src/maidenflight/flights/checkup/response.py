@@ -5,7 +5,7 @@ first-order lag and a delay. Spectra hold all that any order of the motors, lag 
 so that hundreds of them cost little. Frequencies count by the root of their power: all alike they
 would be the noise's, by their power a single oscillation's.
 
-Source: measured on 93 logs of ten sources; docs/checkup.md has the figures.
+Source: measured on 93 logs of ten sources; paper/notes/checkup.md has the figures.
 """
 
 from collections.abc import Sequence
