@@ -1,7 +1,7 @@
 """Feeds damaged files to everything that reads files, and counts what comes of it.
 
 `python benchmarks/fuzz.py` reads 100,000 inputs and writes the table of
-docs/studies/reliability.md; `--inputs 2000 --output none` is a short run. A reader may accept a
+paper/notes/reliability.md; `--inputs 2000 --output none` is a short run. A reader may accept a
 file or raise `InputError` with one short line. Failures are: any other exception, a warning or a
 dead process (crash); an answer that takes longer than `LONGEST` (hang); and accepting a file whose
 content has changed, or is outside the documented range (silent acceptance). Input n of a reader is
@@ -349,7 +349,7 @@ def table(found: dict[str, Counts]) -> str:
 @click.option("--only", type=int, help="One input alone, by its number.")
 @click.option(
     "--output",
-    default="docs/studies/reliability.md",
+    default="paper/notes/reliability.md",
     show_default=True,
     help="Page to write; none for a look.",
 )

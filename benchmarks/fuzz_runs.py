@@ -53,7 +53,7 @@ def run_readers() -> list[Reader]:
             "run folder",
             10,
             tuple(good),
-            lambda folder, _: runs.read(folder),
+            lambda folder, _: runs.read_run(folder),
             lambda _: [],
             unsound_run,
             around=around,
@@ -71,7 +71,7 @@ def run_readers() -> list[Reader]:
 
 
 def _paged(folder: Path, _: Path) -> str:
-    return page.to_html(runs.read(folder))
+    return page.to_html(runs.read_run(folder))
 
 
 def whole_run() -> dict[str, bytes]:

@@ -75,7 +75,7 @@ def _of_report(run: Path, to: Path) -> None:
 
 def _of_charts(run: Path, to: Path) -> None:
     """Writes charts of the report as files."""
-    read = runs.read(run)
+    read = runs.read_run(run)
     assert read.training is not None
     best = {name: read.estimates[name].value for name in NAMES}
     draws = {name: read.posterior[name] for name in NAMES}

@@ -1,6 +1,6 @@
 """Measures the simulator and the training of the paper's 81 policies on a GPU.
 
-Beside crazyflow on the same card. Writes the tables of docs/studies/benchmarks.md.
+Beside crazyflow on the same card. Writes the tables of paper/notes/benchmarks.md.
 
 Every figure is of a process of its own. All compile at once, wait, and are asked in turn.
 """
@@ -67,7 +67,7 @@ class Simulated:
 def find_cells() -> dict[str, list[Train]]:
     """Returns what trains the paper's policies, by control structure, a cell each."""
     cells: dict[str, list[Train]] = {}
-    for task in study.read(STUDY).tasks:
+    for task in study.read_study(STUDY).tasks:
         if task.kind == "train":
             cells.setdefault(task.settings["control"], []).append(Train(**changes_of(task)))
     return cells
@@ -129,7 +129,7 @@ def train(structure: str, together: int, updates: int, folder: Path | None) -> N
             for cell, policies in zip(cells, made, strict=True):
                 place = folder / "_".join([structure, *map(str, cell.changes.values())])
                 for number, policy in enumerate(policies, 1):
-                    policy_file.write(
+                    policy_file.write_policy(
                         run_folder.POLICY.path(place, number), policy, cell.make_record()
                     )
         tell(seconds=seconds, peak=peak())
@@ -209,7 +209,7 @@ def card() -> str:
 @click.option(
     "--output",
     type=click.Path(path_type=Path, exists=True),
-    default=FOLDER.parent / "docs" / "studies" / "benchmarks.md",
+    default=FOLDER.parent / "paper" / "notes" / "benchmarks.md",
     show_default=True,
 )
 @click.option("--crazyflow", default=sys.executable, help=f"A Python that has crazyflow {VERSION}.")

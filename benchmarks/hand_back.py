@@ -1,6 +1,6 @@
 """Measures how far a drone sinks when the firmware's PID takes it over from a policy.
 
-Writes the table of docs/crazyflie.md.
+Writes a table of paper/notes/export.md.
 
 The PID starts anew, so the integrals of its height loops are zero, which hold up what weighs more
 than the firmware's base thrust lifts. The simulated PID of firmware 2026.08 begins with the drone
@@ -60,12 +60,14 @@ def main() -> None:
         "|---|---|---|---|",
     ]
     for mass in MASSES_G:
-        drone = with_mass(parameters.read(DRONE), mass / 1000, DRONE)
+        drone = with_mass(parameters.read_drone(DRONE), mass / 1000, DRONE)
         sunk = [f"{100 * sinking(drone, tilt):.0f} cm" for tilt in TILTS_DEG]
         counts = COUNTS / float(drone.thrust_to_weight)
         rows.append(f"| {mass:.0f} g | {counts:,.0f} counts | {' | '.join(sunk)} |")
         click.echo(rows[-1])
-    write(Path(__file__).parents[1] / "docs" / "crazyflie.md", {"hand-back": "\n".join(rows)})
+    write(
+        Path(__file__).parents[1] / "paper" / "notes" / "export.md", {"hand-back": "\n".join(rows)}
+    )
 
 
 if __name__ == "__main__":

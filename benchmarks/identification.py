@@ -1,6 +1,6 @@
 """Measures the time of identification with as much flight as the paper had.
 
-Writes a part of docs/studies/benchmarks.md.
+Writes a part of paper/notes/benchmarks.md.
 
 The flights are simulated, so that anybody can run it; the authors' real ones are read too where
 they are given.
@@ -32,7 +32,7 @@ from maidenflight.identification.search.gauss_newton import NormalEquations, in_
 from maidenflight.parameters import Parameters, crazyflie, replace
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone
 
-PAGE = Path(__file__).parent.parent / "docs" / "studies" / "benchmarks.md"
+PAGE = Path(__file__).parent.parent / "paper" / "notes" / "benchmarks.md"
 WINDOWS = 37_673
 """Windows of 50 rows that the paper had (sec. Simulation Optimization)."""
 FLIGHTS, DURATION, SEED = 121, 32.0, 0

@@ -1,7 +1,7 @@
 """Ctrl-C at random moments of every command that computes: exit code, output, time and files.
 
 `python benchmarks/interrupted_commands.py` prints each interruption and writes the table of
-docs/studies/reliability.md. Every command but the demo does little work. A third of the runs begin
+paper/notes/reliability.md. Every command but the demo does little work. A third of the runs begin
 with an empty compilation cache, and so are mostly compiling. Half of the others may replace the
 results of an earlier run (`--overwrite`, of another seed). After each, every file must be whole,
 byte for byte what the earlier run or an undisturbed one wrote, and none of the earlier results may
@@ -187,7 +187,7 @@ class Interruption(NamedTuple):
 @click.option("--command", "wanted", multiple=True, help="These commands alone; may be repeated.")
 @click.option(
     "--output",
-    default="docs/studies/reliability.md",
+    default="paper/notes/reliability.md",
     show_default=True,
     help="Page to write; none for a look.",
 )

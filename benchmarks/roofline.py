@@ -1,6 +1,6 @@
 """Measures how close the hot paths come to what the machine can do.
 
-Writes the tables of docs/studies/roofline.md.
+Writes the tables of paper/notes/roofline.md.
 
 The work of a path is counted in its traced program, before the compiler fuses or duplicates
 anything: elementary operations by kind, and bytes that loops store for later or read back. What
@@ -52,7 +52,7 @@ from maidenflight.training import analytic_gradient
 from maidenflight.training.defaults import SETTINGS, choose_hidden
 from maidenflight.training.evaluation import evaluate_together, starts_of
 
-PAGE = Path(__file__).parents[1] / "docs" / "studies" / "roofline.md"
+PAGE = Path(__file__).parents[1] / "paper" / "notes" / "roofline.md"
 KINDS = {
     "arithmetic": "add neg sub mul max min abs eq ne lt le gt ge select_n sign floor ceil round "
     "and or not xor shift_left shift_right_logical shift_right_arithmetic clamp is_finite square "

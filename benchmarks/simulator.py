@@ -1,6 +1,6 @@
 """Measures the speed of the simulator beside crazyflow.
 
-Writes the tables of docs/studies/benchmarks.md.
+Writes the tables of paper/notes/benchmarks.md.
 
 Both sides run in processes of their own and are asked in turn, so that what else the machine does
 falls on both. Every figure is a median; the batch and the layout at which a side is best are found
@@ -364,7 +364,7 @@ def details(found: Found) -> str:
 @click.option(
     "--output",
     type=click.Path(path_type=Path, exists=True),
-    default=FOLDER.parent / "docs" / "studies" / "benchmarks.md",
+    default=FOLDER.parent / "paper" / "notes" / "benchmarks.md",
     show_default=True,
 )
 @click.option(

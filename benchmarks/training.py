@@ -1,6 +1,6 @@
 """Measures what training reaches, how fast and in how much memory.
 
-Writes its table into docs/training.md, recipes and learning curves into docs/studies/training.md.
+Writes its table, recipes and learning curves into paper/notes/training.md.
 
 Every policy is scored on 1,000 episodes that it has not seen: noise, drones drawn within +-10 % of
 a Crazyflie with a motor lag of 80 ms and a latency of 20 ms, the task's own start, no exploration.
@@ -295,7 +295,7 @@ def drawn(measured: dict[str, Measured]) -> str:
 @click.option(
     "--output",
     type=click.Path(path_type=Path, exists=True),
-    default=Path(__file__).parents[1] / "docs" / "training.md",
+    default=Path(__file__).parents[1] / "paper" / "notes" / "training.md",
 )
 @click.option(
     "--only",
@@ -313,7 +313,7 @@ def drawn(measured: dict[str, Measured]) -> str:
 def main(output: Path, chosen: tuple[str, ...], updates: int | None, picture: Path | None) -> None:
     """Trains five policies of each kind and writes the results.
 
-    The table goes into the page OUTPUT, commands and curves into its study.
+    Table, commands and curves go into the page OUTPUT.
 
     A look at less leaves the page alone.
     """
@@ -327,19 +327,13 @@ def main(output: Path, chosen: tuple[str, ...], updates: int | None, picture: Pa
         if picture is not None:
             picture.write_text(drawn(measured))
         return
-    study = output.parent / "studies" / "training.md"
-    picture = study.with_name("training_curves.svg")
+    picture = output.with_name("training_curves.svg")
     picture.write_text(drawn(measured))
     write(
         output,
         {
             "training": "\n".join([HEAD, *(each.row for each in measured.values())]),
             "training-machine": f"{CORES} cores; load at the end {os.getloadavg()[0]:.1f}.",
-        },
-    )
-    write(
-        study,
-        {
             "training-recipes": recipes(),
             "training-curves": "![Return over the time of training, a panel a "
             f"recipe]({picture.name})",

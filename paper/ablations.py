@@ -62,7 +62,7 @@ QUICK = {
     ),
 }
 """Settings of training, by control structure: a quarter as long as the command line's, and by Adam
-alone, as docs/studies/ablations.md was measured."""
+alone, as paper/notes/ablations.md was measured."""
 NO_LAG = 0.0025
 """T_m [s] of a motor without lag: in steps of 5 ms the trapezoidal rule then reaches the command at
 the end of the step, and a shorter one would overshoot."""
@@ -640,7 +640,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def run(given: argparse.Namespace) -> None:
     """All of it, for given arguments."""
-    nominal = parameters.read(given.drone)
+    nominal = parameters.read_drone(given.drone)
     home = VirtualDrone(ITSELF, replace(nominal, time_step=np.float32(0.001)))
     realities = {
         one.name: [one]

@@ -27,7 +27,7 @@ from maidenflight.experiments.recovery import SOON_S, recovery
 from maidenflight.flying import engine
 from maidenflight.parameters import Parameters, crazyflie, replace
 from maidenflight.policy import Policy
-from maidenflight.policy_file import read
+from maidenflight.policy_file import read_policy
 from maidenflight.simulator.any_drone import GenericQuadrotor
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.environment import Environment
@@ -190,7 +190,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--drones", type=int, default=10, help="virtual drones of each kind")
     parser.add_argument("--flights", type=int, default=6, help="flights of each")
     given = parser.parse_args(arguments)
-    policies = {"/".join(path.parts[-2:]): read(path).policy for path in given.policies}
+    policies = {"/".join(path.parts[-2:]): read_policy(path).policy for path in given.policies}
     seeds = range(1, given.drones + 1)
     made = results.record(seed=0, inputs=given.policies, settings={"drones": given.drones})
     for name, table in (

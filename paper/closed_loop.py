@@ -77,7 +77,7 @@ def identified(authors: Path, folder: Path, policies: Mapping[str, Policy]) -> d
         structure, number = name.split("/")
         if structure == "pwm":
             made = results.record(seed=0, inputs=[], settings={"published": name})
-            policy_file.write(chosen / f"pwm_{int(number):03d}.json", policies[name], made)
+            policy_file.write_policy(chosen / f"pwm_{int(number):03d}.json", policies[name], made)
     varied, matched = folder / "likelihood.toml", folder / "closed_loop.toml"
     if not varied.exists():
         Identify(logs=flights, start=str(dynamics), over=tuple(BETWEEN_FLIGHTS)).run(varied)

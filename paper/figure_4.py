@@ -85,7 +85,7 @@ def read_study(path: Path, small: bool = False) -> Study:
     Raises:
         InputError: see `studies.read`; or it flies no policies that it trains for both.
     """
-    study = studies.read(path)
+    study = studies.read_study(path)
     if small:
         entries = [shorten_training(entry) for entry in study.entries]
         study = studies.of(entries, study.home, str(path))

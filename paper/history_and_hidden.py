@@ -72,7 +72,7 @@ def box(plan: argparse.Namespace) -> RelativeBox:
             parameters.crazyflie(), motor_time_constant=np.float32(0.08), latency=np.float32(0.02)
         )
     else:
-        centre = parameters.read(plan.drone)
+        centre = parameters.read_drone(plan.drone)
     return relative_box(control.in_fitting_steps(centre, control.CONTROLLERS[plan.control]()), 0.10)
 
 

@@ -836,7 +836,7 @@ def lags_of(realities: Sequence[str], given: argparse.Namespace) -> dict[str, fl
                 )
         elif name == REAL:
             found[name] = total_lag(
-                parameters.read(given.drone)
+                parameters.read_drone(given.drone)
                 if given.drone
                 else replace(parameters.crazyflie(), **IDENTIFIED)
             )
@@ -864,7 +864,7 @@ def run(given: argparse.Namespace) -> None:
         raise InputError("nothing to read. Give tables of flights, --authors, or both.")
     if given.resamples < 100:
         raise InputError(f"--resamples {given.resamples}: an interval of 95 % takes 100 or more.")
-    nominal, parts = parameters.read(given.nominal), []
+    nominal, parts = parameters.read_drone(given.nominal), []
     if given.tables:
         flown = together([simulated(path, given.nominal) for path in given.tables])
         if REAL in flown["reality"]:

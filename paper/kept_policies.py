@@ -33,8 +33,8 @@ def kept_policies(
         for path in files if restart else []:
             path.unlink(missing_ok=True)
         for path, one in zip(files, learn(), strict=True):
-            policy_file.write(path, one, made)
-    found = [policy_file.read(path) for path in files]
+            policy_file.write_policy(path, one, made)
+    found = [policy_file.read_policy(path) for path in files]
     for path, one in zip(files, found, strict=True):
         if one.record != results.plain(made):
             raise InputError(

@@ -85,7 +85,7 @@ QUICK = {
     ),
 }
 """Settings of training, by control structure: half as long as the command line's, or less, and by
-Adam alone, as docs/studies/randomization.md was measured."""
+Adam alone, as paper/notes/randomization.md was measured."""
 RECIPE = {
     kind: replaced(settings, updates=settings.updates * 2) for kind, settings in QUICK.items()
 }

@@ -36,7 +36,7 @@ from maidenflight.integrations.exporters.authors_json import EPSILON
 from maidenflight.names import ANY, POSTERIOR, WIDE
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
-from maidenflight.policy_file import read
+from maidenflight.policy_file import read_policy
 from maidenflight.simulator.controllers import control, mellinger
 from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.controllers.position_pid import position_pid
@@ -99,7 +99,7 @@ def trained(
             policies=policies,
         )
         training.run(folder)
-    return [read(file).policy for file in files]
+    return [read_policy(file).policy for file in files]
 
 
 def identified(folder: Path, seed: int) -> Path:

@@ -189,7 +189,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     try:
         policies, flights = published(given.authors)
-        drone = parameters.read(given.drone)
+        drone = parameters.read_drone(given.drone)
         asked = {
             name: policy
             for name, policy in policies.items()

@@ -50,7 +50,7 @@ def test_a_drone_is_printed_as_toml_or_json_by_its_name_and_mass(
     file = drone_file.read(tmp_path / "mine.toml")
     assert file.record["settings"] == {"drone": "crazyflie_2.0", "mass": 30.0}
     np.testing.assert_array_equal(
-        file.parameters.inertia, parameters.read("crazyflie_2.0", 0.03).inertia
+        file.parameters.inertia, parameters.read_drone("crazyflie_2.0", 0.03).inertia
     )
     again = f"drone {tmp_path}/mine.toml -o {tmp_path}/mine.toml"
     assert command(again)[0] == 2
@@ -195,7 +195,9 @@ def next_of(out: str) -> list[str]:
 
 def test_an_export_names_the_report_that_shows_its_policy(tmp_path: Path, command: Command) -> None:
     file = tmp_path / "my runs" / "policies" / "policy_1.json"
-    policy_file.write(file, policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(4,))))
+    policy_file.write_policy(
+        file, policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(4,)))
+    )
     manifest.append(file.parent, "train", {"policies": [file]}, {})
     code, out, _ = command("export", file, f"-o {tmp_path}/firmware")
     assert code == 0
@@ -204,7 +206,9 @@ def test_an_export_names_the_report_that_shows_its_policy(tmp_path: Path, comman
     assert code == 0
     assert (tmp_path / "my runs" / "report.html").exists()
     alone = tmp_path / "alone" / "pwm_1.json"
-    policy_file.write(alone, policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(4,))))
+    policy_file.write_policy(
+        alone, policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(4,)))
+    )
     code, out, _ = command(f"export {alone} -o {tmp_path}/more")
     assert next_of(out) == ["report", "--policies", str(alone)]
     assert command(next_of(out), f"-o {tmp_path}/alone.html")[0] == 0
@@ -266,14 +270,19 @@ def test_the_line_from_logs_to_report_in_json(tmp_path: Path, command: Command) 
     assert identified["value"] > 0
     assert identified["seconds"] > 0
     value = identified["parameters"]["latency"]["value"]
-    assert float(parameters.read(drone).latency) == pytest.approx(value, rel=1e-6)
+    assert float(parameters.read_drone(drone).latency) == pytest.approx(value, rel=1e-6)
     assert (tmp_path / "identification.csv").exists()
     assert identified["picture"] == str(tmp_path / "identification.svg")
 
     trained = said(f"train --drone {drone} -o {policies} --yaw-penalty 0.1 --updates 2")
     names = [f"policy_{number}.json" for number in (1, 2, 3)]
     assert [Path(path).name for path in trained["policies"]] == names
-    assert policy_file.read(trained["policies"][0]).policy.layer_sizes == (40, 50, 50, 4)
+    assert policy_file.read_policy(trained["policies"][0]).policy.layer_sizes == (
+        40,
+        50,
+        50,
+        4,
+    )
 
     little = "--trials 1 --duration 0.5"
     flown = said(f"transfer {policies} --reality virtual:3 -o {tmp_path}/transfer {little}")
@@ -305,7 +314,7 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
         tmp_path / "p.csv",
     )
     for number in range(3):
-        policy_file.write(
+        policy_file.write_policy(
             ours / f"policy_{number}.json",
             policy.untrained(jax.random.key(number), spec=PolicySpec(hidden=(8,))),
         )

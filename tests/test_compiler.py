@@ -27,7 +27,7 @@ from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.rollouts import rollout
 
-drone = mf.parameters.read("crazyflie")
+drone = mf.parameters.read_drone("crazyflie")
 controller = control.pwm()
 fitting = control.in_fitting_steps(drone, controller)
 env = Environment.matching(fitting, mf.simulator.circle(), controller)

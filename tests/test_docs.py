@@ -8,6 +8,7 @@ import pkgutil
 import re
 import shlex
 import sys
+import textwrap
 from collections import Counter
 from functools import partial
 from pathlib import Path
@@ -18,24 +19,23 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import tomlkit
 from click.testing import CliRunner
 from jaxtyping import Array
 
 import maidenflight as mf
 from maidenflight import (
     cli,
-    inputs,
     parameters,
     policy,
     policy_file,
-    results,
-    run_folder,
 )
 from maidenflight import simulator as sim
 from maidenflight.errors import InputError
 from maidenflight.flights import log
+from maidenflight.flights.rotors import rotors
 from maidenflight.identification.drone_file import DroneFile
+from maidenflight.identification.likelihood.estimator import Models, Question, answer_question
+from maidenflight.identification.outcome.problem import Problem
 from maidenflight.parameters import noiseless
 from maidenflight.policy import Policy, untrained
 from maidenflight.registry import EXPORTERS, REALITIES, VERBS
@@ -53,7 +53,8 @@ from maidenflight.verb import Verb, find_verb
 from quick import QUICK
 
 ROOT = Path(__file__).parent.parent
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+GUIDES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [*GUIDES, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "paper" / "notes").glob("*.md"))]
 LESS_WORK = {
     "record": ["--flights", "2", "--duration", "4"],
     "identify": ["--trials", "1", "--evaluations", "15", "--over", "thrust_to_weight,latency"],
@@ -63,8 +64,28 @@ LESS_WORK = {
 }
 
 
-def blocks(page: str, language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```", (ROOT / page).read_text(), re.M | re.S)
+def section(page: str, title: str) -> str:
+    """A section of a page, without those below it, or the content of one of its tabs."""
+    head, end = rf'^(?:##+ {re.escape(title)}|=== "{re.escape(title)}")$', r"^##+ |^=== |\Z"
+    (own,) = re.findall(rf"{head}(.*?)(?={end})", (ROOT / page).read_text(), re.M | re.S)
+    return textwrap.dedent(own)
+
+
+def blocks(page: str, language: str, title: str | None = None) -> list[str]:
+    """The code of a language in a page, its tabs included, or in a section or tab of it."""
+    text = (ROOT / page).read_text() if title is None else section(page, title)
+    code = re.findall(rf"^( *)```{language}\n(.*?)^\1```", text, re.M | re.S)
+    return [textwrap.dedent(block) for _, block in code]
+
+
+def run_commands(snippets: list[str], monkeypatch: pytest.MonkeyPatch) -> int:
+    """Runs what calls maidenflight in shell snippets, with less work, and counts it."""
+    lines = [shlex.split(line, comments=True) for line in "".join(snippets).splitlines()]
+    commands = [words for words in lines if words[:1] == ["maidenflight"]]
+    for words in commands:
+        monkeypatch.setattr(sys, "argv", words + LESS_WORK.get(words[1], []))
+        cli.main()
+    return len(commands)
 
 
 @pytest.fixture(autouse=True)
@@ -72,26 +93,6 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An empty folder to work in, and little training."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(defaults.SETTINGS, "pwm", QUICK)
-
-
-@pytest.mark.slow
-def test_the_python_of_the_readme_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for number, flight in enumerate(
-        mf.record(mf.virtual_drone(7), jax.random.key(0), flights=2, duration=4.0)
-    ):
-        log.write(f"run/recorded/flight_{number}.csv", flight)
-    monkeypatch.setattr(
-        mf,
-        "identify",
-        partial(quick_identification, mf.identify),
-        raising=False,
-    )
-    monkeypatch.setattr(mf, "train", partial(mf.train, settings=QUICK), raising=False)
-    monkeypatch.setattr(mf, "transfer", partial(mf.transfer, duration=0.5), raising=False)
-    (snippet,) = blocks("README.md", "python")
-    exec(compile(snippet, "README.md", "exec"), {})
-    assert (tmp_path / "firmware/policy.c").exists()
-    assert (tmp_path / "report.html").exists()
 
 
 @pytest.mark.slow
@@ -109,18 +110,13 @@ def test_the_python_of_the_simulators_page_runs() -> None:
 
 @pytest.mark.slow
 def test_the_commands_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    commands = [
-        line
-        for block in blocks("README.md", "sh")
-        for line in block.splitlines()
-        if line.startswith("maidenflight ")
-    ]
-    assert len(commands) >= 6
-    for line in commands:
-        arguments = shlex.split(line, comments=True)
-        monkeypatch.setattr(sys, "argv", arguments + LESS_WORK.get(arguments[1], []))
-        cli.main()
+    for number, flight in enumerate(
+        mf.record(mf.virtual_drone(7), jax.random.key(0), flights=2, duration=4.0)
+    ):
+        log.write(f"flights/flight_{number}.csv", flight)
+    assert run_commands(blocks("README.md", "sh"), monkeypatch) >= 5
     assert (tmp_path / "report.html").exists()
+    assert (tmp_path / "firmware/policy.c").exists()
 
 
 def test_the_make_targets_that_the_pages_name_exist() -> None:
@@ -142,19 +138,10 @@ def test_the_log_format_page_lists_every_column_of_the_format() -> None:
             assert f"`{column}`" in rows or column in ("command_2", "command_3"), column
 
 
-def test_the_recipes_list_every_named_drone_with_its_values() -> None:
-    page = (ROOT / "docs/recipes.md").read_text()
-    rows = dict(re.findall(r"^\| `([^`]*)`(.*)\|$", page, re.MULTILINE))
-    assert list(rows) == list(parameters.DRONES)
-    for name, drone in parameters.DRONES.items():
-        one = drone.make()
-        lags = f"{1e3 * float(one.motor_time_constant):.3g} + {1e3 * float(one.latency):.3g}"
-        assert lags in rows[name]
-        if not drone.frameless:
-            inertia = ", ".join(f"{1e6 * float(value):.1f}" for value in one.inertia)
-            for value in (f"{1e3 * float(one.mass):.4g} g", inertia):
-                assert value in rows[name]
-            assert f"| {1e3 * parameters.arm_length(one):.3g} |" in rows[name]
+def test_the_questions_list_every_named_drone() -> None:
+    page = section("docs/questions.md", "How do I describe my drone?")
+    (names,) = re.findall(r"They are (.*?), which is guessed", " ".join(page.split()))
+    assert re.findall(r"`(.*?)`", names) == list(parameters.DRONES)
 
 
 def test_pages_link_only_to_what_exists_and_name_only_files_that_exist() -> None:
@@ -188,61 +175,50 @@ def test_the_python_of_the_training_page_runs(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(mf, "AnalyticGradient", lambda updates: QUICK, raising=False)
-    snippet, _ = blocks("docs/training.md", "python")
+    (snippet,) = blocks("docs/training.md", "python")
     names: dict[str, Any] = {}
     exec(compile(snippet, "docs/training.md", "exec"), names)
     assert [policy.layer_sizes for policy in names["policies"]] == [(40, 50, 50, 4)] * 3
     assert Path("training.npz").exists()
 
 
-def test_the_python_of_the_training_page_on_look_ahead_runs() -> None:
-    _, snippet = blocks("docs/training.md", "python")
-    names: dict[str, Any] = {}
-    exec(compile(snippet, "docs/training.md", "exec"), names)
-    assert names["actor"].policy.layer_sizes == (55, 50, 50, 4)
-    assert names["command"].shape == (4,)
-
-
-def test_the_python_of_the_transfer_page_runs(
+def test_the_python_on_predicted_flights_runs(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for path in ("policies/policy_1.json", "attitude_rate_066.json"):
-        policy_file.write(path, policy.untrained(jax.random.key(0)))
-    parameters.write("drone.toml", parameters.crazyflie(), {})
+        policy_file.write_policy(path, policy.untrained(jax.random.key(0)))
+    parameters.write_drone("drone.toml", parameters.crazyflie(), {})
     monkeypatch.setattr(
         mf,
         "predict_flight_times",
         partial(mf.predict_flight_times, trials=2, duration=0.5),
         raising=False,
     )
-    (snippet,) = blocks("docs/transfer.md", "python")
+    (snippet,) = blocks("docs/evaluation.md", "python", "Predict")
     names: dict[str, Any] = {}
-    exec(compile(snippet, "docs/transfer.md", "exec"), names)
-    assert names["flown"]["policy"].to_list() == ["ours"] * 2 + ["theirs"] * 2
+    exec(compile(snippet, "docs/evaluation.md", "exec"), names)
+    assert names["flights"]["policy"].to_list() == ["ours"] * 2 + ["theirs"] * 2
     assert "quantile_90" in capsys.readouterr().out
 
 
 @pytest.mark.slow
-def test_the_python_and_the_commands_of_the_envelopes_page_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("maidenflight.simulator.tasks.trajectories.QUICKENING", 1.0)
+def test_the_commands_on_the_envelope_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("maidenflight.simulator.tasks.trajectories.RAMP_DURATION_S", 1.0)
     monkeypatch.setattr("maidenflight.experiments.envelope.DURATION_S", 0.1)
-    policy_file.write(tmp_path / "policies" / "policy_1.json", policy.untrained(jax.random.key(0)))
-    (snippet,) = blocks("docs/envelope.md", "python")
-    names: dict[str, Any] = {}
-    exec(compile(snippet, "docs/envelope.md", "exec"), names)
-    assert names["flown"].height == 5
-    for number, line in enumerate("".join(blocks("docs/envelope.md", "sh")).splitlines()):
+    policy_file.write_policy(
+        tmp_path / "policies" / "policy_1.json", policy.untrained(jax.random.key(0))
+    )
+    commands = "".join(blocks("docs/evaluation.md", "sh", "Envelope"))
+    for number, line in enumerate(commands.splitlines()):
         words = shlex.split(line, comments=True)[1:]
         cli.commands([*words, "--flights", "2", "-o", str(number)], standalone_mode=False)
         assert Path(str(number), "envelope.svg").exists()
 
 
-def test_the_python_of_the_plants_page_runs() -> None:
-    (snippet,) = blocks("docs/plant.md", "python")
+def test_the_python_on_firmware_in_the_loop_runs() -> None:
+    (snippet,) = blocks("docs/real-drones.md", "python", "Firmware in the loop")
     names: dict[str, Any] = {}
-    exec(compile(snippet, "docs/plant.md", "exec"), names)
+    exec(compile(snippet, "docs/real-drones.md", "exec"), names)
     assert len(names["message"]) == 76
     assert names["plant"].number == 1
 
@@ -270,47 +246,25 @@ def test_the_python_of_the_identification_page_runs(
 
 
 @pytest.mark.slow
-def test_the_python_and_the_commands_of_the_realities_page_run(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_python_and_the_commands_on_realities_run(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("pybullet")
-    *_, snippet = blocks("docs/realities.md", "python")
+    (snippet,) = blocks("docs/evaluation.md", "python", "Your own")
     policies = [policy.untrained(jax.random.key(0))]
     monkeypatch.setattr(mf, "transfer", partial(mf.transfer, duration=0.5), raising=False)
     names: dict[str, Any] = {"policies": policies}
-    exec(compile(snippet, "docs/realities.md", "exec"), names)
-    assert set(names["flown"].table["reality"]) == {"virtual-7", "worn-7"}
-    policy_file.write("policies/policy_1.json", policies[0])
-    commands = [
-        line
-        for line in blocks("docs/realities.md", "sh")[0].splitlines()
-        if line.startswith("maidenflight ")
-    ]
-    assert len(commands) == 3
+    exec(compile(snippet, "docs/evaluation.md", "exec"), names)
+    assert set(names["evaluation"].table["reality"]) == {"virtual-7", "worn-7"}
+    policy_file.write_policy("policies/policy_1.json", policies[0])
     DroneFile(mf.crazyflie()).write("drone.toml")
-    for line in commands:
-        arguments = shlex.split(line, comments=True)
-        monkeypatch.setattr(sys, "argv", arguments + LESS_WORK[arguments[1]])
-        cli.main()
+    assert run_commands(blocks("docs/evaluation.md", "sh", "Transfer"), monkeypatch) == 3
     assert Path("recorded/reality.toml").exists()
-
-
-@pytest.mark.parametrize(("place", "package"), [(0, "l2f"), (1, "crazyflow")])
-def test_the_python_on_simulators_by_others_runs(
-    place: int, package: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    if importlib.util.find_spec(package) is None:
-        pytest.skip(f"{package} is not installed (extra [{package}])")
-    monkeypatch.setattr(mf, "transfer", partial(mf.transfer, duration=0.5), raising=False)
-    names: dict[str, Any] = {"mf": mf, "policies": [policy.untrained(jax.random.key(0))]}
-    exec(blocks("docs/realities.md", "python")[place], names)
 
 
 @pytest.mark.slow
 def test_a_reality_of_ones_own_as_the_page_on_extending_shows_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    made, used, entered = blocks("docs/extending.md", "python")[-3:]
+    made, used, entered = extensions("A reality")
     monkeypatch.setattr(mf, "transfer", partial(mf.transfer, duration=0.5), raising=False)
     monkeypatch.setitem(REALITIES.own, "mine", "")
     names: dict[str, Any] = {"policies": [policy.untrained(jax.random.key(0))]}
@@ -323,10 +277,10 @@ def test_a_reality_of_ones_own_as_the_page_on_extending_shows_it(
     (flight,) = names["flights"]
     assert np.abs(flight.attitude[:, :2]).max() < 0.4
     assert np.abs(flight.position[:, 2] - 1.0).max() < 0.2
-    assert set(names["flown"].table["reality"]) == {"virtual-7", "mine"}
+    assert set(names["evaluation"].table["reality"]) == {"virtual-7", "mine"}
     assert mf.reality("mine:0").name == "mine"
     Path("my_simulator.py").write_text(made)
-    policy_file.write("policies/policy_1.json", policy.untrained(jax.random.key(0)))
+    policy_file.write_policy("policies/policy_1.json", policy.untrained(jax.random.key(0)))
     (command,) = [
         shlex.split(line)
         for line in blocks("docs/extending.md", "sh")[-1].splitlines()
@@ -359,34 +313,18 @@ def test_every_command_that_a_page_shows_is_one_that_there_is() -> None:
     assert shown > 20
 
 
-@pytest.mark.slow
-def test_the_commands_of_the_zero_shot_page_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of its study one cell is trained and flown, and that for moments."""
-    commands = blocks("docs/studies/zero-shot.md", "sh")[0].splitlines()
-    sweeping, drawing = (shlex.split(command, comments=True) for command in commands)
-    train, flown = inputs.from_toml((ROOT / sweeping[2]).read_text())["task"][:2]
-    train["settings"] |= {"policies": 1, "updates": 2}
-    train["settings"]["learner"] |= {
-        **{"num_envs": 4, "horizon": 4, "evaluations": 1, "episodes": 4}
-    }
-    train["grid"] = {name: values[:1] for name, values in train["grid"].items()}
-    flown["settings"] |= {"trials": 1, "duration": 0.5, "reality": ["near:7"]}
-    results.write(sweeping[2], tomlkit.dumps({"task": [train, flown]}))
-    monkeypatch.setattr(sys, "argv", sweeping)
-    cli.main()
-    rows, _ = run_folder.STUDY.read(Path("zero_shot/study.csv"))
-    assert dict(rows.group_by("kind").len().iter_rows()) == {"train": 1, "transfer": 1}
-    assert (ROOT / drawing[1]).exists()
-
-
-def test_the_commands_of_the_pilots_guide_are_ones_that_there_are() -> None:
+def test_the_commands_for_real_drones_exist() -> None:
     lines = [
         shlex.split(line, comments=True)
-        for line in re.findall(r"^maidenflight .*", (ROOT / "docs/pilot.md").read_text(), re.M)
+        for line in re.findall(
+            r"^maidenflight .*",
+            (ROOT / "docs/real-drones.md").read_text().replace("\\\n", ""),
+            re.M,
+        )
     ]
     assert {words[1] for words in lines} >= {"fly", "identify", "train", "predict"}
-    flown = [words for words in lines if words[1] == "fly"]
-    assert {"--pilot pid" in " ".join(words) for words in flown} == {True, False}
+    flights = [words for words in lines if words[1] == "fly"]
+    assert {"--pilot pid" in " ".join(words) for words in flights} == {True, False}
     for words in lines:
         must_parse(words[1], words[2:])
 
@@ -452,26 +390,20 @@ def traced_flights(policies: list[Policy], realities: list[VirtualDrone], **give
         jax.eval_shape(fly, jax.random.key(0), reality.parameters)
 
 
-def recipes() -> dict[str, str]:
-    """The Python of each section of the recipes' page."""
-    sections = re.split(r"^## ", (ROOT / "docs/recipes.md").read_text(), flags=re.M)[1:]
-    return {
-        section.split("\n")[0]: re.findall(r"^```python\n(.*?)^```", section, re.M | re.S)[0]
-        for section in sections
-    }
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("title", ["My drone", "My logs", "My task"])
+@pytest.mark.parametrize("word", ["describe", "logs", "task", "randomization"])
 @pytest.mark.usefixtures("less_work")
-def test_a_recipe_is_short_and_runs(title: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert list(recipes()) == ["My drone", "My logs", "My task"]
-    snippet = recipes()[title]
+def test_the_python_of_a_question_is_short_and_runs(
+    word: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = "docs/questions.md"
+    titles = re.findall(r"^## (.*)$", (ROOT / page).read_text(), re.M)
+    (title,) = [one for one in titles if word in one and blocks(page, "python", one)]
+    (snippet,) = blocks(page, "python", title)
     assert len([line for line in snippet.splitlines() if line]) <= 15
-    if title == "My task":
-        monkeypatch.setattr(mf, "train", traced_training)
-        monkeypatch.setattr(mf, "transfer", traced_flights)
-    if title == "My logs":
+    monkeypatch.setattr(mf, "train", traced_training)
+    monkeypatch.setattr(mf, "transfer", traced_flights)
+    if word == "logs":
         (flight,) = mf.record(mf.virtual_drone(7), jax.random.key(0), rate=100)[:1]
         table = np.hstack(
             [flight.position, flight.velocity, flight.attitude, flight.body_rates, flight.command]
@@ -484,19 +416,20 @@ def test_a_recipe_is_short_and_runs(title: str, monkeypatch: pytest.MonkeyPatch)
             header="x,y,z,vx,vy,vz,roll,pitch,yaw,p,q,r,m1,m2,m3,m4",
         )
     names: dict[str, Any] = {}
-    exec(compile(snippet, "docs/recipes.md", "exec"), names)
-    if title == "My logs":
+    exec(compile(snippet, page, "exec"), names)
+    if word == "logs":
         assert mf.read_flights("logs").duration == pytest.approx(4.0)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", ["quickstart", "concepts", "choosing"])
+@pytest.mark.parametrize(("page", "title"), [("quickstart", "In Python"), ("concepts", None)])
 @pytest.mark.usefixtures("less_work")
-def test_the_python_of_the_first_pages_runs(page: str) -> None:
+def test_the_python_of_the_first_pages_runs(page: str, title: str | None) -> None:
     for flight in mf.record(mf.virtual_drone(7), jax.random.key(0)) if page == "quickstart" else []:
         log.write(f"run/recorded/{flight.name}.csv", flight)
-    (snippet,) = blocks(f"docs/{page}.md", "python")
+    (snippet,) = blocks(f"docs/{page}.md", "python", title)
     exec(compile(snippet, f"docs/{page}.md", "exec"), {})
+    assert Path("firmware/policy.c").exists() == (page == "quickstart")
     assert Path("report.html").exists() == (page == "quickstart")
 
 
@@ -511,12 +444,12 @@ def test_the_cells_of_the_notebook_run_and_it_stores_no_outputs() -> None:
         source = "".join(cell["source"])
         if not source.startswith("%"):
             exec(compile(source, "from_logs_to_policy.ipynb", "exec"), names)
-    assert len(names["flown"].table) == 9
+    assert len(names["evaluation"].table) == 9
     assert Path("firmware/policy.c").exists()
 
 
 def test_the_papers_page_names_existing_functions_and_tests_and_every_cited_equation() -> None:
-    text = (ROOT / "docs/studies/paper.md").read_text()
+    text = (ROOT / "paper/notes/paper.md").read_text()
     folders = (ROOT / "tests", ROOT / "paper" / "tests")
     tests = {path.name: path.read_text() for one in folders for path in one.rglob("test_*.py")}
     named = re.findall(r"`(test_\w+\.py)::(test_\w+)`", text)
@@ -530,7 +463,7 @@ def test_the_papers_page_names_existing_functions_and_tests_and_every_cited_equa
     }
     rows = [line for line in text.splitlines() if line.startswith("| `eq:")]
     assert {row.split("`")[1] for row in rows} == cited
-    assert all("](../api/" in row and "::test_" in row for row in rows)
+    assert all("](../../docs/api/" in row and "::test_" in row for row in rows)
 
 
 def shown(page: Path) -> set[str]:
@@ -568,17 +501,9 @@ def test_the_api_shows_every_module_and_its_index_every_public_name() -> None:
     assert all(f"[`{name}`]" in index for name in names if name != "__version__")
 
 
-def extending(section: str) -> str:
-    """A section of the page on extending."""
-    page = (ROOT / "docs/extending.md").read_text()
-    (own,) = re.findall(rf"^## {section}\n(.*?)(?=^## |\Z)", page, re.M | re.S)
-    return own
-
-
-def extensions(section: str) -> list[str]:
+def extensions(title: str) -> list[str]:
     """The Python of a section of the page on extending."""
-    own = extending(section)
-    return re.findall(r"^```python\n(.*?)^```", own, re.M | re.S)
+    return blocks("docs/extending.md", "python", title)
 
 
 @pytest.mark.usefixtures("less_work")
@@ -594,7 +519,7 @@ def test_a_control_structure_is_added_in_three_places(monkeypatch: pytest.Monkey
     ]
     names: dict[str, Any] = {}
     exec(compile(snippet, "docs/extending.md", "exec"), names)
-    read = policy_file.read("policies/torques.json")
+    read = policy_file.read_policy("policies/torques.json")
     assert read.interface == names["TORQUES"]
     assert control.controller_for(read.interface).interface == names["TORQUES"]
     assert '#define MF_CONTROL "torques"' in Path("firmware/policy.h").read_text()
@@ -631,17 +556,27 @@ def test_a_property_of_a_policy_s_input_is_one_class(monkeypatch: pytest.MonkeyP
 
 @pytest.mark.slow
 def test_an_observation_model_is_one_class_that_the_estimator_fits() -> None:
+    """That of the page, of measured rotor speeds in whole rad/s."""
+    (snippet,) = extensions("An observation model")
     names: dict[str, Any] = {}
-    for snippet in extensions("An observation model"):
-        exec(compile(snippet, "docs/extending.md", "exec"), names)
-    drone, truth = names["found"].best.drone, names["drone"].parameters
-    assert set(names["found"].samples) == set(names["names"])
+    exec(compile(snippet, "docs/extending.md", "exec"), names)
+    truth, flights = mf.virtual_drone(7), []
+    for flight in mf.record(truth, jax.random.key(0), flights=2, duration=8.0):
+        after = 2300 * rotors(flight, truth.parameters).speed  # at the end of each row
+        speeds = np.round(np.concatenate([after[:1], after[:-1]]))
+        flights.append(dataclasses.replace(flight, rotor_speed=speeds))
+    problem, model = Problem.of(flights), names["RotorSpeedErrors"].of(flights)
+    lags = ("motor_time_constant", "spin_down_ratio", "motor_coasting", "latency")
+    question = Question(Models(model, model, model), lags, problem.start)
+    posterior = answer_question(problem, mf.Likelihood(), question)
+    assert set(posterior.samples) == set(lags)
     for name, error in {
         "motor_time_constant": 5e-4,
         "latency": 3e-4,
         "spin_down_ratio": 0.02,
     }.items():
-        assert getattr(drone, name) == pytest.approx(getattr(truth, name), abs=error), name
+        best, true = getattr(posterior.best.drone, name), getattr(truth.parameters, name)
+        assert best == pytest.approx(true, abs=error), name
 
 
 def named_in_source(*words: str) -> set[str]:
@@ -710,14 +645,14 @@ def delay(monkeypatch: pytest.MonkeyPatch) -> type[Verb]:
 
 
 def test_a_verb_is_a_file_and_a_line(delay: type[Verb], monkeypatch: pytest.MonkeyPatch) -> None:
-    page = " ".join(extending("A verb").split())
+    page = " ".join(section("docs/extending.md", "A verb").split())
     (line,) = re.findall(r'`("delay": "[^`]*)`', page)
     monkeypatch.setitem(VERBS.own, *ast.literal_eval(line.replace(":", ",", 1)))
     (command,) = re.findall(r"`maidenflight (delay [^`]*)`", page)
     cli.commands(shlex.split(command), standalone_mode=False)
     by_command = Path("delayed.toml").read_bytes()
-    usual = float(parameters.read("x500").latency)
-    assert float(parameters.read("delayed.toml").latency) == pytest.approx(usual + 5e-3)
+    usual = float(parameters.read_drone("x500").latency)
+    assert float(parameters.read_drone("delayed.toml").latency) == pytest.approx(usual + 5e-3)
     (call,) = re.findall(r"`(Delay\([^`]*)`", page)
     result = eval(call, {"Delay": delay})
     assert Path("delayed.toml").read_bytes() == by_command
@@ -727,7 +662,7 @@ def test_a_verb_is_a_file_and_a_line(delay: type[Verb], monkeypatch: pytest.Monk
 
 
 def test_an_option_is_the_line_of_a_verb_that_the_page_names(delay: Any) -> None:
-    assert re.findall(r"`(\w+)` above", extending("An option")) == ["more"]
+    assert re.findall(r"`(\w+)` above", section("docs/extending.md", "An option")) == ["more"]
     _, declared = delay.settings()["more"]
     assert (declared.default_text, declared.values.expected) == ("10.0", "a number from 0 to 100")
     with pytest.raises(InputError, match="more = '101'"):
@@ -752,7 +687,7 @@ def test_a_verb_of_ones_own_is_swept_as_the_page_on_clusters_tells(delay: type[V
 
 def test_the_study_of_the_page_on_clusters_has_as_many_tasks_as_it_says() -> None:
     Path("study.toml").write_text(blocks("docs/clusters.md", "toml")[0])
-    kinds = Counter(task.kind for task in study.read("study.toml").tasks)
+    kinds = Counter(task.kind for task in study.read_study("study.toml").tasks)
     assert kinds == {"train": 40, "transfer": 40}
     page = (ROOT / "docs/clusters.md").read_text()
     assert "This one has 40 tasks that train and 40 that fly." in page
@@ -760,7 +695,7 @@ def test_the_study_of_the_page_on_clusters_has_as_many_tasks_as_it_says() -> Non
 
 @pytest.mark.slow
 def test_the_python_of_the_page_on_commands_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    parameters.write("drone.toml", parameters.crazyflie(), {})
+    parameters.write_drone("drone.toml", parameters.crazyflie(), {})
     (snippet,) = blocks("docs/api/index.md", "python")
     less = snippet.replace("updates=200", "updates=2")
     assert less != snippet
@@ -769,54 +704,62 @@ def test_the_python_of_the_page_on_commands_runs(capsys: pytest.CaptureFixture[s
     assert Path("policies/policy_3.json").exists()
 
 
-FIRST_HOURS = ("docs/first-hour-crazyflie.md", "docs/first-hour-px4-betaflight.md")
-
-
 def test_the_snippet_for_a_drone_of_ones_own_writes_it() -> None:
-    (drone,) = blocks(FIRST_HOURS[1], "python")
-    exec(compile(drone, FIRST_HOURS[1], "exec"), {})
-    assert float(parameters.read("mine.toml").mass) == pytest.approx(1.3)
+    (drone,) = blocks("docs/quickstart.md", "python", "PX4 or Betaflight")
+    exec(compile(drone, "docs/quickstart.md", "exec"), {})
+    assert float(parameters.read_drone("mine.toml").mass) == pytest.approx(1.3)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", FIRST_HOURS)
+@pytest.mark.parametrize("tab", ["Crazyflie", "PX4 or Betaflight", "No drone: the paper"])
 def test_the_commands_of_a_first_hour_run(
-    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tab: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    flown = mf.record(mf.virtual_drone(7), jax.random.key(0), flights=2, duration=4.0)
-    for number, flight in enumerate(flown):
-        for folder in ("flights", "more_flights", "blackbox_flights"):
+    flights = mf.record(mf.virtual_drone(7), jax.random.key(0), flights=2, duration=4.0)
+    for number, flight in enumerate(flights):
+        for folder in ("flights", "more_flights", "blackbox_flights", "authors_flights/pwm"):
             log.write(f"{folder}/flight_{number}.csv", flight)
-    parameters.write("mine.toml", parameters.crazyflie(), {})
-    commands = [
-        shlex.split(line, comments=True) for line in "".join(blocks(page, "sh")).splitlines()
-    ]
-    assert len(commands) >= 8
-    for words in commands:
-        monkeypatch.setattr(sys, "argv", words + LESS_WORK.get(words[1], []))
-        cli.main()
-    assert (tmp_path / "report.html").exists()
-
-
-@pytest.mark.slow
-def test_the_commands_of_the_first_hour_with_the_paper_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    page = "docs/first-hour-paper.md"
-    for number, flight in enumerate(
-        mf.record(mf.virtual_drone(7), jax.random.key(0), flights=2, duration=4.0)
-    ):
-        log.write(f"authors_flights/pwm/flight_{number}.csv", flight)
+    parameters.write_drone("mine.toml", parameters.crazyflie(), {})
     for name in ("pwm_024", "attitude_rate_066", "attitude_021"):
-        policy_file.write(f"{name}.json", policy.untrained(jax.random.key(0)))
-    for line in "".join(blocks(page, "sh")).splitlines():
-        words = shlex.split(line)
-        monkeypatch.setattr(sys, "argv", words + LESS_WORK.get(words[1], []))
-        cli.main()
+        policy_file.write_policy(f"{name}.json", policy.untrained(jax.random.key(0)))
+    assert run_commands(blocks("docs/quickstart.md", "sh", tab), monkeypatch) >= 6
     assert (tmp_path / "report.html").exists()
-    scripts = re.findall(r"^python (paper/\w+\.py)", (ROOT / page).read_text(), re.MULTILINE)
-    assert len(scripts) == 2
-    assert all((ROOT / script).exists() for script in scripts)
+
+
+def test_the_scripts_that_pages_call_exist() -> None:
+    called = {
+        script
+        for page in PAGES
+        for script in re.findall(
+            r"\bpython ((?:paper|benchmarks|examples|tests)/\S+\.py)", page.read_text()
+        )
+    }
+    assert len(called) > 15
+    assert [script for script in sorted(called) if not (ROOT / script).exists()] == []
+
+
+def sentences(page: Path) -> list[str]:
+    """The sentences of a page's prose: no code, tables, headings, front matter or link targets."""
+    text = re.sub(r"^( *)```.*?^\1```|\A---\n.*?^---", "", page.read_text(), flags=re.M | re.S)
+    text = re.sub(r"^ *(\||#|=== |:::| {8}).*$", "\n", text, flags=re.M)
+    text = re.sub(r"^ *([-*]|\d+\.) ", "\n", text, flags=re.M)
+    text = re.sub(r"\]\([^)]*\)", "]", text).replace("et al. ", "et al ")
+    return [
+        sentence
+        for paragraph in re.split(r"\n\s*\n", text)
+        for sentence in re.split(r"(?<=[.!?])[*_)\"]*\s+", " ".join(paragraph.split()))
+        if sentence
+    ]
+
+
+def test_the_documentation_for_users_is_short_and_so_are_its_sentences() -> None:
+    words = {page: len(page.read_text().split()) for page in GUIDES}
+    assert words[ROOT / "README.md"] <= 400
+    assert sum(words.values()) <= 16_000
+    spoken = [sentence for page in GUIDES for sentence in sentences(page)]
+    long = [sentence for sentence in spoken if len(sentence.split()) > 25]
+    assert len(spoken) > 500
+    assert len(long) <= 0.05 * len(spoken), long
 
 
 def test_the_gallery_shows_small_pictures_and_all_of_its_folder() -> None:

@@ -44,8 +44,8 @@ from maidenflight.identification.search.box import physical_bounds
 from maidenflight.simulator.physics import dynamics
 
 lifted = parameters.replace(mf.crazyflie(), buoyancy=0.5)
-parameters.write("lifted.toml", lifted, {})
-assert parameters.read("lifted.toml").buoyancy == np.float32(0.5)
+parameters.write_drone("lifted.toml", lifted, {})
+assert parameters.read_drone("lifted.toml").buoyancy == np.float32(0.5)
 state = dynamics.at_hover(np.zeros(3, np.float32), mf.crazyflie())
 up = [dynamics.linear_acceleration(state, one)[2] for one in (lifted, mf.crazyflie())]
 assert abs(up[0] - up[1] - 0.5) < 1e-5

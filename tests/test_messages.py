@@ -47,7 +47,7 @@ def trained(tmp_path: Path) -> Path:
         ("mute/policy_3", None),
     ):
         made = {"settings": {"task": task}} if task else {}
-        policy_file.write(
+        policy_file.write_policy(
             tmp_path / f"{place}.json",
             policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,))),
             made,
@@ -120,7 +120,7 @@ def test_what_is_no_policy_is_told_without_the_words_of_a_parser(tmp_path: Path)
     path = tmp_path / "drone.toml"
     path.write_text("mass = 1")
     with pytest.raises(InputError, match=r"not valid JSON\. Give a policy file"):
-        policy_file.read(path)
+        policy_file.read_policy(path)
 
 
 def test_policies_fly_what_they_were_trained_for(trained: Path) -> None:

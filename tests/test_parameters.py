@@ -26,11 +26,11 @@ from maidenflight.parameters import (
     name_of,
     noiseless,
     plus_frame,
-    read,
+    read_drone,
     replace,
     sources,
     to_toml,
-    write,
+    write_drone,
     x_frame,
 )
 
@@ -104,14 +104,14 @@ WHOLE = [name for name, drone in DRONES.items() if not drone.frameless]
 
 @pytest.mark.parametrize("name", WHOLE)
 def test_a_named_drone_is_physical_and_reads_by_its_name(name):
-    jax.tree.map(np.testing.assert_array_equal, check(read(name)), DRONES[name].make())
+    jax.tree.map(np.testing.assert_array_equal, check(read_drone(name)), DRONES[name].make())
     assert name_of(name) == name
 
 
 @pytest.mark.parametrize("name", DRONES)
 def test_every_value_of_a_named_drone_that_is_not_the_papers_has_its_source(name):
     mass = 0.1 if DRONES[name].frameless else None
-    drone, said = read(name, mass), sources(name, mass)
+    drone, said = read_drone(name, mass), sources(name, mass)
     differs = {
         field for field in FIELDS if np.any(getattr(drone, field) != getattr(crazyflie(), field))
     }
@@ -127,15 +127,15 @@ def test_every_value_of_a_named_drone_that_is_not_the_papers_has_its_source(name
 
 def test_the_motors_of_named_drones_lift_what_their_firmware_says():
     for name, newtons in (("crazyflie_2.0", 0.48), ("crazyflie_2.1+", 0.48)):
-        drone = read(name)
+        drone = read_drone(name)
         full = float(drone.thrust_to_weight * drone.mass * drone.gravity)
         assert full == pytest.approx(newtons * 60000 / 65535, rel=1e-5)
 
 
 @given(st.sampled_from(WHOLE), st.floats(0.5, 1.5))
 def test_a_heavier_drone_has_the_same_motors_and_the_mass_where_it_was(name, share):
-    drone = read(name)
-    heavier = read(name, share * float(drone.mass))
+    drone = read_drone(name)
+    heavier = read_drone(name, share * float(drone.mass))
     assert float(heavier.mass) == pytest.approx(share * float(drone.mass), rel=1e-6)
     for product in (
         lambda one: one.thrust_to_weight * one.mass,
@@ -149,7 +149,7 @@ def test_a_heavier_drone_has_the_same_motors_and_the_mass_where_it_was(name, sha
 
 @given(st.floats(0.02, 2.0))
 def test_a_frame_of_another_mass_has_the_same_shape_and_density(mass):
-    drone, like = read("crazyflie_bolt", mass), read("crazyflie_brushless")
+    drone, like = read_drone("crazyflie_bolt", mass), read_drone("crazyflie_brushless")
     for pure in (
         lambda one: one.inertia / (one.mass * arm_length(one) ** 2),
         lambda one: one.mass / arm_length(one) ** 3,
@@ -164,20 +164,20 @@ def test_a_mass_that_is_missing_or_too_large_is_refused(tmp_path):
     for name, drone in DRONES.items():
         if drone.frameless:
             with pytest.raises(InputError, match=f"{name} .*--mass"):
-                read(name)
+                read_drone(name)
     with pytest.raises(InputError, match=r"60 g .*crazyflie.*48\.3 g"):
-        read("crazyflie", 0.06)
-    path = write(tmp_path / "mine.toml", crazyflie())
-    assert float(read(path, 0.03).mass) == pytest.approx(0.03)
+        read_drone("crazyflie", 0.06)
+    path = write_drone(tmp_path / "mine.toml", crazyflie())
+    assert float(read_drone(path, 0.03).mass) == pytest.approx(0.03)
     with pytest.raises(InputError, match=r"mine\.toml"):
-        read(path, 0.06)
+        read_drone(path, 0.06)
 
 
 def test_a_file_is_named_after_its_drone_and_keeps_further_tables(tmp_path):
-    path = write(tmp_path / "mine.toml", crazyflie(), {"record": {"seed": 3}})
+    path = write_drone(tmp_path / "mine.toml", crazyflie(), {"record": {"seed": 3}})
     assert 'name = "mine"' in path.read_text()
     assert re.search(r"\[record\]\nseed = 3", path.read_text())
-    jax.tree.map(np.testing.assert_array_equal, read(path), crazyflie())
+    jax.tree.map(np.testing.assert_array_equal, read_drone(path), crazyflie())
 
 
 def edited(name, value):
@@ -276,7 +276,7 @@ def test_a_drone_that_is_neither_named_nor_a_file_is_refused_with_the_names(tmp_
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe")
     for place in ("crazyfly", tmp_path / "missing.toml", tmp_path, tmp_path / "binary.toml"):
         with pytest.raises(InputError, match="no such drone; ") as caught:
-            read(place)
+            read_drone(place)
         assert all(name in str(caught.value) for name in DRONES)
 
 

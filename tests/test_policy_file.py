@@ -12,7 +12,7 @@ from damaged_json import damaged
 from maidenflight.errors import InputError
 from maidenflight.parameters import GEOMETRY
 from maidenflight.policy import Policy, untrained
-from maidenflight.policy_file import from_json, read, to_json, write
+from maidenflight.policy_file import from_json, read_policy, to_json, write_policy
 from maidenflight.simulator.controllers import interface
 from maidenflight.simulator.controllers.interface import ControlInterface
 from maidenflight.simulator.policy_spec import PolicySpec
@@ -34,7 +34,7 @@ SMALL = json.loads(to_json(noisy(KEY, SPEC)))
 )
 def test_a_policy_reads_back_bit_by_bit(tmp_path, spec):
     made = noisy(KEY, spec)
-    file = read(write(tmp_path / "policy.json", made, {"seed": 1}))
+    file = read_policy(write_policy(tmp_path / "policy.json", made, {"seed": 1}))
     back = file.policy
     assert (file.name, file.record, file.spec, file.interface) == (
         "policy",
@@ -228,7 +228,7 @@ def test_a_missing_policy_file_is_an_input_error(tmp_path):
         (tmp_path / "binary", "cannot be read as a policy"),
     ):
         with pytest.raises(InputError, match=words):
-            read(place)
+            read_policy(place)
 
 
 @pytest.mark.parametrize("wrong", [None, [], {"points": 4}, {"points": 3, "spacing": 0.05}, 4])

@@ -120,7 +120,7 @@ def test_a_reality_of_an_installed_package_is_flown(
     packages: Path, tmp_path: Path, monkeypatch: Any, capsys: Any
 ) -> None:
     install(packages, ENTRIES)
-    file = policy_file.write(tmp_path / "policy_1.json", policy.untrained(jax.random.key(0)))
+    file = policy_file.write_policy(tmp_path / "policy_1.json", policy.untrained(jax.random.key(0)))
     words = ("--reality", "acme:3+10ms", "--trials", 1, "--duration", 1, "-o", tmp_path / "flown")
     code, _, _ = run(monkeypatch, capsys, "transfer", file, *words)
     assert code == 0
@@ -134,7 +134,7 @@ def test_an_exporter_of_an_installed_package_is_used(
 ) -> None:
     install(packages, ENTRIES)
     made = policy.untrained(jax.random.key(0))
-    file = policy_file.write(tmp_path / "policy_1.json", made)
+    file = policy_file.write_policy(tmp_path / "policy_1.json", made)
     monkeypatch.chdir(tmp_path)
     code, _, _ = run(monkeypatch, capsys, "export", file, "--to", "acme")
     assert code == 0

@@ -58,12 +58,12 @@ def test_files_are_written_in_one_place() -> None:
 def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a policy and what a report can be made of."""
     folder = tmp_path_factory.mktemp("small")
-    policy_file.write(
+    policy_file.write_policy(
         folder / "policies" / "policy_1.json",
         policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,))),
         {"seed": 1},
     )
-    parameters.write(folder / "drone.toml", parameters.crazyflie())
+    parameters.write_drone(folder / "drone.toml", parameters.crazyflie())
     policies = [folder / "policies" / "policy_1.json"]
     manifest.append(folder / "policies", "train", {"policies": policies}, {"seed": 1})
     manifest.append(folder / "drone.toml", "identify", {"drone": [folder / "drone.toml"]}, {})
@@ -317,7 +317,7 @@ def test_ctrl_c_in_a_callback_of_the_garbage_collector_is_not_lost(
             time.sleep(0.05)
 
     fired: list[int] = []
-    monkeypatch.setattr(parameters, "read", busy)
+    monkeypatch.setattr(parameters, "read_drone", busy)
     try:
         code, out, err = command("drone crazyflie")
     finally:
@@ -341,7 +341,7 @@ def test_ctrl_c_that_an_extension_module_turns_into_an_import_error_is_not_lost(
         finally:
             raise ImportError("Encountered an error while initializing the extension.")
 
-    monkeypatch.setattr(parameters, "read", importing)
+    monkeypatch.setattr(parameters, "read_drone", importing)
     before = signal.getsignal(signal.SIGINT)
     if sent:
         code, out, err = command("drone crazyflie")
@@ -380,7 +380,7 @@ def importing(*_):
     sys.path.insert(0, str(folder))
     import slow_module
 
-parameters.read = {what}
+parameters.read_drone = {what}
 sys.argv = ["maidenflight", "drone", "crazyflie"]
 __main__.main()
 """

@@ -30,14 +30,15 @@ def test_the_search_finds_in_a_page_from_disk(tmp_path: Path) -> None:
     """A site of two pages with the plugins and the theme of ours, but the API's."""
     pytest.importorskip("material")
     settings = (ROOT / "mkdocs.yml").read_text()
+    settings = re.sub(r"^hooks:.*$", "", settings, flags=re.MULTILINE)
     settings = re.sub(r"^nav:.*", "", settings, flags=re.MULTILINE | re.DOTALL)
     settings = re.sub(r"^  - (autorefs|mkdocstrings:(\n   .*)+)$", "", settings, flags=re.MULTILINE)
     assert "- offline" in settings
     (tmp_path / "mkdocs.yml").write_text(settings)
     docs = tmp_path / "docs"
-    (docs / "studies").mkdir(parents=True)
+    (docs / "guides").mkdir(parents=True)
     (docs / "index.md").write_text("# Home\n\nNothing.\n")
-    (docs / "studies" / "lag.md").write_text("# Lag\n\nThe rotors spin up slowly.\n")
+    (docs / "guides" / "lag.md").write_text("# Lag\n\nThe rotors spin up slowly.\n")
     for name in ("iframe-worker.js", "site.css"):
         shutil.copy(ROOT / "docs" / name, docs)
     subprocess.run(
@@ -45,7 +46,7 @@ def test_the_search_finds_in_a_page_from_disk(tmp_path: Path) -> None:
         check=True,
         env={**environ, "NO_MKDOCS_2_WARNING": "1"},
     )
-    for page in ("index.html", "studies/lag.html"):
+    for page in ("index.html", "guides/lag.html"):
         shown = subprocess.run(
             [
                 *(str(CHROMIUM), "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom"),

@@ -295,7 +295,7 @@ def test_flights_of_20_s_all_over_have_no_slope(
 def test_names_of_realities_are_understood(hypothesis: Any, tmp_path: Path) -> None:
     table = flights({"pwm": -1.0}, 0.09)
     truth = hypothesis.total_lag(hypothesis.find_reality("virtual:7").parameters)
-    parameters.write(
+    parameters.write_drone(
         tmp_path / "drone.toml", parameters.replace(parameters.crazyflie(), latency=0.003), {}
     )
     both = polars.concat(

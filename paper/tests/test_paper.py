@@ -130,7 +130,7 @@ LEARNERS = {
         updates=600, hidden_learning_rate=0.0, action_change_penalty=0.0, horizon=32
     ),
 }
-"""With which docs/studies/zero-shot.md was measured."""
+"""With which paper/notes/zero-shot.md was measured."""
 
 
 @pytest.mark.parametrize(("name", "rate"), [("zero_shot", None), ("zero_shot_100hz", 100)])
@@ -266,7 +266,7 @@ def test_figure_4_computes_gathers_and_draws_a_study_and_goes_on_where_it_was(
         for latency in (0, 15)
     )
     assert "T_m 80 ms" in capsys.readouterr().out
-    kept = [policy_file.read(path) for path in made.glob("results/*/policies/policy_*.json")]
+    kept = [policy_file.read_policy(path) for path in made.glob("results/*/policies/policy_*.json")]
     assert len(kept) == 4 * policies
     assert {(one.interface.name, one.interface.rate, one.spec.hidden) for one in kept} == {
         ("attitude", 100, (8,))
@@ -404,7 +404,7 @@ def test_the_yaw_trim_of_a_policys_own_logs_explains_its_flight_times(
     arguments = ["--authors", str(tmp_path), "--trials", "2"]
     yaw_trim.main([*arguments, "--json"])
     told = json.loads(capsys.readouterr().out)
-    drone = parameters.read("crazyflie")
+    drone = parameters.read_drone("crazyflie")
     full = drone.torque_to_thrust * drone.thrust_to_weight * drone.mass * drone.gravity
     *told_of, too_short = told["policies"]
     assert (too_short["policy"], too_short["yaw_counts"], too_short["own_trim"]) == (

@@ -128,7 +128,7 @@ def test_drones_of_each_randomization_and_the_task_of_the_recipe(
     assert set(np.round(drawn("posterior").thrust_to_weight.tolist(), 3)) == {1.6, 1.7}
     reach, most = np.array([1e-5, 0.0, 2e-5]), np.abs(drawn("recipe").torque_bias).max(axis=0)
     assert np.all((0.85 * reach <= most) & (most <= 1.0001 * reach))
-    unknown = parameters.write(tmp_path / "plain.toml", drone)
+    unknown = parameters.write_drone(tmp_path / "plain.toml", drone)
     plain = jax.vmap(partial(randomize, distribution_of(unknown, "wide", control.pwm())))(keys)
     assert not np.any(plain.torque_bias)
     assert "yaw penalty" not in study.task_of("box").name

@@ -14,7 +14,7 @@ _CACHE_BYTES = 500_000_000
 
 
 def folder() -> Path:
-    """The user's cache folder."""
+    """Returns the user's cache folder."""
     return platformdirs.user_cache_path("maidenflight", appauthor=False)
 
 

@@ -21,13 +21,16 @@ result that computes them anew; the second has no tiles in these loops. XLA does
 and it is not for everything: a rate PID of arrays, simulated without derivatives, takes half as
 long again (one of `vectors.Entries` half as long), and a loop whose body holds several steps of
 physics computes the first again for each use of the next and takes for ever
-(docs/studies/roofline.md). XLA newer than jaxlib 0.10's ignores both.
+(paper/notes/roofline.md). XLA newer than jaxlib 0.10's ignores both.
 """
 
 
 @functools.cache
 def has_older_emitter() -> bool:
-    """Whether XLA still has its older emitter of loops: up to jaxlib 0.10, Python 3.11's last."""
+    """Returns whether XLA still has its older emitter of loops.
+
+    Up to jaxlib 0.10, Python 3.11's last.
+    """
     from jaxlib.version import __version__
 
     return tuple(map(int, __version__.split(".")[:2])) < (0, 11)

@@ -48,7 +48,7 @@ class Gru:
         return (1.0 - update) * candidate + update * memory
 
     def shapes_for(self, inputs: int) -> dict[str, tuple[tuple[int, ...], tuple[int, ...]]]:
-        """Of each field its shape and the one that it should have over so many inputs."""
+        """Compares each field's shape with the one that it should have over so many inputs."""
         rows = _GATES * self.size
         expected = {
             "weights": (rows, inputs),
@@ -60,7 +60,7 @@ class Gru:
 
 
 def untrained_gru(key: Array, inputs: int, size: int) -> Gru:
-    """A unit that keeps most of its memory from one period to the next.
+    """Returns a unit that keeps most of its memory from one period to the next.
 
     Weights are uniform within 1 / sqrt(M), as PyTorch's; the update gate's bias is 2.
 

@@ -26,7 +26,7 @@ StrPath = str | os.PathLike[str]
 
 
 def content(path: StrPath) -> bytes:
-    """The bytes of a file.
+    """Returns the bytes of a file.
 
     Raises:
         OSError: it cannot be read, or is a pipe, a socket or a device.
@@ -35,7 +35,7 @@ def content(path: StrPath) -> bytes:
 
 
 def beginning(path: StrPath, count: int) -> bytes:
-    """The first bytes of a file.
+    """Returns the first bytes of a file.
 
     Args:
         path: of the file.
@@ -56,7 +56,7 @@ def _ordinary(path: StrPath) -> Path:
 
 
 def text(path: StrPath) -> str:
-    """Text of a file in UTF-8, lines ended by a line feed.
+    """Returns the text of a file in UTF-8, lines ended by a line feed.
 
     Raises:
         OSError: see `content`.
@@ -66,7 +66,7 @@ def text(path: StrPath) -> str:
 
 
 def readable(path: StrPath, kind: str = "text") -> str:
-    """Text of a file that a user gives.
+    """Returns the text of a file that a user gives.
 
     Args:
         path: the file.
@@ -82,7 +82,9 @@ def readable(path: StrPath, kind: str = "text") -> str:
 
 
 def comments(path: StrPath) -> list[str]:
-    """The lines that a file in UTF-8 begins with, each with a "#" before it; the rest is not read.
+    """Returns the lines that a file in UTF-8 begins with, each with a "#" before it.
+
+    The rest is not read.
 
     Raises:
         OSError: see `content`.
@@ -94,7 +96,7 @@ def comments(path: StrPath) -> list[str]:
 
 
 def from_json(text: str) -> Any:
-    """The content of a JSON text.
+    """Returns the content of a JSON text.
 
     Raises:
         ValueError: not JSON, a key stands twice in an object, or nested too deep.
@@ -106,7 +108,7 @@ def from_json(text: str) -> Any:
 
 
 def numbers(nested: Any) -> "np.ndarray":
-    """Nested lists as an array, in which true and false do not pass for 1 and 0.
+    """Converts nested lists to an array, in which true and false do not pass for 1 and 0.
 
     Raises:
         ValueError: a list holds one of them, or lists of different lengths.
@@ -122,7 +124,7 @@ def numbers(nested: Any) -> "np.ndarray":
 
 
 def from_toml(text: str) -> dict[str, Any]:
-    """The content of a TOML text.
+    """Returns the content of a TOML text.
 
     Raises:
         ValueError: not TOML, or nested too deep.
@@ -169,74 +171,74 @@ class Fields:
             )
 
     def refused(self, name: str, expected: str) -> InputError:
-        """The error of an entry."""
+        """Returns the error of an entry."""
         value = str(self.content[name])[:40] if name in self.content else "missing"
         return InputError(
             f"{self._where}: [{self._title}] {name} is {value}, expected {expected}. {self._cure}"
         )
 
     def get(self, name: str) -> Any:
-        """An entry as it is, `None` where there is none."""
+        """Returns an entry as it is, `None` where there is none."""
         self._taken.add(name)
         return self.content.get(name)
 
     def table(self, name: str) -> "Fields":
-        """A table in it."""
+        """Returns a table in it."""
         if name not in self.content:
             raise self.refused(name, "a table")
         return Fields(self.get(name), self._where, f"{self._title}.{name}", self._cure)
 
     def tables(self, name: str) -> list["Fields"]:
-        """The tables of an array in it; none where it is missing."""
+        """Returns the tables of an array in it; none where it is missing."""
         entries = [] if name not in self.content else self.get(name)
         if not isinstance(entries, list):
             raise self.refused(name, f"tables [[{self._title}.{name}]]")
         return [Fields(each, self._where, f"{self._title}.{name}", self._cure) for each in entries]
 
     def text(self, name: str) -> str:
-        """A text."""
+        """Returns a text."""
         value = self.get(name)
         if not isinstance(value, str):
             raise self.refused(name, "a text")
         return value
 
     def choice(self, name: str, known: Sequence[str]) -> str:
-        """One of some texts."""
+        """Returns one of some texts."""
         value = self.get(name)
         if not isinstance(value, str) or value not in known:
             raise self.refused(name, " or ".join(map(repr, known)))
         return value
 
     def flag(self, name: str) -> bool:
-        """True or false."""
+        """Reads true or false."""
         value = self.get(name)
         if not isinstance(value, bool):
             raise self.refused(name, "true or false")
         return value
 
     def count(self, name: str) -> int:
-        """A whole number from 1 to a billion."""
+        """Returns a whole number from 1 to a billion."""
         value = self.get(name)
         if type(value) is not int or not 1 <= value <= 10**9:
             raise self.refused(name, "a whole number from 1 on")
         return value
 
     def number(self, name: str, low: float = -LARGEST, high: float = LARGEST) -> float:
-        """A finite number within two others."""
+        """Returns a finite number within two others."""
         value = self.get(name)
         if not is_number(value) or not low <= value <= high:
             raise self.refused(name, "a number" if low == -LARGEST else f"{low:g} to {high:g}")
         return float(value)
 
     def numbers(self, name: str) -> tuple[float, ...]:
-        """At least one finite number."""
+        """Reads at least one finite number."""
         value = self.get(name)
         if not isinstance(value, list) or not value or not all(map(is_number, value)):
             raise self.refused(name, "a list of numbers")
         return tuple(map(float, value))
 
     def ends(self, name: str) -> tuple[float, float]:
-        """A lower and an upper number."""
+        """Returns a lower and an upper number."""
         value = self.numbers(name)
         if len(value) != 2 or value[0] > value[1]:
             raise self.refused(name, "[lower, upper]")
@@ -250,5 +252,5 @@ class Fields:
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value is a finite number that float32 can hold."""
+    """Returns whether a value is a finite number that float32 can hold."""
     return type(value) in (int, float) and -LARGEST <= value <= LARGEST

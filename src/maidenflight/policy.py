@@ -76,7 +76,7 @@ class Policy:
         return self.weights, self.biases, self.gru
 
     def with_network(self, network: Any) -> "Policy":
-        """The same policy with another network."""
+        """Returns the same policy with another network."""
         weights, biases, gru = network
         return dataclasses.replace(self, weights=weights, biases=biases, gru=gru)
 
@@ -106,7 +106,7 @@ class Policy:
 def untrained(
     key: Array, interface: ControlInterface | None = None, spec: PolicySpec = PolicySpec()
 ) -> Policy:
-    """A policy with Kaiming-uniform weights and zero biases, unless its form says otherwise.
+    """Draws a policy with Kaiming-uniform weights and zero biases, or as its form says.
 
     Its last layer is small, so that it starts near a constant.
 
@@ -187,7 +187,7 @@ class Actor:
     def act(
         self, measurement: Measurement, setpoint: ArrayLike, ahead: ArrayLike | None = None
     ) -> Act:
-        """What to do now; to be called `policy.interface.rate` times a second.
+        """Returns what to do now; to be called `policy.interface.rate` times a second.
 
         Args:
             measurement: what is known of the drone now.

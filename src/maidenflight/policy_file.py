@@ -58,7 +58,7 @@ class PolicyFile:
         Raises:
             InputError: as of `read`.
         """
-        return read(path, control)
+        return read_policy(path, control)
 
     def write(self, path: StrPath) -> Path:
         """Writes the policy with its record.
@@ -66,7 +66,7 @@ class PolicyFile:
         Raises:
             WriteError: the file cannot be written.
         """
-        return write(path, self.policy, self.record)
+        return write_policy(path, self.policy, self.record)
 
     @property
     def spec(self) -> PolicySpec:
@@ -124,7 +124,7 @@ def _decimals(array: Any) -> Any:
 
 
 def to_json(policy: Policy, record: Mapping[str, Any] | None = None) -> str:
-    """The text of a policy file; `record` says how the policy was made."""
+    """Returns the text of a policy file; `record` says how the policy was made."""
     layers = [
         {"weights": _decimals(weight), "biases": _decimals(bias)}
         for weight, bias in zip(policy.weights, policy.biases, strict=True)
@@ -263,12 +263,12 @@ def _check_rest(content: Mapping[str, Any], where: str) -> None:
         )
 
 
-def write(path: StrPath, policy: Policy, record: Mapping[str, Any] | None = None) -> Path:
+def write_policy(path: StrPath, policy: Policy, record: Mapping[str, Any] | None = None) -> Path:
     """Writes a policy file; see `to_json`."""
     return results.write(path, to_json(policy, record) + "\n")
 
 
-def read(path: StrPath, control: str | None = None) -> PolicyFile:
+def read_policy(path: StrPath, control: str | None = None) -> PolicyFile:
     """Reads a policy file, ours or the authors', told apart by content.
 
     Args:

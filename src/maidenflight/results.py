@@ -122,12 +122,12 @@ def remove_older(written: Sequence[StrPath], record: Mapping[str, Any]) -> None:
 
 
 def leftovers(folder: StrPath) -> list[Path]:
-    """Files in a folder that `write` was killed over; nothing will ever read them."""
+    """Returns files in a folder that `write` was killed over; nothing will ever read them."""
     return [path for path in Path(folder).glob(".*") if _LEFTOVER.fullmatch(path.name)]
 
 
 def digest(path: StrPath) -> str:
-    """First 16 hexadecimal digits of a file's SHA-256."""
+    """Returns the first 16 hexadecimal digits of a file's SHA-256."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()[:16]
 
@@ -135,7 +135,7 @@ def digest(path: StrPath) -> str:
 def record(
     *, seed: int | None, inputs: Sequence[StrPath], settings: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """How a result was made, as its file records it.
+    """Returns how a result was made, as its file records it.
 
     Args:
         seed: the random seed, `None` where no randomness was used.
@@ -156,7 +156,7 @@ def record(
 
 
 def recorded_inputs(record: Mapping[str, Any], where: str) -> dict[str, str]:
-    """The files that a record names: their names by the digest of their content.
+    """Returns the files that a record names: their names by the digest of their content.
 
     Args:
         record: as `record` made it.
@@ -181,7 +181,7 @@ def recorded_inputs(record: Mapping[str, Any], where: str) -> dict[str, str]:
 
 
 def plain(record: Mapping[str, Any]) -> dict[str, Any]:
-    """A record as it reads back from JSON."""
+    """Returns a record as it reads back from JSON."""
     return json.loads(json.dumps(record))
 
 
@@ -203,12 +203,12 @@ def write_table(path: StrPath, heading: str, record: Mapping[str, Any], rows: st
 
 
 def table_text(heading: str, record: Mapping[str, Any], rows: str) -> str:
-    """The text of what `write_table` writes."""
+    """Returns the text of what `write_table` writes."""
     return f"{heading}\n# record: {json.dumps(record)}\n{rows}"
 
 
 def read_record(path: StrPath) -> dict[str, Any] | None:
-    """The record in the comments of a CSV file, as a line `# record: ` of JSON.
+    """Returns the record in the comments of a CSV file, as a line `# record: ` of JSON.
 
     Nothing where there is no such file or line.
     """

@@ -71,7 +71,7 @@ class Table:
         return results.write(path, self.to_text(rows, record))
 
     def to_text(self, rows: "DataFrame", record: Mapping[str, Any] | None = None) -> str:
-        """What `write` writes.
+        """Returns what `write` writes.
 
         Raises:
             ValueError: a column is missing.
@@ -83,7 +83,7 @@ class Table:
         return results.table_text(f"# {self.heading}", record or {}, csv) if self.heading else csv
 
     def read(self, path: Path) -> tuple["DataFrame", dict[str, Any]]:
-        """The rows, and the record in the comments above them; empty where there is none.
+        """Returns the rows, and the record in the comments above them; empty where there is none.
 
         Raises:
             InputError: the file is no such table, or is cut off.
@@ -106,7 +106,9 @@ class Table:
         return self.checked(rows, str(path)), record
 
     def checked(self, rows: "DataFrame", where: str) -> "DataFrame":
-        """The rows with each column in its type; an empty cell becomes NaN or an empty text.
+        """Returns the rows with each column in its type.
+
+        An empty cell becomes NaN or an empty text.
 
         Raises:
             InputError: a column is missing or not of its type, there are no rows, or a number is
@@ -226,11 +228,11 @@ class Numbered:
     suffix: str
 
     def path(self, folder: StrPath, number: int) -> Path:
-        """The file of a number."""
+        """Returns the file of a number."""
         return Path(folder, f"{self.stem}_{number}{self.suffix}")
 
     def find(self, folder: Path) -> list[Path]:
-        """The files in a folder by their number."""
+        """Returns the files in a folder by their number."""
         return sorted(folder.glob(f"{self.stem}_*{self.suffix}"), key=by_number)
 
 
@@ -241,7 +243,10 @@ def find_policies(folder: Path) -> list[Path]:
 
 
 def by_number(path: Path) -> tuple[str, list[int], str]:
-    """What files are sorted by: flight_100 after flight_99, in folder policy_10 after policy_9."""
+    """Returns what files are sorted by.
+
+    Flight_100 after flight_99, in folder policy_10 after policy_9.
+    """
     numbers = [int(part) for part in re.findall(r"\d+", str(path))]
     return re.sub(r"\d+", "", str(path)), numbers, str(path)
 
@@ -251,7 +256,7 @@ LOG = Numbered("flight", ".csv")
 
 
 def evaluations_path(drone: StrPath) -> Path:
-    """Where the evaluations of an identification go.
+    """Returns where the evaluations of an identification go.
 
     `identification.csv` for `drone.toml`, `NAME_identification.csv` for `NAME.toml`.
     """
@@ -261,18 +266,18 @@ def evaluations_path(drone: StrPath) -> Path:
 
 
 def picture_path(drone: StrPath) -> Path:
-    """Where the picture of an identification goes: as `beside`, with `.svg`."""
+    """Returns where the picture of an identification goes: as `beside`, with `.svg`."""
     return evaluations_path(drone).with_suffix(".svg")
 
 
 def windows_path(validation: StrPath) -> Path:
-    """Where the windows of a validation go: `NAME_windows.csv` for `NAME.csv`."""
+    """Returns where the windows of a validation go: `NAME_windows.csv` for `NAME.csv`."""
     path = Path(validation)
     return path.with_name(f"{path.stem}_windows.csv")
 
 
 def json_object(path: Path) -> dict[str, Any]:
-    """The object in a JSON file; empty where there is no such file.
+    """Returns the object in a JSON file; empty where there is no such file.
 
     Raises:
         InputError: it holds something else.
@@ -292,7 +297,7 @@ def json_object(path: Path) -> dict[str, Any]:
 
 
 def record_of(content: str, path: Path) -> dict[str, Any]:
-    """The record among the first lines of a file's text; empty where there is none.
+    """Returns the record among the first lines of a file's text; empty where there is none.
 
     Raises:
         InputError: it is not valid JSON.
@@ -315,7 +320,7 @@ def write_stages(folder: StrPath, seed: int, seconds: Mapping[str, float]) -> Pa
 
 
 def read_stages(path: Path) -> dict[str, float]:
-    """How long each stage took [s]; empty where that is not known.
+    """Returns how long each stage took [s]; empty where that is not known.
 
     Raises:
         InputError: the file says no seconds.

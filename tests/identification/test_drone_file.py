@@ -201,7 +201,7 @@ def test_a_policy_is_neither_trained_nor_predicted_for_a_damaged_file(damaged, t
 @pytest.fixture(scope="module")
 def policies(tmp_path_factory):
     folder = tmp_path_factory.mktemp("policies")
-    policy_file.write(
+    policy_file.write_policy(
         folder / "policy_1.json", policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
     )
     return folder
@@ -246,6 +246,6 @@ def test_a_reality_of_a_damaged_file_is_refused(which, tmp_path):
 
 def test_what_parameters_alone_read_is_the_same_drone(tmp_path):
     path = WHOLE.write(tmp_path / "mine.toml")
-    found = parameters.read(path)
+    found = parameters.read_drone(path)
     for name in QUANTITIES:
         np.testing.assert_array_equal(getattr(found, name), getattr(WHOLE.parameters, name))

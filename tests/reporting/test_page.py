@@ -164,7 +164,7 @@ def run(tmp_path):
         )
     (folder / "policies").mkdir()
     small = untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
-    policy_file.write(folder / "policies" / "policy_1.json", small, RECORD)
+    policy_file.write_policy(folder / "policies" / "policy_1.json", small, RECORD)
     steps = {
         "update": [1, 2],
         "steps": [1000000, 2000000],
@@ -599,7 +599,7 @@ def test_box_plots_of_policies_are_grouped_by_the_control_structures_that_their_
     for name, structure in structures.items():
         commanded = INTERFACES[structure]()
         made = untrained(jax.random.key(0), commanded, PolicySpec(hidden=(3,)))
-        policy_file.write(tmp_path / f"{name}.json", made, {**RECORD, "seed": 3})
+        policy_file.write_policy(tmp_path / f"{name}.json", made, {**RECORD, "seed": 3})
     theirs = untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
     export_authors_json(theirs, tmp_path / "pwm", name="pwm_024")
     export_authors_json(theirs, tmp_path / "unknown", name="pwm_025")[0].rename(tmp_path / "x.json")
@@ -617,7 +617,7 @@ def test_box_plots_of_policies_are_grouped_by_the_control_structures_that_their_
     files = [*(tmp_path / f"{name}.json" for name in names), tmp_path / "x.json"]
     manifest.append(tmp_path / "p", "train", {"policies": files}, RECORD)
     manifest.append(tmp_path / "t", "transfer", {"flights": [tmp_path / "flights.csv"]}, RECORD)
-    run = runs.read(tmp_path)
+    run = runs.read_run(tmp_path)
     assert {name: run.controls[name] for name in names} == structures | {"pwm/pwm_024": "pwm"}
     assert run.policies == 5
     assert run.records["a/policy_1.json"]["seed"] == 3
@@ -627,7 +627,7 @@ def test_box_plots_of_policies_are_grouped_by_the_control_structures_that_their_
     assert all(STRUCTURES[structure] in drawn for structure in ("pwm", "attitude"))
     # Where the structure of one is not known they stand as they flew.
     manifest.append(tmp_path / "p", "train", {"policies": files[1:]}, RECORD)
-    unknown = flight_section.tested(runs.read(tmp_path))
+    unknown = flight_section.tested(runs.read_run(tmp_path))
     assert f'"sort":{json.dumps(names, separators=(",", ":"))}' in unknown
 
 

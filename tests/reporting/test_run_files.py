@@ -33,7 +33,7 @@ def mine(run: Path, tmp_path: Path) -> Path:
     folder.mkdir()
     shutil.copy(run / "drone.toml", folder / "my_drone.toml")
     shutil.copy(run / "reality.toml", folder / "truth of it.toml")
-    policy_file.write(
+    policy_file.write_policy(
         folder / "my policies" / "a.json",
         policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(4,))),
     )
@@ -71,14 +71,14 @@ def assert_alike(found: Run, usual: Run) -> None:
 
 
 def test_the_same_files_of_other_names_make_the_same_run(run: Path, mine: Path) -> None:
-    assert_alike(runs.read(None, options(mine)), runs.read(run))
+    assert_alike(runs.read_run(None, options(mine)), runs.read_run(run))
 
 
 def test_a_run_folder_that_was_moved_is_read(run: Path, tmp_path: Path) -> None:
-    usual = runs.read(run)
+    usual = runs.read_run(run)
     run.rename(tmp_path / "moved")
-    assert_alike(runs.read(tmp_path / "moved"), usual)
-    assert runs.read(tmp_path / "moved").missing_files == []
+    assert_alike(runs.read_run(tmp_path / "moved"), usual)
+    assert runs.read_run(tmp_path / "moved").missing_files == []
 
 
 def test_a_file_of_a_user_comes_before_that_of_the_run(run: Path, mine: Path) -> None:
@@ -110,7 +110,7 @@ def test_of_several_of_a_kind_the_usual_output_is_shown_else_the_latest(run: Pat
 
 def test_a_log_that_a_run_lists_is_shown_alone(run: Path) -> None:
     for name in ("transfer/flight_02.csv", "recorded/flight_01.csv"):
-        found = runs.read(run / name)
+        found = runs.read_run(run / name)
         assert [flight.name for flight in found.recorded] == [name]
         assert found.table is None
         assert found.drone is None
@@ -142,9 +142,9 @@ def test_a_file_of_a_user_that_is_not_there_or_of_a_wrong_kind_is_refused(run: P
     with pytest.raises(InputError, match=r"transfer: is a folder\. Give the file after --flights"):
         find_files(run, {"flights": run / "transfer"})
     with pytest.raises(InputError, match=r"recorded.flight_01\.csv"):
-        runs.read(run, {"drone": run / "recorded" / "flight_01.csv"})
+        runs.read_run(run, {"drone": run / "recorded" / "flight_01.csv"})
     with pytest.raises(InputError, match="missing column"):
-        runs.read(run, {"validation": run / "transfer" / "flights.csv"})
+        runs.read_run(run, {"validation": run / "transfer" / "flights.csv"})
 
 
 def test_a_run_of_which_nothing_is_left_is_refused(run: Path, tmp_path: Path) -> None:
@@ -157,10 +157,10 @@ def test_a_run_of_which_nothing_is_left_is_refused(run: Path, tmp_path: Path) ->
 def test_logs_of_other_flights_are_not_taken_for_those_of_a_table(run: Path) -> None:
     log.write(run / "transfer" / "flight_04.csv", circling(1.0))
     with pytest.raises(InputError, match=r"flights\.csv: 4 flight logs, but 3 rows"):
-        runs.read(None, {"flights": run / "transfer" / "flights.csv"})
+        runs.read_run(None, {"flights": run / "transfer" / "flights.csv"})
     (run / "transfer" / "flight_01.csv").unlink()
     with pytest.raises(InputError, match=r"flights\.csv: 2 flight logs, but 3 rows"):
-        runs.read(run)
+        runs.read_run(run)
 
 
 def test_a_folder_of_logs_is_searched_as_identify_does(tmp_path: Path) -> None:
@@ -170,7 +170,7 @@ def test_a_folder_of_logs_is_searched_as_identify_does(tmp_path: Path) -> None:
         text = authors_text(authors_columns(120))
         results.write(tmp_path / "theirs" / f"{name}.csv", text)
     results.write(tmp_path / "deep" / "other.csv", "a,b\n1,2\n")
-    found = runs.read(None, {"logs": tmp_path})
+    found = runs.read_run(None, {"logs": tmp_path})
     assert [flight.name for flight in found.recorded] == [
         "er/monday.csv",
         "deep/tuesday.csv",
@@ -182,7 +182,7 @@ def test_a_folder_of_logs_is_searched_as_identify_does(tmp_path: Path) -> None:
     log.write(tmp_path / "deep" / "tuesday.csv", circling(1.0, simulated=""))
     (tmp_path / "deep" / "tuesday.csv").write_text("# maidenflight flight 1\n0\n")
     with pytest.raises(InputError, match=r"tuesday\.csv: not a flight log"):
-        runs.read(None, {"logs": tmp_path})
+        runs.read_run(None, {"logs": tmp_path})
 
 
 def test_logs_of_any_format_that_a_drone_was_identified_from_are_shown(
@@ -195,17 +195,17 @@ def test_logs_of_any_format_that_a_drone_was_identified_from_are_shown(
     manifest.append(
         folder / "drone.toml", "identify", {"drone": [folder / "drone.toml"]}, made, {"logs": logs}
     )
-    found = runs.read(folder)
+    found = runs.read_run(folder)
     assert [flight.name for flight in found.recorded] == ["in/monday.csv"]
     results.write(folder / "in" / "monday.csv", "a,b\n1,2\n")
-    assert runs.read(folder).recorded == (), "these are other flights now"
+    assert runs.read_run(folder).recorded == (), "these are other flights now"
     with pytest.raises(InputError, match=r"monday\.csv"):
-        runs.read(folder, {"logs": [folder / "in" / "monday.csv"]})
+        runs.read_run(folder, {"logs": [folder / "in" / "monday.csv"]})
 
 
 def test_real_flights_in_the_authors_format_are_shown(shared_data: Path) -> None:
     logs = shared_data / "authors" / "flights" / "attitude" / "policy_118"
-    found = runs.read(None, {"logs": logs})
+    found = runs.read_run(None, {"logs": logs})
     assert len(found.recorded) == found.logs > 0
     assert not any(flight.simulated for flight in found.recorded)
     assert runs.viewable(found) == list(range(len(found.recorded)))

@@ -82,7 +82,7 @@ def test_a_study_is_read_from_toml(tmp_path: Path) -> None:
         'settings = { drone = "crazyflie", policies = 2 }\n'
         "grid = { seed = { first = 3, count = 2 } }\n"
     )
-    found = study.read(path)
+    found = study.read_study(path)
     assert [task.point for task in found.tasks] == [{"policy.seed": 3}, {"policy.seed": 4}]
     assert found.tasks[0].settings["policies"] == 2
     assert found.home == tmp_path
@@ -187,9 +187,9 @@ def test_a_file_that_is_no_study_is_refused(content: str, tmp_path: Path) -> Non
     path = tmp_path / "study.toml"
     path.write_text(content)
     with pytest.raises(InputError):
-        study.read(path)
+        study.read_study(path)
     with pytest.raises(InputError):
-        study.read(tmp_path / "none.toml")
+        study.read_study(tmp_path / "none.toml")
 
 
 def test_a_grid_sweeps_values_of_a_table(tmp_path: Path) -> None:

@@ -162,7 +162,7 @@ def test_an_interrupted_study_goes_on(tmp_path: Path) -> None:
         mf.sweep(entries, tmp_path / "out", here, on_progress=interrupt)
     assert here.closed == 1
     asked = study.of(entries)
-    now = status.read(opened(tmp_path / "out"), asked)
+    now = status.read_status(opened(tmp_path / "out"), asked)
     assert (now.state, now.done, now.tasks) == ("interrupted", 3, 9)
     assert mf.sweep(entries, tmp_path / "out", Here()).height == 9
     assert lines(tmp_path / "ran")["begun 1"] == 1
@@ -194,15 +194,15 @@ def test_status_tells_a_study_that_nobody_began_or_goes_on_with(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked, store = study.of(toy_kinds.study()), opened(tmp_path / "out")
-    assert status.read(store, asked) == Progress(12, state="not begun")
+    assert status.read_status(store, asked) == Progress(12, state="not begun")
     said = Progress(12, running=("squared",), seconds=3.0, on="local")
-    status.write(store, said)
-    assert status.read(store, asked) == said
+    status.write_status(store, said)
+    assert status.read_status(store, asked) == said
     monkeypatch.setattr(status, "SILENT_S", -1.0)
-    assert status.read(store, asked).state == "silent"
+    assert status.read_status(store, asked).state == "silent"
     store.write(status.PROGRESS, "{}")
     with pytest.raises(InputError):
-        status.read(store, asked)
+        status.read_status(store, asked)
 
 
 @pytest.mark.parametrize("name", ["cloud", "local:2", ""])

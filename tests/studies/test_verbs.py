@@ -21,7 +21,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(autouse=True)
 def less_work(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("maidenflight.simulator.tasks.trajectories.QUICKENING", 1.0)
+    monkeypatch.setattr("maidenflight.simulator.tasks.trajectories.RAMP_DURATION_S", 1.0)
     monkeypatch.setattr("maidenflight.experiments.envelope.DURATION_S", 0.1)
     monkeypatch.setattr(defaults, "choose_settings", lambda *_: QUICK)
 
@@ -89,7 +89,7 @@ def test_a_study_goes_from_logs_to_flights(tmp_path: Path, monkeypatch: pytest.M
     for folder in folders:
         assert len(run_folder.POLICY.find(folder)) == 3
         assert not (folder / run_folder.CHECKPOINT).exists()
-    policies = [policy_file.read(folder / "policy_1.json") for folder in folders]
+    policies = [policy_file.read_policy(folder / "policy_1.json") for folder in folders]
     assert {one.spec.look_ahead.points for one in policies} == {0, 2}
     rows = run_folder.STUDY.read(tmp_path / "out" / "study.csv")[0]
     assert rows.height == 17

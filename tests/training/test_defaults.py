@@ -95,7 +95,7 @@ def test_a_memory_is_trained_with_its_own_settings(tmp_path: Path) -> None:
     assert own.updates == usual.updates
     assert chosen(method="ppo", memory=16) == (PPO(), PolicySpec(memory=16))
     start = untrained(jax.random.key(0), spec=PolicySpec(memory=16, hidden=(24, 12)))
-    tuned, spec = chosen(initial=policy_file.write(tmp_path / "start.json", start))
+    tuned, spec = chosen(initial=policy_file.write_policy(tmp_path / "start.json", start))
     assert isinstance(tuned, AnalyticGradient)
     assert (spec, tuned.num_envs) == (start.spec, own.num_envs)
     assert tuned.learning_rate < own.learning_rate

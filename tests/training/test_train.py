@@ -247,13 +247,16 @@ def test_an_extension_is_recorded(tmp_path: Path, monkeypatch: Any) -> None:
 
     monkeypatch.setattr("maidenflight.training.train.train", stub)
     ONE.run(tmp_path)
-    assert "extended_from" not in policy_file.read(tmp_path / "policy_1.json").record["settings"]
+    assert (
+        "extended_from"
+        not in policy_file.read_policy(tmp_path / "policy_1.json").record["settings"]
+    )
     monkeypatch.setattr("maidenflight.training.train.train", extended)
     changed(ONE, updates=700, resume=True).run(tmp_path)
-    settings = policy_file.read(tmp_path / "policy_1.json").record["settings"]
+    settings = policy_file.read_policy(tmp_path / "policy_1.json").record["settings"]
     assert (settings["updates"], settings["extended_from"]) == (700, [600])
     changed(ONE, updates=None, resume=True).run(tmp_path)
-    settings = policy_file.read(tmp_path / "policy_1.json").record["settings"]
+    settings = policy_file.read_policy(tmp_path / "policy_1.json").record["settings"]
     assert settings["updates"] == 700, "unless given, those of the training that is resumed"
 
 
@@ -382,8 +385,8 @@ def test_what_a_killed_run_left_is_cleared_and_does_not_stand_in_the_way(
 def test_policies_of_an_earlier_training_of_more_go(tmp_path: Path, monkeypatch: Any) -> None:
     older = policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
     for number in (1, 2, 3):
-        policy_file.write(tmp_path / f"policy_{number}.json", older, {"number": number})
-    policy_file.write(tmp_path / "policy_4.json", older, {"note": "put here by somebody"})
+        policy_file.write_policy(tmp_path / f"policy_{number}.json", older, {"number": number})
+    policy_file.write_policy(tmp_path / "policy_4.json", older, {"note": "put here by somebody"})
     (tmp_path / "policy_5.json").write_text("not a policy")
     monkeypatch.setattr("maidenflight.training.train.train", training_that_gives(older))
     changed(ONE, seed=7).run(tmp_path)
@@ -392,7 +395,7 @@ def test_policies_of_an_earlier_training_of_more_go(tmp_path: Path, monkeypatch:
         "policy_4.json",
         "policy_5.json",
     ]
-    assert policy_file.read(tmp_path / "policy_1.json").record["seed"] == 7
+    assert policy_file.read_policy(tmp_path / "policy_1.json").record["seed"] == 7
 
 
 def test_an_earlier_training_stays_until_the_first_checkpoint_of_the_one_in_its_place(

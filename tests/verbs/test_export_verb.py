@@ -41,7 +41,7 @@ def test_an_app_for_the_firmwares_mixer_is_not_made_of_a_policy_for_another_fram
     app = Export(policy=path, to="crazyflie")
     for drone in (own, other):
         rotors = {name: plain(getattr(drone, name)) for name in GEOMETRY}
-        policy_file.write(path, made, {"rotors": rotors})
+        policy_file.write_policy(path, made, {"rotors": rotors})
         if drone is own or structure == "pwm":
             assert app.run(tmp_path / f"app{drone is own}").value
             check_export("crazyflie", interface, spec, drone)
@@ -55,7 +55,9 @@ def test_an_app_for_the_firmwares_mixer_is_not_made_of_a_policy_for_another_fram
 
 
 def test_an_app_is_exported_for_the_drone_s_propellers(tmp_path: Path) -> None:
-    path = policy_file.write(tmp_path / "policy_1.json", policy.untrained(jax.random.key(0)), {})
+    path = policy_file.write_policy(
+        tmp_path / "policy_1.json", policy.untrained(jax.random.key(0)), {}
+    )
     Export(policy=path, to="crazyflie", propellers="legacy").run(tmp_path / "app")
     assert "LEGACY_PROPELLERS=y" in (tmp_path / "app" / "app-config").read_text()
     assert '"propellers": "legacy"' in (tmp_path / "app" / "src" / "policy.h").read_text()
@@ -68,7 +70,7 @@ def test_what_is_exported_says_how_it_was_made(to: str, tmp_path: Path) -> None:
     if to == "raptor":
         pytest.importorskip("h5py")
         made = policy.untrained(jax.random.key(0), spec=PolicySpec(form=to))
-    path = policy_file.write(tmp_path / "policy_1.json", made)
+    path = policy_file.write_policy(tmp_path / "policy_1.json", made)
     written = Export(policy=path, to=to).run(tmp_path / "out").value
     texts = [b" ".join(path.read_bytes().replace(b"\n *", b" ").split()) for path in written]
     recorded = [text for text in texts if b"policy_1.json sha256" in text]

@@ -32,7 +32,7 @@ def test_the_closed_loop_moves_what_it_found_in_the_drone_file_and_keeps_the_res
         Search("likelihood", -10.0, 4, 9),
     ).write(start)
     flying = flying_policy(crazyflie())
-    policy_file.write(
+    policy_file.write_policy(
         tmp_path / "policies" / "policy_1.json",
         flying,
         results.record(seed=0, inputs=[], settings={}),
@@ -74,7 +74,7 @@ def test_the_closed_loop_moves_what_it_found_in_the_drone_file_and_keeps_the_res
     assert code == 0
     assert "latency" in out
     others = tmp_path / "policies" / "policy_1.json"
-    policy_file.write(
+    policy_file.write_policy(
         others, untrained(jax.random.key(0)), results.record(seed=0, inputs=[], settings={})
     )
     code, _, said = command(arguments, "--overwrite")

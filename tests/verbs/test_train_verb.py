@@ -92,7 +92,7 @@ def test_a_look_ahead_is_trained_with_and_recorded(
         look_ahead_spacing=ahead.spacing,
     ).run(tmp_path)
     assert asked == [PolicySpec(look_ahead=ahead, hidden=(8,))]
-    file = policy_file.read(tmp_path / "policy_1.json")
+    file = policy_file.read_policy(tmp_path / "policy_1.json")
     assert file.spec.look_ahead == ahead
     settings = file.record["settings"]
     assert (settings["look_ahead"], settings["look_ahead_spacing"]) == (ahead.points, ahead.spacing)
@@ -103,10 +103,10 @@ def test_a_record_says_what_a_policy_of_from_has_and_not_what_is_usual(
 ) -> None:
     spec = PolicySpec(history=3, look_ahead=LookAhead(2, 0.2), memory=4, hidden=(6,))
     start = untrained(jax.random.key(0), control.attitude().interface, spec)
-    policy_file.write(tmp_path / "start.json", start)
+    policy_file.write_policy(tmp_path / "start.json", start)
     monkeypatch.setattr(TRAINING, no_training)
     Train(drone="crazyflie", policies=1, initial=tmp_path / "start.json").run(tmp_path)
-    settings = policy_file.read(tmp_path / "policy_1.json").record["settings"]
+    settings = policy_file.read_policy(tmp_path / "policy_1.json").record["settings"]
     said = {
         "control": "attitude",
         "history": 3,
@@ -126,7 +126,7 @@ def test_a_record_says_over_which_drones_policies_were_trained_by_default(
 ) -> None:
     monkeypatch.setattr(TRAINING, no_training)
     Train(drone="crazyflie", policies=1, control=structure, task=task).run(tmp_path)
-    settings = policy_file.read(tmp_path / "policy_1.json").record["settings"]
+    settings = policy_file.read_policy(tmp_path / "policy_1.json").record["settings"]
     assert settings["randomize"] == defaults.choose_randomization(task, structure)
 
 
@@ -152,7 +152,7 @@ def test_policies_for_the_authors_format_have_the_papers_scales(
     )
     (made,) = train.run(tmp_path).value
     assert (made.interface == control.attitude().interface) == papers
-    said = policy_file.read(tmp_path / "policy_1.json").record["settings"]
+    said = policy_file.read_policy(tmp_path / "policy_1.json").record["settings"]
     assert said["paper_scales"] == papers
 
 

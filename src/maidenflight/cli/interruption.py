@@ -31,7 +31,7 @@ GRACE_PERIOD_S = 1.0
 
 
 def plainly() -> str:
-    """The line of an interrupted command that has nothing to resume."""
+    """Returns the line of an interrupted command that has nothing to resume."""
     return "interrupted; finished files are complete, the rest was not written."
 
 
@@ -39,12 +39,12 @@ _line: Callable[[], str] = plainly
 
 
 def line() -> str:
-    """What the command that was interrupted says."""
+    """Returns what the command that was interrupted says."""
     return _line()
 
 
 def leave(code: int) -> NoReturn:
-    """Ends the process without what Python does at its end.
+    """Returns ends the process without what Python does at its end.
 
     Threads of XLA may still be compiling, and crash an interpreter that is being taken down.
     """

@@ -141,7 +141,7 @@ def export_c(
 
 
 def golden_observations(policy: Policy, seed: int) -> Numbers:
-    """Random observations such as the policy meets in flight, (GOLDEN_COUNT, 20 H + 3 K + M).
+    """Returns random observations such as policy meets in flight, (GOLDEN_COUNT, 20 H + 3 K + M).
 
     Each number lies within two deviations of its mean in the policy's own normaliser, the instants
     of one observation differ little, and quaternions have length 1.
@@ -170,12 +170,12 @@ def golden_observations(policy: Policy, seed: int) -> Numbers:
 
 
 def digest(policy: Policy) -> str:
-    """SHA-256 of a policy's JSON text, its record left out."""
+    """Returns the SHA-256 of a policy's JSON text without its record."""
     return hashlib.sha256(to_json(policy).encode()).hexdigest()
 
 
 def checksum(tables: Iterable[Numbers]) -> int:
-    """32-bit FNV-1a over float32 bit patterns, one 32-bit word at a time instead of bytes.
+    """Computes 32-bit FNV-1a over float32 bit patterns, one 32-bit word at a time instead of bytes.
 
     Source: Fowler, Noll, Vo (RFC 9923), offset basis and prime for 32 bits.
     """
@@ -214,7 +214,7 @@ def _evaluated(policy: Policy, observations: Numbers) -> Numbers:
 
 
 def remembered(gru: Gru, values: NDArray[Any], memory: NDArray[Any]) -> NDArray[Any]:
-    """What a recurrent unit remembers next, of a batch, in float64.
+    """Returns what a recurrent unit remembers next, of a batch, in float64.
 
     Args:
         gru: the unit.

@@ -22,7 +22,7 @@ _NOTES = {
 
 
 def described(interface: ControlInterface) -> str:
-    """What the four commands are, in one paragraph."""
+    """Returns what the four commands are, in one paragraph."""
     ranges = [
         f"{np.float32(centre - span):.6g} to {np.float32(centre + span):.6g} {unit}"
         for centre, span, unit in zip(
@@ -68,7 +68,7 @@ def check_form(policy: Policy) -> None:
 
 
 def level_in_c(interface: ControlInterface) -> str:
-    """The action that keeps a drone level, in C; `share` of full thrust hovers."""
+    """Returns the action that keeps a drone level, in C; `share` of full thrust hovers."""
     terms = []
     for slope, offset in zip(*interface.level_line, strict=True):
         constant = f"{np.float32(abs(offset))!s}f"

@@ -73,7 +73,7 @@ _WITHOUT = {"ahead_step": "void"}
 
 
 def in_policy(spec: PolicySpec) -> dict[str, str]:
-    """What the templates of `policy.h` and `policy.c` take, by name."""
+    """Returns what the templates of `policy.h` and `policy.c` take, by name."""
     look_ahead = spec.look_ahead
     if not look_ahead.points:
         return dict.fromkeys(_IN_POLICY, "")
@@ -86,7 +86,7 @@ def in_policy(spec: PolicySpec) -> dict[str, str]:
 
 
 def in_app(spec: PolicySpec) -> dict[str, str]:
-    """What the templates of the Crazyflie app take, by name."""
+    """Returns what the templates of the Crazyflie app take, by name."""
     if not spec.look_ahead.points:
         return {**dict.fromkeys(_IN_APP, ""), **_WITHOUT}
     return dict(_IN_APP)

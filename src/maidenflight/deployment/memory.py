@@ -99,7 +99,7 @@ static const layer from_memory = {recurrent_weights_2, recurrent_biases_2, $size
 
 
 def in_policy(gru: Gru | None, storage: str, shared: str) -> dict[str, str]:
-    """What the templates of `policy.h` and `policy.c` take, by name.
+    """Returns what the templates of `policy.h` and `policy.c` take, by name.
 
     Args:
         gru: of the policy.

@@ -71,7 +71,7 @@ class Condition(NamedTuple):
 
 
 def gust(drone: Parameters, elapsed: Float[Array, ""]) -> Parameters:
-    """The drone in a gust that is as strong as its wind at most: 1 s long, every 4 s.
+    """Returns the drone in a gust that is as strong as its wind at most: 1 s long, every 4 s.
 
     Source: MIL-F-8785C, sec. 3.7.3 (discrete gusts in the shape of one less a cosine).
     """
@@ -128,7 +128,9 @@ AXES: dict[str, SpeedRamp | Condition] = dict(
 
 
 def limit(axis: str, reality: AnyReality) -> float:
-    """The fastest that physics allows [m/s]; NaN under a condition and where thrust is not known.
+    """Returns the fastest that physics allows [m/s].
+
+    NaN under a condition and where thrust is not known.
 
     A level curve of radius r takes v^2 / r sideways beside g upwards, and thrust gives k_F g.
     """
@@ -219,7 +221,7 @@ def _paced(
 
 
 def steps_done(rows: Rows, rate: int) -> int:
-    """Rows until a guard trips or the distance's mean over `WINDOW_S` exceeds `WITHIN_M`.
+    """Returns rows until a guard trips or the distance's mean over `WINDOW_S` exceeds `WITHIN_M`.
 
     Args:
         rows: one flight.
@@ -264,7 +266,7 @@ def _holds(flight: SimulatedFlight) -> bool:
 
 
 def summary(flights: polars.DataFrame) -> polars.DataFrame:
-    """The envelope of each policy and reality along each axis, with a 95 % interval.
+    """Returns the envelope of each policy and reality along each axis, with a 95 % interval.
 
     Args:
         flights: rows of `envelope`.

@@ -241,7 +241,7 @@ QUANTILES = (10, 25, 50, 75, 90)
 
 
 def summary(flights: polars.DataFrame) -> polars.DataFrame:
-    """One row a policy, in the order of the flights.
+    """Returns one row a policy, in the order of the flights.
 
     Args:
         flights: what `predict_flight_times` gives.

@@ -128,7 +128,7 @@ def read_policies(places: Sequence[StrPath], control: str | None = None) -> Poli
     others = {path: policy for path, policy in foreign.items() if policy is not None}
     return Policies(
         tuple(paths),
-        tuple(policy_file.read(path, control) for path in paths),
+        tuple(policy_file.read_policy(path, control) for path in paths),
         tuple(others.values()),
         tuple(Path(path) for path in others if Path(path).suffix in (".toml", ".zip")),
     )

@@ -22,7 +22,7 @@ GUARD_RATE = 100
 
 
 def real_controller(interface: ControlInterface) -> Controller:
-    """The controller of the authors' drone that does what an interface says.
+    """Returns the controller of the authors' drone that does what an interface says.
 
     Raises:
         InputError: see `control.controller_for`.

@@ -20,7 +20,7 @@ LASTS = END_REASONS[TIME_LIMIT]
 
 
 def recovery(errors: Float[np.ndarray, "F T"], rate: float, at: float) -> Float[np.ndarray, "F"]:
-    """Time after the change from which a flight stays within `WITHIN_M`, to its end.
+    """Returns the time after the change from which a flight stays within `WITHIN_M`, to its end.
 
     Args:
         errors: distances from the set-point [m], one row a flight.
@@ -38,13 +38,16 @@ def recovery(errors: Float[np.ndarray, "F T"], rate: float, at: float) -> Float[
 
 
 def distance(flight: Flight) -> Float[np.ndarray, "N"]:
-    """Distance from the set-point when each row was measured [m]; true where that is known."""
+    """Returns the distance from the set-point when each row was measured [m].
+
+    True where that is known.
+    """
     position = flight.position if flight.true_position is None else flight.true_position
     return np.linalg.norm(np.subtract(position, flight.setpoint, dtype=np.float64), axis=1)
 
 
 def of_flights(table: polars.DataFrame, flights: Sequence[Flight]) -> polars.DataFrame:
-    """The flights whose drone changes, as the names of their realities say.
+    """Returns the flights whose drone changes, as the names of their realities say.
 
     Args:
         table: rows of a transfer.
@@ -79,7 +82,7 @@ _COLUMNS = {
 
 
 def summary(recoveries: polars.DataFrame) -> polars.DataFrame:
-    """What `of_flights` gives, one row a reality and policy.
+    """Returns what `of_flights` gives, one row a reality and policy.
 
     Returns:
         reality, policy, at [s], flights, lasting, soon (flights that are back within `SOON_S`) and

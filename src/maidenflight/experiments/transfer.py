@@ -18,7 +18,7 @@ from maidenflight.flying.engine import fly_all
 from maidenflight.flying.pilots import AnyPolicy, pilots_of
 from maidenflight.flying.scenario import Scenario
 from maidenflight.simulator.controllers.control import Controller
-from maidenflight.simulator.realities.reality import AnyReality, checked
+from maidenflight.simulator.realities.reality import AnyReality, check_reality
 from maidenflight.simulator.tasks import tasks
 from maidenflight.simulator.tasks.failures import ZERO_SHOT
 from maidenflight.simulator.tasks.tasks import Task
@@ -46,7 +46,7 @@ _AT_LIMIT = 0.001
 
 
 def activity(flight: Flight) -> dict[str, float]:
-    """How much the motors are asked to do.
+    """Returns how much the motors are asked to do.
 
     Returns:
         `command_change`, the mean |u_t - u_(t-1)| of the logged commands in 10 ms [-], and
@@ -100,10 +100,10 @@ def transfer(
     for one in several:
         if not isinstance(one, AnyPolicy):
             raise InputError(
-                f"{str(one)[:60]!r} is no Policy; expected what policy_file.read(FILE) gives."
+                f"{str(one)[:60]!r} is no Policy; give policy_file.read_policy(FILE).policy."
             )
     places: Any = realities if isinstance(realities, list | tuple) else [realities]
-    places = [checked(one) for one in places]
+    places = [check_reality(one) for one in places]
     if not several or not places or trials < 1:
         raise InputError("a transfer needs at least one policy, one reality and one trial.")
     pilots = pilots_of(several, controller)

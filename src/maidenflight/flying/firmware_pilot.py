@@ -20,7 +20,7 @@ from maidenflight.flying.scenario import Scenario
 from maidenflight.simulator.controllers import mellinger
 from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.controllers.firmware import LEAST_THRUST_COUNTS
-from maidenflight.simulator.controllers.pid import POSITION_RATE, Generation, checked
+from maidenflight.simulator.controllers.pid import POSITION_RATE, Generation, generation_of
 from maidenflight.simulator.controllers.position_pid import EXCITATION, position_pid
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.physics import dynamics
@@ -153,7 +153,7 @@ def planned(plan: FlightPlan, firmware: str) -> FirmwarePilot:
         InputError: there is no such firmware.
     """
     places, shares = (np.float32(part) for part in (plan.setpoints(), plan.excitation()))
-    return FirmwarePilot(shares, places, checked(firmware))
+    return FirmwarePilot(shares, places, generation_of(firmware))
 
 
 _ROOM = 0.05
@@ -172,5 +172,5 @@ def require_zero_order_hold(name: str, hover_command: float, full_scale_counts: 
             f"{name} hovers at {hover:.0f} counts of thrust; the Crazyflie's position PID, "
             f"which records flights, gives {LEAST_THRUST_COUNTS:.0f} to {MOST_COUNTS:.0f}. "
             "Identify it from logs of its own autopilot, or give a reality that flies its own "
-            "position controller (docs/realities.md)."
+            "position controller (docs/evaluation.md)."
         )

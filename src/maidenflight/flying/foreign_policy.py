@@ -15,7 +15,7 @@ from maidenflight.simulator.tasks.tasks import Task
 
 
 def foreign_policy(name: str | Path) -> ForeignPolicy | None:
-    """A policy of others by the words of a command line, or nothing if it is none.
+    """Returns a policy of others by the words of a command line, or nothing if it is none.
 
     Args:
         name: `NAME` or `NAME:MORE` with a name of `registry.POLICIES`, such as `raptor:500hz`, or a
@@ -36,7 +36,7 @@ def foreign_policy(name: str | Path) -> ForeignPolicy | None:
 
 @cache
 def reference_velocity(task: Task) -> Callable[[float], Float[np.ndarray, "3"]]:
-    """Velocity of a task's set-point by time [s]: [m/s]."""
+    """Returns the velocity of a task's set-point by time [s]: [m/s]."""
 
     @jax.jit
     def velocity(time: Float[Array, ""]) -> Float[Array, "3"]:

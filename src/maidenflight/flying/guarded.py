@@ -52,7 +52,7 @@ POLICIES = "policies"
 
 
 def mesh() -> Mesh:
-    """All devices, in a row."""
+    """Returns all devices, in a row."""
     return Mesh(np.array(jax.local_devices()), (POLICIES,))
 
 
@@ -63,7 +63,7 @@ def draw(
     trials: UInt[Array, "policies lanes"],
     count: Int[Array, ""],
 ) -> tuple[Int[Array, "policies lanes"], Array]:
-    """Which of `count` drones each trial flies, and its key.
+    """Returns which of `count` drones each trial flies, and its key.
 
     Neither depends on the other trials or policies.
     """

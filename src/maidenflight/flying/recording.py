@@ -15,9 +15,9 @@ from maidenflight.flying.engine import fly_all
 from maidenflight.flying.firmware_pilot import CONTROLLERS, RATE, FirmwarePilot, planned
 from maidenflight.flying.rows import SimulatedFlight
 from maidenflight.flying.scenario import Scenario
-from maidenflight.simulator.controllers.pid import checked as generation
+from maidenflight.simulator.controllers.pid import generation_of as generation
 from maidenflight.simulator.physics import sensors
-from maidenflight.simulator.realities.reality import AnyReality, checked
+from maidenflight.simulator.realities.reality import AnyReality, check_reality
 from maidenflight.simulator.tasks import tasks
 
 
@@ -59,7 +59,7 @@ def record(
     )
     must_divide(rate)
     keys = jax.random.split(key, flights)
-    simulated = fly_all(checked(reality), pilot, Scenario(tasks.circle(), duration), keys)
+    simulated = fly_all(check_reality(reality), pilot, Scenario(tasks.circle(), duration), keys)
     return _logs(simulated, keys, rate)
 
 
@@ -86,7 +86,7 @@ def record_plan(
     """
     must_divide(rate)
     keys = jax.random.split(key, flights)
-    return _logs(fly_plans(checked(reality), [plan] * flights, keys, firmware), keys, rate)
+    return _logs(fly_plans(check_reality(reality), [plan] * flights, keys, firmware), keys, rate)
 
 
 def fly_plans(

@@ -88,10 +88,10 @@ PUBLISHED_START = _start(
 
 
 def after_hover(env: Environment, env_state: EnvState, drone: Parameters) -> EnvState:
-    """The beginning of a flight before which the firmware has hovered the drone.
+    """Returns the beginning of a flight before which the firmware has hovered the drone.
 
     Its rotors balance the constant torques, and so do the integrals of PIDs that go on: in the
-    published flights the yaw command of the first rows is that of the rest (docs/studies/
+    published flights the yaw command of the first rows is that of the rest (paper/notes/
     flight-times.md).
     """
     hovers = balanced(drone)

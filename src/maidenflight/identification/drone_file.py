@@ -204,7 +204,7 @@ def read(drone: StrPath) -> DroneFile:
             named drone has no mass of its own.
     """
     if str(drone) in DRONES:
-        return DroneFile(parameters.read(drone), name=str(drone))
+        return DroneFile(parameters.read_drone(drone), name=str(drone))
     document = parameters.document(drone)
     where = str(drone)
     found = DroneFile(

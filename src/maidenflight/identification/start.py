@@ -19,9 +19,9 @@ def read_start(drone: str, mass_g: float | None) -> DroneFile:
         mass_g: of what flew [g]; the drone's own unless given.
 
     Raises:
-        InputError: see `parameters.read`.
+        InputError: see `parameters.read_drone`.
     """
-    own = parameters.read(drone, None if mass_g is None else mass_g / 1e3)
+    own = parameters.read_drone(drone, None if mass_g is None else mass_g / 1e3)
     if drone in parameters.DRONES:
         return DroneFile(own, name=drone)
     return replace(drone_file.read(drone), parameters=own)
@@ -32,7 +32,7 @@ def note_mass(drone: str, mass_g: float | None, flights: Flights) -> list[str]:
     known = mass_g is not None or drone not in parameters.DRONES
     if known or all(flight.simulated for flight in flights):
         return []
-    mass = 1e3 * float(parameters.read(drone).mass)
+    mass = 1e3 * float(parameters.read_drone(drone).mass)
     return [
         f"mass taken from {drone}, {mass:.4g} g. Inertia, trim and other torques found are in "
         "proportion to it; thrust-to-weight ratio, lags and drag do not depend on it. Weigh yours "

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from pathlib import Path
 
-from maidenflight.parameters import component, read
+from maidenflight.parameters import component, read_drone
 
 
 def read_truth(reality: Path, names: Iterable[str]) -> dict[str, str | float]:
@@ -16,7 +16,7 @@ def read_truth(reality: Path, names: Iterable[str]) -> dict[str, str | float]:
     Returns:
         By parameter: its value in SI units, or text in milliseconds.
     """
-    true = read(reality)
+    true = read_drone(reality)
     plain: dict[str, str | float] = {name: float(component(true, name)) for name in names}
     if "latency" in plain:
         late = float(true.estimator_delay + true.gyro_time_constant)

@@ -29,9 +29,9 @@ from maidenflight.parameters.toml import (
     from_toml,
     full_scale_counts,
     name_of,
-    read,
+    read_drone,
     to_toml,
-    write,
+    write_drone,
 )
 
 __all__ = [
@@ -60,11 +60,11 @@ __all__ = [
     "part_names",
     "plain",
     "plus_frame",
-    "read",
+    "read_drone",
     "replace",
     "rotors",
     "sources",
     "to_toml",
-    "write",
+    "write_drone",
     "x_frame",
 ]

@@ -14,7 +14,7 @@ from maidenflight.parameters.quantities import QUANTITIES, Parameters
 
 
 def part_names(size: int) -> str:
-    """What the parts of a vector are called: its axes, or the numbers of four motors."""
+    """Returns what the parts of a vector are called: its axes, or the numbers of four motors."""
     return "xyz" if size == 3 else "1234"
 
 
@@ -52,14 +52,14 @@ def check_names(names: Iterable[str]) -> None:
 
 
 def component(parameters: Parameters, name: str) -> Any:
-    """One number of a drone, by a name of `COMPONENTS`."""
+    """Returns one number of a drone, by a name of `COMPONENTS`."""
     field_name, place = COMPONENTS[name]
     value = getattr(parameters, field_name)
     return value if place is None else value[..., place]
 
 
 def replace(parameters: Parameters, /, **changes: Any) -> Parameters:
-    """A copy with some fields changed, or single components of them such as `inertia_x`.
+    """Returns a copy with some fields changed, or single components of them such as `inertia_x`.
 
     Raises:
         InputError: no field has that name.
@@ -85,7 +85,7 @@ def replace(parameters: Parameters, /, **changes: Any) -> Parameters:
 
 
 def noiseless(parameters: Parameters) -> Parameters:
-    """The same drone with perfect sensors and motors without noise."""
+    """Returns the same drone with perfect sensors and motors without noise."""
     sizes = [
         name
         for name in QUANTITIES
@@ -125,6 +125,6 @@ def check(parameters: Parameters, where: str = "parameters") -> Parameters:
 
 
 def plain(value: Any) -> Any:
-    """float32 to the shortest decimal that reads back to the same float32."""
+    """Rounds a float32 to the shortest decimal that reads back as the same float32."""
     array = np.asarray(value, dtype=np.float32)
     return [float(str(entry)) for entry in array] if array.ndim else float(str(array))

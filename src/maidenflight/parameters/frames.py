@@ -44,7 +44,7 @@ def h_frame(forward: float, sideways: float, reversed_rotors: bool = False) -> F
 
 
 def x_frame(arm: float, reversed_rotors: bool = False) -> Frame:
-    """A square X: front right, back right, back left, front left.
+    """Returns a square X: front right, back right, back left, front left.
 
     Args:
         arm: from the centre to a rotor [m], half of what is between opposite rotors.
@@ -57,7 +57,7 @@ def x_frame(arm: float, reversed_rotors: bool = False) -> Frame:
 
 
 def plus_frame(arm: float, reversed_rotors: bool = False) -> Frame:
-    """A +, which is the X turned to the left by 45 degrees: front, right, back, left.
+    """Returns a +, which is the X turned to the left by 45 degrees: front, right, back, left.
 
     Args:
         arm: from the centre to a rotor [m].
@@ -84,19 +84,21 @@ LAYOUTS = {"x": x_frame, "+": plus_frame}
 
 
 def arm_length(drone: "Parameters") -> float:
-    """Mean distance of the rotors from the centre of mass [m], of a point."""
+    """Returns the mean distance of the rotors from the centre of mass [m], of a point."""
     x, y = (np.asarray(getattr(drone, name), np.float64) for name in PLACES)
     return float(np.hypot(x, y).mean())
 
 
 def rotors(drone: "Parameters") -> Float[np.ndarray, "4 3"]:
-    """Places of the rotors in body axes [m], of a point."""
+    """Returns places of the rotors in body axes [m], of a point."""
     x, y = (np.asarray(getattr(drone, name), np.float64) for name in PLACES)
     return np.stack([x, y, np.zeros(4)], axis=1)
 
 
 def levers(drone: "Parameters") -> Float[np.ndarray, "4 3"]:
-    """What a newton of each rotor turns about: y [m], -x [m] and its direction [-], of a point.
+    """Returns what a newton of each rotor turns about.
+
+    Y [m], -x [m] and its direction [-], of a point.
 
     Source: the torque r x F of a thrust along body z.
     """
@@ -105,7 +107,7 @@ def levers(drone: "Parameters") -> Float[np.ndarray, "4 3"]:
 
 
 def effectiveness(drone: "Parameters") -> Float[np.ndarray, "4 4"]:
-    """Total thrust and three torques of each rotor's thrust, in rows, of a point.
+    """Returns total thrust and three torques of each rotor's thrust, in rows.
 
     Lengths are in units of the mean arm, the torque about z in units of the reaction torque.
     """

@@ -16,7 +16,7 @@ from maidenflight.parameters.scaling import isometric, with_mass
 
 
 def crazyflie() -> Parameters:
-    """The Crazyflie 2.1 as the paper models it.
+    """Returns the Crazyflie 2.1 as the paper models it.
 
     Body and torque constants are those of the paper's appendix (table:drone-parameters);
     thrust-to-weight ratio, motor time constant and latency those that its Bayesian optimisation
@@ -87,7 +87,7 @@ class NamedDrone(NamedTuple):
 
 
 def crazyflie_2_0() -> Parameters:
-    """The Crazyflie 2.0 and 2.1 with their original propellers; sources are in `DRONES`."""
+    """Returns the Crazyflie 2.0 and 2.1 with their original propellers; sources are in `DRONES`."""
     return replace(
         crazyflie(),
         thrust_to_weight=4 * 0.12 * _COUNTS / (0.027 * _GRAVITY),
@@ -102,7 +102,7 @@ def crazyflie_2_0() -> Parameters:
 
 
 def crazyflie_2_1_plus() -> Parameters:
-    """The Crazyflie 2.1+; sources are in `DRONES`."""
+    """Returns the Crazyflie 2.1+; sources are in `DRONES`."""
     lighter = crazyflie_2_0()
     return replace(
         lighter,
@@ -115,7 +115,7 @@ def crazyflie_2_1_plus() -> Parameters:
 
 
 def crazyflie_brushless() -> Parameters:
-    """The Crazyflie 2.1 Brushless; sources are in `DRONES`."""
+    """Returns the Crazyflie 2.1 Brushless; sources are in `DRONES`."""
     return replace(
         crazyflie(),
         thrust_to_weight=4 * 0.2 * _COUNTS / (0.037 * _GRAVITY),
@@ -131,7 +131,7 @@ def crazyflie_brushless() -> Parameters:
 
 
 def x500() -> Parameters:
-    """The Holybro X500 v2 as PX4 simulates it; sources are in `DRONES`."""
+    """Returns the Holybro X500 v2 as PX4 simulates it; sources are in `DRONES`."""
     body, rotor, place = 2.0, 0.016076923, 0.174
     mass, thrust = body + 4 * rotor, 8.54858e-6 * 1000.0**2
     along, about = 4 * rotor * place**2, 8 * rotor * place**2
@@ -151,7 +151,10 @@ def x500() -> Parameters:
 
 
 def racer_5_inch() -> Parameters:
-    """A racing quadrotor with propellers of five inches; all of it is guessed, see `DRONES`."""
+    """Returns a racing quadrotor with propellers of five inches.
+
+    All of it is guessed, see `DRONES`.
+    """
     mass, arm = 0.65, 0.11
     flat = mass * arm**2
     return replace(
@@ -276,7 +279,7 @@ DRONES: dict[str, NamedDrone] = {
 
 
 def named_drone(name: str, mass: float | None = None) -> Parameters:
-    """A named drone.
+    """Returns a named drone.
 
     Args:
         name: of `DRONES`.

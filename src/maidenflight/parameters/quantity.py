@@ -33,7 +33,7 @@ def quantity(
     source: str,
     size: int = 1,
 ) -> Any:
-    """A field of `Parameters`, with what is known of it.
+    """Returns a field of `Parameters`, with what is known of it.
 
     Args:
         table: of the TOML file, in which it stands.

@@ -9,7 +9,7 @@ from maidenflight.parameters.quantities import Parameters
 
 
 def with_mass(drone: Parameters, mass: float, name: str) -> Parameters:
-    """The same frame and motors with another mass, as of a battery or a deck.
+    """Returns the same frame and motors with another mass, as of a battery or a deck.
 
     Inertia is in proportion to the mass, as if it were spread as before, and full thrust stays.
 
@@ -41,7 +41,7 @@ def with_mass(drone: Parameters, mass: float, name: str) -> Parameters:
 
 
 def isometric(drone: Parameters, mass: float, name: str) -> Parameters:
-    """A drone of the same shape and density and another mass.
+    """Returns a drone of the same shape and density and another mass.
 
     Lengths grow with the cube root of the mass, inertia with its power of 5/3; ratios and times
     stay.

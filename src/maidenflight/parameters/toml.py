@@ -28,7 +28,7 @@ def to_toml(
     extra: Mapping[str, Any] | None = None,
     sources: Mapping[str, str] | None = None,
 ) -> str:
-    """The TOML text of one drone, its units, symbols and sources as comments.
+    """Returns the TOML text of one drone, its units, symbols and sources as comments.
 
     Args:
         parameters: a point, without batch axes.
@@ -174,13 +174,15 @@ def _numbers(value: Any, name: str, where: str) -> Any:
     return tuple(map(float, entries)) if isinstance(value, list) else float(value)
 
 
-def write(path: StrPath, parameters: Parameters, extra: Mapping[str, Any] | None = None) -> Path:
+def write_drone(
+    path: StrPath, parameters: Parameters, extra: Mapping[str, Any] | None = None
+) -> Path:
     """Writes one drone as a TOML file named after it; see `to_toml`."""
     return results.write(path, to_toml(parameters, Path(path).stem, extra))
 
 
 def document(path: StrPath) -> dict[str, Any]:
-    """What a drone's TOML file says.
+    """Returns what a drone's TOML file says.
 
     Raises:
         InputError: no file that can be read as text, or not TOML.
@@ -194,7 +196,7 @@ def document(path: StrPath) -> dict[str, Any]:
     return _parsed(text, str(path))
 
 
-def read(drone: StrPath, mass: float | None = None) -> Parameters:
+def read_drone(drone: StrPath, mass: float | None = None) -> Parameters:
     """Reads a drone's parameters from its TOML file, or returns a named drone.
 
     What else an identified drone's file says, `identification.drone_file` reads.
@@ -215,7 +217,9 @@ def read(drone: StrPath, mass: float | None = None) -> Parameters:
 
 
 def full_scale_counts(drone: StrPath) -> float | None:
-    """Firmware counts of u = 1 in the flights of an identified drone; None of any other.
+    """Returns the firmware counts of u = 1 in the flights of an identified drone.
+
+    None of any other.
 
     Args:
         drone: TOML file that `read` takes, or a name in `DRONES`.
@@ -227,5 +231,5 @@ def full_scale_counts(drone: StrPath) -> float | None:
 
 
 def name_of(drone: StrPath) -> str:
-    """What to call a drone: its name, or its file's name without the ending."""
+    """Returns what to call a drone: its name, or its file's name without the ending."""
     return str(drone) if str(drone) in DRONES else Path(drone).stem

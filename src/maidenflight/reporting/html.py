@@ -22,10 +22,13 @@ def _templates() -> Environment:
 
 
 def render(template: str, **content: Any) -> Markup:
-    """A template of this package, filled; without the space around it, so it may be empty."""
+    """Returns a template of this package, filled.
+
+    Without the space around it, so it may be empty.
+    """
     return Markup(_templates().get_template(template).render(**content).strip())
 
 
 def asset(name: str) -> Markup:
-    """A style sheet or script of this package, as it is."""
+    """Returns a style sheet or script of this package, as it is."""
     return Markup(resources.files(_PACKAGE).joinpath(name).read_text(encoding="utf-8"))

@@ -14,7 +14,7 @@ REAL: Kinds = frozenset([False])
 
 
 def kinds_of(used: Iterable[str], known: Mapping[str, bool | None], otherwise: Kinds) -> Kinds:
-    """Kinds of flights.
+    """Returns kinds of flights.
 
     Args:
         used: digests of their logs.
@@ -25,7 +25,7 @@ def kinds_of(used: Iterable[str], known: Mapping[str, bool | None], otherwise: K
 
 
 def kinds_identified(drone: DroneFile | None, others: Kinds) -> Kinds:
-    """Kinds of the flights that a drone was identified from.
+    """Returns kinds of the flights that a drone was identified from.
 
     Args:
         drone: its file says whether any flight was simulated, not whether all were.
@@ -39,7 +39,9 @@ def kinds_identified(drone: DroneFile | None, others: Kinds) -> Kinds:
 
 
 def flights(drone: DroneFile | None, kinds: Kinds, before: str, after: str = "") -> str:
-    """Number and kind of the flights that a drone was identified from; empty where not known.
+    """Returns the number and kind of the flights that a drone was identified from.
+
+    Empty where not known.
 
     Their seconds stand between the two texts.
     """

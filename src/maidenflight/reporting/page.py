@@ -78,15 +78,15 @@ def report(source: StrPath | Transfer | None, path: StrPath, **files: Unpack[Fil
         InputError: nothing of a run is there, a file is broken, or the page cannot be written.
     """
     if not isinstance(source, Transfer):
-        return results.write(path, to_html(runs.read(source, files)))
+        return results.write(path, to_html(runs.read_run(source, files)))
     run = runs.of_transfer(source)
     if files:
-        run = replace(runs.read(None, files), table=run.table, flights=run.flights)
+        run = replace(runs.read_run(None, files), table=run.table, flights=run.flights)
     return results.write(path, to_html(run))
 
 
 def to_html(run: Run) -> str:
-    """The page."""
+    """Returns the page."""
     sections = [Section(name, title, make(run)) for name, title, make in _SECTIONS]
     logs = viewer.viewer_data(run)
     drawn = any("<figure class=chart " in section.content for section in sections)
@@ -113,7 +113,7 @@ def to_html(run: Run) -> str:
 
 
 def vega() -> list[Markup]:
-    """The scripts of Vega; its interpreter of expressions, a module, as a plain script.
+    """Returns the scripts of Vega; its interpreter of expressions, a module, as a plain script.
 
     With the interpreter no text is ever run as a script, which the page does not allow.
     """

@@ -32,7 +32,7 @@ from maidenflight.reporting.run_files import (
 )
 from maidenflight.run_folder import Table
 
-MOST = 300
+MAX_FLIGHTS = 300
 """Flights that the viewer holds, and logs of recorded flights that are read; more would make the
 page heavy."""
 
@@ -122,7 +122,7 @@ class Run:
 
 
 def of_transfer(result: Transfer) -> Run:
-    """The run of test flights in memory."""
+    """Returns the run of test flights in memory."""
     return Run(
         table=run_folder.FLIGHTS.checked(result.table, "transfer"), flights=tuple(result.flights)
     )
@@ -138,7 +138,7 @@ _TABLES: Mapping[manifest.Kind, Table] = {
 """Tables of a run but that of test flights, by kind."""
 
 
-def read(source: StrPath | None = None, options: FileOptions | None = None) -> Run:
+def read_run(source: StrPath | None = None, options: FileOptions | None = None) -> Run:
     """Reads a run from its folder, from what its manifest lists, and from files of a user.
 
     Args:
@@ -208,7 +208,7 @@ def read_flights_of(source: StrPath | None, options: FileOptions) -> Sequence[Fl
     """
     if source is not None and manifest.find_manifest(source) is None:
         return read_flights(source).flights
-    return flights_to_show(read(source, options))
+    return flights_to_show(read_run(source, options))
 
 
 def _kinds(
@@ -257,7 +257,7 @@ def _recorded(
     """
     flights: list[tuple[Path, Flight]] = []
     refused = []
-    for path in files.files.get("logs", ())[:MOST]:
+    for path in files.files.get("logs", ())[:MAX_FLIGHTS]:
         own = _is_own(path)
         try:
             flights += [(path, one) for one in ([_own(path, records)] if own else _pieces(path))]
@@ -331,7 +331,7 @@ def _test_flights(
 
 
 def truth(run: Run) -> tuple[tuple[float, float], ...]:
-    """Corners of the true delays of a virtual drone, (T_m, latency) [s].
+    """Returns corners of the true delays of a virtual drone, (T_m, latency) [s].
 
     T_m from speeding up to slowing down, latency from that of commands to that with the sensors'.
     """
@@ -343,7 +343,7 @@ def truth(run: Run) -> tuple[tuple[float, float], ...]:
 
 
 def true_ends(run: Run, name: str) -> tuple[float, float]:
-    """The true value of a parameter of a virtual drone, from and to [SI].
+    """Returns the true value of a parameter of a virtual drone, from and to [SI].
 
     They differ where the drone has two values for what the model has one for.
     """
@@ -357,19 +357,25 @@ def true_ends(run: Run, name: str) -> tuple[float, float]:
 
 
 def usable(flight: Flight) -> slice:
-    """The rows before the first one that is not finite; a flight may end in such."""
+    """Returns the rows before the first one that is not finite; a flight may end in such."""
     rows = np.concatenate([flight.position, flight.attitude, flight.command], axis=1)
     bad = ~np.isfinite(rows).all(axis=1)
     return slice(0, int(np.argmax(bad)) if bad.any() else len(flight))
 
 
 def viewable(run: Run) -> list[int]:
-    """Places among those `shown` of the flights that the viewer holds: the first with two rows."""
+    """Returns places among those `shown` of the flights that the viewer holds.
+
+    The first with two rows.
+    """
     return [
         number for number, flight in enumerate(flights_to_show(run)) if usable(flight).stop > 1
-    ][:MOST]
+    ][:MAX_FLIGHTS]
 
 
 def flights_to_show(run: Run) -> tuple[Flight, ...]:
-    """Flights to look at: test flights where there are any, else those that were recorded."""
+    """Returns flights to look at.
+
+    Test flights where there are any, else those that were recorded.
+    """
     return run.flights if run.table is not None else run.recorded

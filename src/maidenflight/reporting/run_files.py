@@ -70,7 +70,7 @@ class RunFiles:
     """Names of what else the manifest lists, by kind."""
 
     def first(self, kind: Kind) -> Path | None:
-        """The file of a kind of which a report shows one."""
+        """Returns the file of a kind of which a report shows one."""
         return next(iter(self.files.get(kind, ())), None)
 
 
@@ -109,7 +109,7 @@ def find_files(source: StrPath | None, options: FileOptions) -> RunFiles:
 
 
 def nothing_here(place: Path, missing: Sequence[str] = ()) -> InputError:
-    """The error where there is nothing for a report, with what may hold flights."""
+    """Returns the error where there is nothing for a report, with what may hold flights."""
     kinds = not_logs.below(place)[0] if place.is_dir() else None
     wrong = "nothing of a run here" if os.path.lexists(place) else "no such file or folder"
     return InputError(

@@ -42,7 +42,10 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def symbol(name: str) -> Markup:
-    """A parameter's symbol as HTML: `T_m` becomes T with a subscript, `inertia_x` I with an x."""
+    """Returns a parameter's symbol as HTML.
+
+    `T_m` becomes T with a subscript, `inertia_x` I with an x.
+    """
     letters = "|".join(_GREEK)
     field, place = COMPONENTS.get(name, (name, None))
     quantity = QUANTITIES[field]
@@ -53,17 +56,17 @@ def symbol(name: str) -> Markup:
 
 
 def plain_symbol(name: str) -> str:
-    """A parameter's symbol where nothing can be lowered: `T_m`, `I_x`, `τ`."""
+    """Returns a parameter's symbol where nothing can be lowered: `T_m`, `I_x`, `τ`."""
     return Markup(str(symbol(name)).replace("<sub>", "_")).striptags()
 
 
 def quantity(name: str) -> Quantity:
-    """The quantity of a parameter, or of the vector that a component such as `inertia_x` is in."""
+    """Returns the quantity of a parameter, or of the vector of a component such as `inertia_x`."""
     return QUANTITIES[COMPONENTS.get(name, (name, None))[0]]
 
 
 def scale(name: str, values: Any) -> tuple[float, str]:
-    """Shown value per SI value, for numbers without many zeros, and the unit with its power."""
+    """Chooses the power of ten of displayed values, and the unit with it."""
     if factor(name) != 1.0:
         return factor(name), unit(name)
     largest = float(np.max(np.abs(values), initial=0.0))
@@ -75,13 +78,13 @@ def scale(name: str, values: Any) -> tuple[float, str]:
 
 
 def factor(name: str) -> float:
-    """Shown value per SI value: 1000 for short times, shown in ms."""
+    """Returns the displayed value per SI value: 1000 for short times, in ms."""
     known = quantity(name)
     return 1000.0 if known.unit == "s" and known.upper <= 1.0 else 1.0
 
 
 def unit(name: str) -> str:
-    """The unit in which a parameter is shown; empty for a pure number."""
+    """Returns the unit in which a parameter is shown; empty for a pure number."""
     if factor(name) != 1.0:
         return "ms"
     unit_text = quantity(name).unit.replace("sqrt(Hz)", "√Hz")
@@ -110,7 +113,7 @@ def signed(number_text: str) -> str:
 
 
 def with_error(value: float, error: float | None) -> tuple[str, str]:
-    """A difference with its sign, and its standard error.
+    """Returns a difference with its sign, and its standard error.
 
     Both have two digits of the error, from four to nine decimals; `unknown` for an error that is
     not known.
@@ -120,7 +123,7 @@ def with_error(value: float, error: float | None) -> tuple[str, str]:
 
 
 def number(value: Any, digits: int = 4) -> str:
-    """A number in few digits, without trailing zeros."""
+    """Returns a number in few digits, without trailing zeros."""
     value = float(value)
     if not math.isfinite(value):
         return NOTHING
@@ -133,7 +136,7 @@ def number(value: Any, digits: int = 4) -> str:
 
 
 def plural(count: int, noun: str) -> str:
-    """`1 flight`, `2 flights`, `3 policies`."""
+    """Counts things in words: `1 flight`, `2 flights`, `3 policies`."""
     if count == 1:
         return f"1 {noun}"
     return f"{count} {noun[:-1]}ies" if noun.endswith("y") else f"{count} {noun}s"

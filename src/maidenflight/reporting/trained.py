@@ -17,7 +17,7 @@ def read_policies(paths: Sequence[Path]) -> dict[Path, PolicyFile]:
     files = {}
     for path in paths:
         with suppress(UnknownControl):
-            files[path] = policy_file.read(path)
+            files[path] = policy_file.read_policy(path)
     return files
 
 

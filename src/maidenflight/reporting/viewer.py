@@ -17,7 +17,7 @@ _LEVELS = 65534
 
 
 def viewer_data(run: Run) -> dict[str, Any]:
-    """The flights to look at, for the page's scripts; nothing where there are none."""
+    """Returns the flights to look at, for the page's scripts; nothing where there are none."""
     places, flights = runs.viewable(run), runs.flights_to_show(run)
     rate = rate_of(len(places))
     references: list[dict[str, Any] | None] = []
@@ -48,7 +48,7 @@ def viewer_data(run: Run) -> dict[str, Any]:
 
 
 def rate_of(flights: int) -> float:
-    """Rows a second of so many flights [Hz]."""
+    """Returns rows a second of so many flights [Hz]."""
     return next(rate for most, rate in RATES if flights <= most)
 
 

@@ -52,7 +52,7 @@ class GenericQuadrotor:
         return self.nominal
 
     def draw(self, key: Array) -> Parameters:
-        """One drone."""
+        """Returns one drone."""
         drone, numbers = self.nominal, iter(jax.random.uniform(key, (20,)))
 
         def within(name: str) -> Array:
@@ -113,7 +113,7 @@ class DayToDay:
         return self.box.centre
 
     def draw(self, key: Array) -> Parameters:
-        """One drone."""
+        """Returns one drone."""
         box_key, key = jax.random.split(key)
         drone, numbers = self.box.draw(box_key), iter(jax.random.uniform(key, (12,)))
 

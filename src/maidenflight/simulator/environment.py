@@ -74,7 +74,7 @@ class Environment:
         controller: Controller | None = None,
         **settings: Any,
     ) -> Self:
-        """An environment whose commands hold for the controller's period at a drone's time step.
+        """Makes an environment whose commands hold for a controller's period.
 
         Args:
             parameters: one drone; its `time_step` must divide the period between two commands.
@@ -118,15 +118,15 @@ class Environment:
         return max(1, self.estimate_rate // self.controller.interface.rate)
 
     def command_period(self, parameters: Parameters) -> Float[Array, ""]:
-        """Time for which a command holds [s]."""
+        """Returns the time for which a command holds [s]."""
         return self.steps_per_command * parameters.time_step
 
     def control_period(self, parameters: Parameters) -> Float[Array, ""]:
-        """Time for which an action holds [s]."""
+        """Returns the time for which an action holds [s]."""
         return self.commands_per_action * self.command_period(parameters)
 
     def delay_slots(self) -> int:
-        """Length of the delay line, from the controller's nominal rate."""
+        """Returns the length of the delay line, from the controller's nominal rate."""
         return latency.slots(1.0 / self.controller.command_rate)
 
 
@@ -163,7 +163,7 @@ class EnvState(NamedTuple):
 def observe(
     measurement: Measurement, setpoint: Float[Array, "3"], action: Float[Array, "4"]
 ) -> Float[Array, "20"]:
-    """One instant of an observation, in the order of `policy_spec.INSTANT`.
+    """Returns one instant of an observation, in the order of `policy_spec.INSTANT`.
 
     Source: Gronauer et al. 2022, sec. Simulation Environment; the order and the sign of the error
     are those of the authors' code and firmware (the paper writes e = r - t).
@@ -179,12 +179,12 @@ def observe(
 
 
 def remember(history: Float[Array, "H 20"], instant: Float[Array, "20"]) -> Float[Array, "H 20"]:
-    """The history with one more instant and without its oldest."""
+    """Returns the history with one more instant and without its oldest."""
     return jnp.concatenate([history[1:], instant[None]])
 
 
 def observation(environment: Environment, env_state: EnvState) -> Float[Array, "20H+3K+M"]:
-    """The policy's input.
+    """Returns the policy's input.
 
     The last H instants, oldest first, the K points of a look-ahead, and what it remembers.
     """
@@ -201,7 +201,9 @@ def begin(
     parameters: Parameters,
     key: Array,
 ) -> EnvState:
-    """An episode that starts in a given state; its delay line holds the task's first command.
+    """Returns an episode that starts in a given state.
+
+    Its delay line holds the task's first command.
 
     Args:
         environment: what is simulated.
@@ -214,7 +216,7 @@ def begin(
         InputError: the state holds a number that is not finite (told outside compiled functions
             only).
     """
-    state = dynamics.checked(state)
+    state = dynamics.check_state(state)
     normal, uniform = noise.draw(key, 3 + sensors.NORMALS + 3, sensors.UNIFORMS)
     command = environment.task.first_command(parameters)
     bias = sensors.turn_on_bias(parameters, normal[:3])
@@ -248,7 +250,7 @@ def begin(
 
 
 def reset(environment: Environment, parameters: Parameters, key: Array) -> EnvState:
-    """An episode that starts where the task starts it."""
+    """Returns an episode that starts where the task starts it."""
     task_key, key = jax.random.split(key)
     state, time = environment.task.reset(parameters, task_key)
     return begin(environment, state, time, parameters, key)

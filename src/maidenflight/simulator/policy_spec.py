@@ -157,7 +157,7 @@ class PolicySpec:
         return text + (f" memory {self.memory}" if self.memory else "")
 
     def points(self, reference: Trajectory, time: Float[Array, ""]) -> Float[Array, "K 3"]:
-        """Where a reference will be at the points ahead of a time [s], world [m]."""
+        """Returns where a reference will be at the points ahead of a time [s], world [m]."""
         return self.look_ahead.of(reference, time) if self.look_ahead.points else jnp.zeros((0, 3))
 
     def observation(
@@ -191,7 +191,9 @@ class PolicySpec:
         return values
 
     def beyond(self, *known: str) -> str:
-        """Names what sets it apart from the paper's policies, with values; empty if nothing does.
+        """Returns the names what sets it apart from the paper's policies, with values.
+
+        Empty if nothing does.
 
         For consumers that can do without some of it: what is added to this class later they refuse.
 
@@ -202,7 +204,7 @@ class PolicySpec:
         return ", ".join(f"{name} = {value}" for name, value in differences.items())
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for files and records.
+        """Returns plain values for files and records.
 
         History and hidden layers, and what the paper's policies do not have.
         """

@@ -39,7 +39,7 @@ class Distribution(Protocol):
         ...
 
     def draw(self, key: Array) -> Parameters:
-        """One drone."""
+        """Returns one drone."""
         ...
 
 
@@ -60,7 +60,7 @@ class RelativeBox:
         return self.nominal
 
     def draw(self, key: Array) -> Parameters:
-        """One drone."""
+        """Returns one drone."""
         factors = _uniform(self.lower, self.upper, key)
         return jax.tree.map(lambda value, factor: value * factor, self.nominal, factors)
 
@@ -92,7 +92,7 @@ class UniformBox:
         return jax.tree.map(lambda low, high: (low + high) / 2, self.lower, self.upper)
 
     def draw(self, key: Array) -> Parameters:
-        """One drone."""
+        """Returns one drone."""
         return _uniform(self.lower, self.upper, key)
 
     def __str__(self) -> str:
@@ -123,7 +123,7 @@ class Ensemble:
         )
 
     def draw(self, key: Array) -> Parameters:
-        """One drone."""
+        """Returns one drone."""
         number = jax.random.randint(key, (), 0, jnp.shape(self.drones.mass)[0])
         return jax.tree.map(lambda leaf: jnp.asarray(leaf)[number], self.drones)
 
@@ -143,7 +143,7 @@ class Ensemble:
 def relative_box(
     nominal: Parameters, fraction: float = 0.10, fields: Sequence[str] = PAPER_FIELDS
 ) -> RelativeBox:
-    """A box of +-`fraction` about one drone.
+    """Returns a box of +-`fraction` about one drone.
 
     Args:
         nominal: the centre.
@@ -172,7 +172,7 @@ def relative_box(
 
 
 def uniform_box(nominal: Parameters, **ranges: tuple[float, float]) -> UniformBox:
-    """A box of values in SI units, such as `uniform_box(crazyflie(), latency=(0.0, 0.03))`.
+    """Returns a box of values in SI units, such as `uniform_box(crazyflie(), latency=(0.0, 0.03))`.
 
     Args:
         nominal: the values of all other fields.
@@ -230,7 +230,7 @@ rotor torque so large; trained over less, PWM policies flew worse on all others.
 LATER = 0.015
 """Least width of `wide_box` above the latency where that is randomized [s]: no factor widens an
 identified latency of zero, and another link or controller adds milliseconds to any. From 6 to 18 ms
-it costs 0.5 mm on the circle (docs/studies/training.md)."""
+it costs 0.5 mm on the circle (paper/notes/training.md)."""
 TRIM_WIDTHS = {"pwm": 2.0, "attitude_rate": 2.0, "attitude": 1.0}
 """Half width of `wide_box` in constant torques, in their deviations between flights."""
 
@@ -238,9 +238,9 @@ TRIM_WIDTHS = {"pwm": 2.0, "attitude_rate": 2.0, "attitude": 1.0}
 def wide_box(
     nominal: Parameters, structure: str, trims: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0)
 ) -> UniformBox:
-    """A wide box about an identified drone, for policies that fly drones unlike it too.
+    """Returns a wide box about an identified drone, for policies that fly drones unlike it too.
 
-    Chosen by how well policies transfer to virtual drones (docs/studies/randomization.md).
+    Chosen by how well policies transfer to virtual drones (paper/notes/randomization.md).
 
     Args:
         nominal: the identified drone.
@@ -267,7 +267,7 @@ def wide_box(
 
 
 def ensemble(drones: Sequence[Parameters]) -> Ensemble:
-    """An ensemble of given drones.
+    """Returns an ensemble of given drones.
 
     Raises:
         InputError: no drone.

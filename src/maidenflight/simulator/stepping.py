@@ -48,7 +48,7 @@ class Noise(NamedTuple):
 
 
 def draw(environment: Environment, key: Array) -> Noise:
-    """The random numbers of one step."""
+    """Returns the random numbers of one step."""
     estimates = environment.estimates_per_action
     commands = environment.commands_per_action // estimates
     size = commands * 7 + sensors.DRIFT_NORMALS + 3 + sensors.NORMALS + 3
@@ -131,7 +131,7 @@ def step(
         after, _ = until_estimate(env_state, tree.map(lambda numbers: numbers[0], drawn))
     else:
         # A gradient computes the PIDs' 500 Hz loop once more instead of keeping all of it, which is
-        # faster (docs/studies/roofline.md) and changes nothing else.
+        # faster (paper/notes/roofline.md) and changes nothing else.
         again = jax.checkpoint(until_estimate, prevent_cse=False)
         after, _ = lax.scan(again, env_state, drawn)
 
@@ -252,7 +252,7 @@ def spin(
     steps: int | Int[Array, ""],
     parameters: Parameters,
 ) -> Float[Array, "4"]:
-    """Rotor speeds after one command period, without the rest of the drone.
+    """Returns the rotor speeds after one command period, without the rest of the drone.
 
     Args:
         speed: of the rotors when the newest command is given.

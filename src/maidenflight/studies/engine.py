@@ -13,7 +13,7 @@ class Engine(Protocol):
     """Brings tasks to workers. One object is of one run of a study."""
 
     def room(self) -> int:
-        """How many more tasks it takes now."""
+        """Returns how many more tasks it takes now."""
         ...
 
     def submit(self, order: Order) -> None:
@@ -29,7 +29,7 @@ class Engine(Protocol):
         ...
 
     def close(self) -> None:
-        """Ends what is still under way, and gives back what it held."""
+        """Returns ends what is still under way, and gives back what it held."""
         ...
 
 

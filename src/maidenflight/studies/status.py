@@ -68,14 +68,14 @@ def clock(seconds: float | None) -> str:
     return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}"
 
 
-def write(store: Store, now: Progress) -> None:
+def write_status(store: Store, now: Progress) -> None:
     """Writes how far a run is, for `read`."""
     content = dataclasses.asdict(now) | {"written": time.time()}
     store.write(PROGRESS, f"{json.dumps(content, indent=1)}\n")
 
 
-def read(store: Store, study: Study) -> Progress:
-    """How far a study is, by its results and by what its driver wrote last.
+def read_status(store: Store, study: Study) -> Progress:
+    """Returns how far a study is, by its results and by what its driver wrote last.
 
     Raises:
         InputError: what the driver wrote is no such thing.

@@ -32,19 +32,19 @@ class Store(Protocol):
         ...
 
     def keys(self) -> set[str]:
-        """Keys of all results that are there."""
+        """Returns keys of all results that are there."""
         ...
 
     def has(self, key: str) -> bool:
-        """Whether a result is there."""
+        """Returns whether a result is there."""
         ...
 
     def folder(self, key: str) -> Path:
-        """A result's files on this machine."""
+        """Returns a result's files on this machine."""
         ...
 
     def result(self, key: str) -> dict[str, Any]:
-        """What `RESULT` of it holds."""
+        """Returns what `RESULT` of it holds."""
         ...
 
     def remove(self, key: str) -> None:
@@ -52,7 +52,7 @@ class Store(Protocol):
         ...
 
     def making(self, key: str) -> Any:
-        """A context with an empty folder, which becomes the result where nothing is raised."""
+        """Returns a context with an empty folder, which becomes result where nothing is raised."""
         ...
 
     def write(self, name: str, content: str) -> None:
@@ -257,7 +257,7 @@ class Address:
 
 
 def opened(place: inputs.StrPath) -> Store:
-    """The store of a folder, or of an address such as s3://BUCKET/STUDY.
+    """Returns the store of a folder, or of an address such as s3://BUCKET/STUDY.
 
     Raises:
         InputError: see `Address`.

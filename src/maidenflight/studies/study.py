@@ -35,7 +35,7 @@ from maidenflight.inputs import StrPath
 from maidenflight.settings import PENDING, REQUIRED, Setting, plain
 from maidenflight.verb import Verb, find_verb
 
-MOST = 1_000_000
+MAX_TASKS = 1_000_000
 """Tasks of a study at most."""
 _ENTRIES = ("name", "kind", "settings", "grid", "inputs")
 
@@ -100,7 +100,7 @@ def settings_of(verb: type[Verb]) -> dict[str, Setting]:
     return {name: one for name, (_, one) in verb.settings().items() if one.recorded}
 
 
-def read(path: StrPath, cpus: int = 1, gpus: int = 0) -> Study:
+def read_study(path: StrPath, cpus: int = 1, gpus: int = 0) -> Study:
     """Reads a study.
 
     Args:
@@ -130,7 +130,7 @@ def read(path: StrPath, cpus: int = 1, gpus: int = 0) -> Study:
 def of(
     entries: Any, home: StrPath = ".", where: str = "the study", cpus: int = 1, gpus: int = 0
 ) -> Study:
-    """A study of tables.
+    """Returns a study of tables.
 
     Args:
         entries: a list of them, as `read` reads.
@@ -154,8 +154,8 @@ def of(
         known[entry.name] = entry
         with chdir(home):
             expanded_tasks[entry.name] = _expanded(entry, expanded_tasks, digests, (cpus, gpus))
-        if sum(map(len, expanded_tasks.values())) > MOST:
-            raise InputError(f"{where}: more than {MOST} tasks. Make several studies of it.")
+        if sum(map(len, expanded_tasks.values())) > MAX_TASKS:
+            raise InputError(f"{where}: more than {MAX_TASKS} tasks. Make several studies of it.")
     return Study(tuple(itertools.chain(*expanded_tasks.values())), home, tuple(entries), cpus, gpus)
 
 
@@ -225,7 +225,7 @@ def _values(setting: Setting, name: str, values: Any, label: str) -> list[Any]:
     """The values of an axis: a list, or whole numbers from a first one on."""
     if isinstance(values, dict) and values.keys() == {"first", "count"}:
         first, count = values["first"], values["count"]
-        if type(first) is int and type(count) is int and 1 <= count <= MOST:
+        if type(first) is int and type(count) is int and 1 <= count <= MAX_TASKS:
             values = list(range(first, first + count))
     if not isinstance(values, list) or not values:
         raise InputError(
@@ -281,8 +281,8 @@ def _expanded(
         dict(zip(entry.grid, values, strict=True))
         for values in itertools.product(*entry.grid.values())
     ]
-    if len(joined) * len(own) > MOST:
-        raise InputError(f"{entry.label}: more than {MOST} tasks. Make several studies of it.")
+    if len(joined) * len(own) > MAX_TASKS:
+        raise InputError(f"{entry.label}: more than {MAX_TASKS} tasks. Make several studies of it.")
     defaults = {
         name: plain(setting.default)
         for name, setting in settings_of(entry.verb).items()

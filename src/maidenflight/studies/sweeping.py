@@ -19,7 +19,7 @@ from maidenflight.studies import status
 from maidenflight.studies.engine import Engine, Resources
 from maidenflight.studies.status import Progress
 from maidenflight.studies.store import Folder, Store, opened
-from maidenflight.studies.study import Study, Task, of, read, to_cell
+from maidenflight.studies.study import Study, Task, of, read_study, to_cell
 from maidenflight.studies.worker import DONE, LOST, Order, TaskResult, product_of
 from maidenflight.verb import find_verb
 
@@ -64,7 +64,7 @@ def sweep(
     resources = resources or Resources()
     cpus, gpus = resources.cpus, resources.gpus
     study = (
-        read(tasks, cpus, gpus)
+        read_study(tasks, cpus, gpus)
         if isinstance(tasks, str | os.PathLike)
         else of(list(tasks), cpus=cpus, gpus=gpus)
     )
@@ -81,7 +81,7 @@ def sweep(
 
 
 def describe_failures(study: Study, failures: Mapping[str, str], output: StrPath) -> str:
-    """What to say of tasks that failed."""
+    """Returns what to say of tasks that failed."""
     first = next(task for task in study.tasks if task.key in failures)
     waiting = blocked(study, failures)
     rest = f", and {len(waiting)} wait for them" if waiting else ""
@@ -94,7 +94,7 @@ def describe_failures(study: Study, failures: Mapping[str, str], output: StrPath
 
 
 def blocked(study: Study, failures: Mapping[str, str]) -> set[str]:
-    """Keys of tasks whose inputs failed, or are such themselves."""
+    """Returns keys of tasks whose inputs failed, or are such themselves."""
     keys: set[str] = set()
     for task in study.tasks:
         if any(key in failures or key in keys for key in task.inputs.values()):
@@ -181,7 +181,7 @@ class _Driving:
         return not (self._ready or self._running)
 
     def next_order(self, resources: Resources) -> Order | None:
-        """A task to begin, or none."""
+        """Returns a task to begin, or none."""
         if not self._ready:
             return None
         task = self._tasks[self._ready.popleft()]
@@ -253,7 +253,9 @@ class _Driving:
         if on_progress is not None:
             on_progress(now)
         if state != "running" or time.monotonic() - self._written >= _REPORT_S:
-            status.write(self._store, dataclasses.replace(now, running=now.running[: status.NAMED]))
+            status.write_status(
+                self._store, dataclasses.replace(now, running=now.running[: status.NAMED])
+            )
             self._written = time.monotonic()
 
 
@@ -263,7 +265,7 @@ def _place(task: Task) -> str:
 
 
 def gather(study: Study, store: Store, skipped: AbstractSet[str] = frozenset()) -> polars.DataFrame:
-    """One table of the results of a study; writes it too.
+    """Returns one table of the results of a study; writes it too.
 
     Args:
         study: the tasks.

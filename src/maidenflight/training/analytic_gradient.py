@@ -76,7 +76,7 @@ class AnalyticGradient:
     action_change_penalty: float = 0.02
     """Cost of the length of an action's change, beside the task's own. Policies that answer noise
     less keep the motors calm and tolerate more latency, at the same distance from the circle
-    (docs/studies/training.md)."""
+    (paper/notes/training.md)."""
     failure_penalty: float = 5.0
     """Cost of a horizon with a failure: a sigmoid of the task's smallest `failure_margin`. It is
     flat far beyond failure, so that the gradient comes from drones that can still be saved."""
@@ -111,7 +111,7 @@ _MATRIX = optax.contrib.MuonDimensionNumbers()
 
 
 def optimiser_of(settings: AnalyticGradient) -> optax.GradientTransformation:
-    """Muon for the weights of hidden layers and Adam for the rest, with rates along a cosine."""
+    """Makes Muon for weights of hidden layers and Adam for the rest, with rates along a cosine."""
 
     # `optax.cosine_decay_schedule` takes no traced number of steps.
     def decaying(initial: float) -> optax.Schedule:
@@ -148,14 +148,14 @@ SHARDING = Learner(REPLICATED, REPLICATED, SHARDED)  # type: ignore[arg-type]
 def begin(
     env: Environment, settings: AnalyticGradient, boxes: Distribution, keys: Array
 ) -> Learner:
-    """Untrained learners, one per key and distribution of drones, all stacked."""
+    """Returns untrained learners, one per key and distribution of drones, all stacked."""
     return begun(partial(init_learner, env, settings), SHARDING, settings.num_envs, boxes, keys)
 
 
 def init_learner(
     env: Environment, settings: AnalyticGradient, box: Distribution, key: Array
 ) -> Learner:
-    """One untrained learner, with this device's share of the environments."""
+    """Returns one untrained learner, with this device's share of the environments."""
     policy_key, key = jax.random.split(key)
     instances = jax.vmap(partial(randomized_reset, env, box))(
         own(jax.random.split(key, settings.num_envs))
@@ -167,7 +167,7 @@ def init_learner(
 
 
 def hovering(policy: Policy, drones: Parameters) -> Policy:
-    """A policy with last biases that hover the mean of some drones.
+    """Returns a policy with last biases that hover the mean of some drones.
 
     Strong drones hover far from the middle of the range of commands, at which they would leave the
     task's bounds before a gradient tells anything.
@@ -186,7 +186,7 @@ def segment(
     drone: EnvInstance,
     key: Array,
 ) -> tuple[Float[Array, ""], tuple[EnvState, Bool[Array, ""]]]:
-    """Mean cost of one environment over a horizon, its final state, and whether it was lost."""
+    """Returns an environment's mean cost over a horizon, final state, and whether it was lost."""
     task = env.task
 
     def one(
@@ -231,7 +231,9 @@ def segment(
 def unless_lost(
     before: EnvState, after: EnvState, step_result: StepResult
 ) -> tuple[EnvState, Bool[Array, ""]]:
-    """An environment after a step, or as before where it is far beyond failure; and whether it is.
+    """Returns an environment after a step, or as before where it is far beyond failure.
+
+    And whether it is.
 
     Its gradient is of no use there and would overflow.
     """
@@ -247,7 +249,7 @@ def update(
     learner: Learner,
     key: Array,
 ) -> Learner:
-    """One gradient step of one policy.
+    """Returns one gradient step of one policy.
 
     Each device simulates its environments; gradients are averaged over devices.
 

@@ -164,7 +164,7 @@ def stages(path: str | PathLike[str]) -> tuple[int, ...]:
 def restored(
     path: str | PathLike[str], start: Callable[[tuple[int, ...]], T], expected: str
 ) -> tuple[T, tuple[int, ...]]:
-    """The state in a file and its stages, or a new one and none if there is no such file.
+    """Returns the state in a file and its stages, or a new one and none if there is no such file.
 
     Args:
         path: as given to `save`.

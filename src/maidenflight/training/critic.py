@@ -42,7 +42,7 @@ class Critic(NamedTuple):
 
 
 def untrained_critic(key: Array, sizes: tuple[int, ...]) -> Critic:
-    """Kaiming-uniform weights and zero biases.
+    """Draws Kaiming-uniform weights and zero biases.
 
     Source: Gronauer et al. 2022, sec. Zero-Shot Experiments.
     """
@@ -64,7 +64,7 @@ def advantages(
     discount: float,
     gae_lambda: float,
 ) -> Float[Array, "T"]:
-    """Generalised advantage estimation over T successive actions.
+    """Estimates generalised advantages over T successive actions.
 
     Args:
         rewards: of each period.
@@ -91,7 +91,7 @@ def advantages(
 
 
 def moments_of(samples: Float[Array, "n ..."]) -> Moments:
-    """Of the samples of all devices."""
+    """Computes moments of the samples of all devices."""
     mean = lax.pmean(jnp.mean(samples, axis=0), DRONES)
     variance = lax.pmean(jnp.mean((samples - mean[None]) ** 2, axis=0), DRONES)
     return Moments(
@@ -110,5 +110,5 @@ def merged(one: Moments, other: Moments) -> Moments:
 
 
 def value_of(moments: Moments, critic: Critic, observation: Float[Array, "S"]) -> Float[Array, ""]:
-    """Value of an observation that is not yet normalised."""
+    """Returns the value of an observation that is not yet normalised."""
     return critic((observation - moments.mean) / moments.deviation)

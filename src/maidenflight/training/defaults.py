@@ -27,7 +27,7 @@ SETTINGS: dict[str, AnalyticGradient] = {
     "attitude": AnalyticGradient(updates=800, num_envs=128, horizon=16),
 }
 """Default settings by control structure. At a lower rate the same time ahead is fewer periods
-(docs/studies/training.md#how-far-ahead). To separate initial states that can be saved from those
+(paper/notes/training.md#how-far-ahead). To separate initial states that can be saved from those
 that cannot takes more environments."""
 
 HIDDEN_BY_CONTROL: dict[str, tuple[int, ...]] = {"attitude_rate": (75, 75)}
@@ -36,7 +36,7 @@ At 50 Hz most episodes depend on separating initial states, which takes a larger
 Crazyflie with up to four instants."""
 
 DISTILLED_HIDDEN = (32, 32)
-"""Hidden layers of policies by distillation (docs/studies/adaptation.md)."""
+"""Hidden layers of policies by distillation (paper/notes/adaptation.md)."""
 
 REMEMBERING_BY_CONTROL: dict[str, dict[str, int]] = {
     "attitude_rate": {"horizon": 32},
@@ -72,7 +72,7 @@ def choose_randomization(task: str, structure: str) -> float | str:
     """Returns what policies for a task and a control structure are trained over by default.
 
     An attitude-rate policy turns slowly in flight, and falls after some seconds if it has not
-    learned to fly turned: trims in yaw teach it (docs/studies/adaptation.md).
+    learned to fly turned: trims in yaw teach it (paper/notes/adaptation.md).
     """
     if task in tasks.FASTEST:
         return FASTEST_BOX

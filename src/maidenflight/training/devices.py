@@ -24,14 +24,14 @@ SHARDED = PartitionSpec(None, DRONES)
 
 
 def mesh(num_envs: int) -> Mesh:
-    """All devices of all processes, or the most that divide the environments evenly."""
+    """Returns all devices of all processes, or the most that divide the environments evenly."""
     devices = jax.devices()
     count = max(number for number in range(1, len(devices) + 1) if num_envs % number == 0)
     return Mesh(np.array(devices[:count]), (DRONES,))
 
 
 def own(keys: Array) -> Array:
-    """Of one key per environment, those of the environments on this device."""
+    """Selects the keys of the environments on this device."""
     count = keys.shape[0] // lax.axis_size(DRONES)
     return lax.dynamic_slice_in_dim(keys, lax.axis_index(DRONES) * count, count)
 
@@ -39,7 +39,7 @@ def own(keys: Array) -> Array:
 def begun(
     one: Callable[[Any, Array], Learner], sharding: Learner, num_envs: int, boxes: Any, keys: Array
 ) -> Learner:
-    """A learner for each policy, stacked.
+    """Returns a learner for each policy, stacked.
 
     Args:
         one: (drones, key) to a learner with this device's share of the environments.
@@ -81,7 +81,7 @@ def placed(learners: Learner, sharding: Learner, num_envs: int) -> Learner:
 def over_devices(
     fly: Callable[[Any, Any], Any], num_envs: int, episodes: int
 ) -> Callable[[Any, Any], Any]:
-    """Flights of which each device flies its share, on the devices of the learners.
+    """Returns flights of which each device flies its share, on the devices of the learners.
 
     Args:
         fly: (stacked policies, beginnings of episodes with an axis of policies and one of episodes)
@@ -102,7 +102,7 @@ def over_devices(
 
 
 def learning(update: Callable[..., Any], sharding: Any) -> Wrapped:
-    """The function that does updates of a training method, jitted.
+    """Returns the function that does updates of a training method, jitted.
 
     Args:
         update: (environment, settings, drones, learner, key, number of the update) to the learner

@@ -51,7 +51,7 @@ class Distillation(AnalyticGradient):
     """Settings of distillation: those of training by analytic gradients, for each third.
 
     Learning rates and resets were chosen by returns over drones of any make
-    (docs/studies/adaptation.md).
+    (paper/notes/adaptation.md).
     """
 
     updates: int = 4500
@@ -67,7 +67,7 @@ class Distillation(AnalyticGradient):
 
 
 def phase(update: int, updates: int) -> str:
-    """What led to the policy after an update, one of `PHASES`.
+    """Returns what led to the policy after an update, one of `PHASES`.
 
     Args:
         update: number of the update, from 1 on.
@@ -77,7 +77,7 @@ def phase(update: int, updates: int) -> str:
 
 
 def known(drone: Parameters) -> Float[Array, "19"]:
-    """What a teacher is told of a drone, in numbers that do not depend on its size.
+    """Returns what a teacher is told of a drone, in numbers that do not depend on its size.
 
     Logarithms of thrust-to-weight ratio, lag and what the rotors can turn the body by; delays;
     trims and wind; thrust of each rotor; drag.
@@ -128,7 +128,7 @@ class Teacher:
         return weights, biases, self.known_weights
 
     def with_network(self, network: Any) -> "Teacher":
-        """The same teacher with another network."""
+        """Returns the same teacher with another network."""
         weights, biases, known_weights = network
         policy = self.policy.with_network((weights, biases, None))
         return dataclasses.replace(self, policy=policy, told=known_weights)
@@ -149,7 +149,7 @@ SHARDING = _Learner(**_PARTS)  # type: ignore[arg-type]
 
 @partial(jax.jit, static_argnums=0)
 def begin(env: Environment, settings: Distillation, boxes: Distribution, keys: Array) -> _Learner:
-    """Untrained learners and teachers, one per key and distribution of drones, all stacked."""
+    """Returns untrained learners with teachers, one per key and distribution of drones."""
 
     def one(box: Distribution, key: Array) -> _Learner:
         learner = analytic_gradient.init_learner(env, settings, box, key)

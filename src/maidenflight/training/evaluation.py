@@ -29,7 +29,7 @@ class Evaluation(NamedTuple):
     """Distance from the set-point [m], over all steps before failure."""
 
     def beats(self, other: "Evaluation") -> Bool[Array, ""]:
-        """Whether it is better: by survival, to the nearest twentieth, then by return.
+        """Returns whether it is better: by survival, to the nearest twentieth, then by return.
 
         By return alone a drone that crashes at once, and so collects little cost, could beat one
         that flies.
@@ -71,7 +71,9 @@ class Starts(NamedTuple):
 
 @partial(jax.jit, static_argnums=(0, 1), compiler_options=compiler.once())
 def starts_of(env: Environment, episodes: int, boxes: Distribution) -> Starts:
-    """What `evaluate_together` flies from: the same episodes for every evaluation of a training.
+    """Returns what `evaluate_together` flies from.
+
+    The same episodes for every evaluation of a training.
 
     With an axis of policies before that of episodes. A program of its own, so that what flies them
     has less to compile.

@@ -29,7 +29,7 @@ def write_policies(
     hover = round(float(dynamics.hover_command(drone)), 6)
     rotors = {name: parameters.plain(getattr(drone, name)) for name in parameters.GEOMETRY}
     written = [
-        policy_file.write(
+        policy_file.write_policy(
             run_folder.POLICY.path(folder, number),
             policy,
             {**record, "hover": hover, "rotors": rotors, "number": number},
@@ -49,7 +49,7 @@ def _remove_older(folder: Path, count: int) -> None:
             if (
                 number.isdecimal()
                 and int(number) > count
-                and policy_file.read(path).record.get("number") == int(number)
+                and policy_file.read_policy(path).record.get("number") == int(number)
             ):
                 path.unlink()
 

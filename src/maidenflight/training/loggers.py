@@ -20,7 +20,7 @@ each score, `train`'s `on_progress`."""
 def opened(
     names: Sequence[str], folder: str | PathLike[str], policies: int, settings: Mapping[str, Any]
 ) -> Iterator[Listener]:
-    """Several loggers as one; none, where none is named.
+    """Joins several loggers into one; none, where none is named.
 
     Args:
         names: of `registry.LOGGERS`.

@@ -74,7 +74,7 @@ class _Period(NamedTuple):
 
 @partial(jax.jit, static_argnums=0)
 def begin(env: Environment, settings: PPO, boxes: Distribution, keys: Array) -> _Learner:
-    """Untrained learners, one per key and distribution of drones, all stacked."""
+    """Returns untrained learners, one per key and distribution of drones, all stacked."""
 
     def one(box: Distribution, key: Array) -> _Learner:
         policy_key, critic_key, key = jax.random.split(key, 3)
@@ -175,7 +175,7 @@ def _rollout(
 def surrogate(
     ratio: Float[Array, "..."], advantage: Float[Array, "..."], clip: float
 ) -> Float[Array, "..."]:
-    """PPO's clipped objective of actions that are `ratio` times as likely as in the rollout.
+    """Computes PPO's clipped objective of actions `ratio` times as likely as in the rollout.
 
     Source: Schulman et al. 2017, eq. 7.
     """

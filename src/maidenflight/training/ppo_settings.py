@@ -62,7 +62,7 @@ class PPO:
 
     @classmethod
     def paper(cls) -> Self:
-        """The paper's settings: 500 epochs of 64,000 steps, as by 64 workers of 1,000.
+        """Returns the paper's settings: 500 epochs of 64,000 steps, as by 64 workers of 1,000.
 
         What differs: episodes continue from one epoch to the next, while the paper's workers were
         reset; minibatches are drawn from all environments together; the actor's last layer starts

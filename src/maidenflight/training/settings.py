@@ -39,7 +39,7 @@ class Settings(Protocol):
 
 
 def recorded(settings: Settings) -> dict[str, Any]:
-    """Settings as plain values, for records."""
+    """Returns settings as plain values, for records."""
     return {
         name: list(value) if isinstance(value, tuple) else value
         for name, value in asdict(settings).items()

@@ -66,7 +66,7 @@ def validate(
     settings: Settings,
     policy: PolicySpec | Policy,
 ) -> TrainingSpec:
-    """What `train` is asked for by its arguments of these names.
+    """Returns what `train` is asked for by its arguments of these names.
 
     Raises:
         InputError: see `train`; not for settings of no known method.

@@ -69,9 +69,9 @@ if TYPE_CHECKING:
     from maidenflight.studies.engine import Resources
     from maidenflight.studies.status import Progress as Status
     from maidenflight.studies.status import clock
-    from maidenflight.studies.status import read as read_status
+    from maidenflight.studies.status import read_status as read_status
     from maidenflight.studies.store import opened as open_store
-    from maidenflight.studies.study import read as read_study
+    from maidenflight.studies.study import read_study as read_study
     from maidenflight.training import checkpoint, defaults, folder, loggers
     from maidenflight.training.checkpoint import Checkpoint
     from maidenflight.training.scores import Scores

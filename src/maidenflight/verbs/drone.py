@@ -31,7 +31,7 @@ class Drone(Verb):
             return _list()
         kilograms = None if self.mass is None else self.mass / 1e3
         parameters, named = core.parameters, self.drone in core.parameters.DRONES
-        read, name = parameters.read(self.drone, kilograms), parameters.name_of(self.drone)
+        read, name = parameters.read_drone(self.drone, kilograms), parameters.name_of(self.drone)
         sources = parameters.sources(self.drone, kilograms) if named else {}
         content: dict[str, Any] = {
             "name": name,

@@ -63,7 +63,7 @@ class Export(Verb):
             InputError: the file is no policy, or one of ours of another structure; or what is
                 written cannot hold it, or not fly the frame that it was trained for.
         """
-        file = core.policy_file.read(self.policy, self.control)
+        file = core.policy_file.read_policy(self.policy, self.control)
         interface, rotors = file.interface, file.rotors
         if rotors is not None:
             drone = core.parameters.replace(core.crazyflie(), **rotors)

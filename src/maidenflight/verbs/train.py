@@ -215,7 +215,7 @@ class Train(Verb):
     @cached_property
     def start(self) -> "core.PolicyFile | None":
         """Returns the policy that training starts from instead of random weights."""
-        return None if self.initial is None else core.policy_file.read(self.initial)
+        return None if self.initial is None else core.policy_file.read_policy(self.initial)
 
     @cached_property
     def spec(self) -> "core.PolicySpec":
@@ -344,7 +344,7 @@ class Train(Verb):
     def _fly(self, policy: "core.Policy") -> "core.Flight":
         """Flies a policy once, on the drone at the centre of training, to be watched."""
         controller = core.control.controller_for(policy.interface)
-        drone = core.parameters.read(self.drone)
+        drone = core.parameters.read_drone(self.drone)
         centre = core.control.in_fitting_steps(drone, controller)
         test_flights = core.transfer(
             [policy],

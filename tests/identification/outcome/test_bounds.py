@@ -142,7 +142,7 @@ def test_a_drone_at_a_bound_is_refused_by_parameter_and_bound():
 
 @pytest.fixture
 def folder(tmp_path):
-    policy_file.write(
+    policy_file.write_policy(
         tmp_path / "p" / "policy_1.json",
         policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,))),
     )

@@ -20,7 +20,7 @@ from maidenflight.integrations.exporters.authors_json import export_authors_json
 from maidenflight.integrations.exporters.onnx import to_onnx
 from maidenflight.integrations.logs import authors
 from maidenflight.integrations.policies.authors_policy import EPSILON, RATES, interface_of
-from maidenflight.policy_file import from_json, read
+from maidenflight.policy_file import from_json, read_policy
 from maidenflight.simulator.controllers import interface
 from maidenflight.simulator.physics import rotations
 from maidenflight.simulator.physics.sensors import Measurement
@@ -209,7 +209,7 @@ def test_an_unknown_control_structure_or_file_is_refused(tmp_path):
     ):
         from_json(json.dumps(MADE), "here", "position_pid")
     with pytest.raises(InputError, match="cannot be read as a policy"):
-        read(tmp_path / "none.json", "pwm")
+        read_policy(tmp_path / "none.json", "pwm")
 
 
 @pytest.mark.parametrize(
@@ -229,16 +229,16 @@ def test_a_name_a_folder_or_the_caller_says_what_an_authors_policy_commands(
     path = tmp_path / name
     path.parent.mkdir(exist_ok=True)
     path.write_text(json.dumps(MADE))
-    assert read(path, given).interface.name == control
+    assert read_policy(path, given).interface.name == control
 
 
 def test_our_policies_are_told_from_the_authors_by_content(tmp_path):
-    path = policy_file.write(
+    path = policy_file.write_policy(
         tmp_path / "pwm.json", policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(8,)))
     )
-    assert read(path).interface.name == read(path, "pwm").interface.name == "pwm"
+    assert read_policy(path).interface.name == read_policy(path, "pwm").interface.name == "pwm"
     with pytest.raises(InputError, match="a pwm policy, as its file says, not attitude"):
-        read(path, "attitude")
+        read_policy(path, "attitude")
     for text, message in (
         (json.dumps(MADE), "model.json: one of the authors' policies, which do not say"),
         ("{}", "model.json: not a policy, neither ours"),
@@ -248,7 +248,7 @@ def test_our_policies_are_told_from_the_authors_by_content(tmp_path):
     ):
         (tmp_path / "model.json").write_text(text)
         with pytest.raises(InputError, match=message):
-            read(tmp_path / "model.json")
+            read_policy(tmp_path / "model.json")
 
 
 @pytest.mark.parametrize(
@@ -260,7 +260,7 @@ def test_our_policies_are_told_from_the_authors_by_content(tmp_path):
     ],
 )
 def test_published_files_hold_the_networks_that_flew(shared_data, name, control, number):
-    made = read(shared_data / "authors/json_models" / f"{name}.json", control).policy
+    made = read_policy(shared_data / "authors/json_models" / f"{name}.json", control).policy
     archive = np.load(shared_data / "authors/policies.npz")
     (place,) = np.flatnonzero((archive["control"] == control) & (archive["policy"] == number))
     expected = [archive[f"{kind}{layer}"][place] for kind in "Wb" for layer in range(3)]
@@ -389,7 +389,7 @@ def test_the_name_of_what_we_write_says_what_it_commands(tmp_path, name, control
     (path,) = export_authors_json(given, tmp_path, name=name)
     assert path.name == f"{expected}.json"
     if not expected.startswith("attitude_attitude"):
-        assert same(read(path).policy, given)
+        assert same(read_policy(path).policy, given)
 
 
 PUBLISHED = ["pwm_024", "attitude_rate_066", "attitude_021"]
@@ -399,7 +399,7 @@ PUBLISHED = ["pwm_024", "attitude_rate_066", "attitude_021"]
 def test_published_files_are_written_byte_for_byte_and_guarded(shared_data, name):
     """But for the last digit of the check sum, which they computed in float32."""
     path = shared_data / "authors/json_models" / f"{name}.json"
-    published, given = json.loads(path.read_text()), read(path).policy
+    published, given = json.loads(path.read_text()), read_policy(path).policy
     written = json.loads(to_authors_json(given))
     assert damaged(written, "check_sum", to=published["check_sum"]) == path.read_text()
     assert float(written["check_sum"]) == pytest.approx(float(published["check_sum"]), abs=1e-5)
@@ -431,7 +431,7 @@ def test_published_policies_exported_give_what_their_drones_logged(
     one flight of that was not flown by it.
     """
     path = shared_data / "authors/json_models" / f"{name}.json"
-    given = read(path if path.exists() else written_anew(shared_data, tmp_path, name)).policy
+    given = read_policy(path if path.exists() else written_anew(shared_data, tmp_path, name)).policy
     rows = 100 // given.interface.rate
     drone = (
         SimulatedFlight(export_c(given, tmp_path)[0].parent, given.spec.history)

@@ -279,7 +279,9 @@ def said(monkeypatch, capsys, *arguments):
 
 def test_the_command_exports_both_kinds_of_policies_to_everything(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    policy_file.write("mine.json", untrained(jax.random.key(0), spec=PolicySpec(hidden=(8,))))
+    policy_file.write_policy(
+        "mine.json", untrained(jax.random.key(0), spec=PolicySpec(hidden=(8,)))
+    )
     Path("theirs.json").write_text(json.dumps(THEIRS))
     for arguments, files in (
         (["mine.json"], ["firmware/policy.h", "firmware/policy.c"]),
@@ -308,18 +310,18 @@ def test_the_command_exports_both_kinds_of_policies_to_everything(tmp_path, monk
 
 
 def test_c_is_what_is_exported_unless_told_and_as_before(tmp_path):
-    path = policy_file.write(
+    path = policy_file.write_policy(
         tmp_path / "policy_1.json", untrained(jax.random.key(0), spec=PolicySpec(hidden=(8,)))
     )
     given = Export(policy=path, seed=7).run(tmp_path / "given").value
     expected = export_c(
-        policy_file.read(path).policy,
+        policy_file.read_policy(path).policy,
         tmp_path / "expected",
         seed=7,
         record=results.record(
             seed=7,
             inputs=[path],
-            settings={"to": "c", "control": policy_file.read(path).interface.name},
+            settings={"to": "c", "control": policy_file.read_policy(path).interface.name},
         ),
     )
     assert [file.read_bytes() for file in given] == [file.read_bytes() for file in expected]
@@ -347,7 +349,9 @@ def blocks(language):
 
 def test_the_commands_and_the_code_of_the_page_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    policy_file.write("policies/policy_1.json", untrained(jax.random.key(0)), {"hover": 0.58})
+    policy_file.write_policy(
+        "policies/policy_1.json", untrained(jax.random.key(0)), {"hover": 0.58}
+    )
     Path("attitude_rate_066.json").write_text(json.dumps(THEIRS))
     commands = [line for line in blocks("sh")[0].splitlines() if line.startswith("maidenflight ")]
     assert len(commands) >= 4

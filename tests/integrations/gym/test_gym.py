@@ -250,7 +250,7 @@ def test_drones_are_drawn_from_a_box_unless_one_is_named(tmp_path):
     )
     assert str(drones) == str(relative_box(replace(crazyflie(), time_step=0.002)))
     assert world.steps_per_command == 1
-    file = parameters.write(tmp_path / "mine.toml", replace(crazyflie(), mass=0.031))
+    file = parameters.write_drone(tmp_path / "mine.toml", replace(crazyflie(), mass=0.031))
     for given in ("crazyflie", str(file), file, replace(crazyflie(), mass=0.031)):
         assert (
             str(arguments.world("circle", "pwm", given, "2026.08", PolicySpec(), "task", {})[1])

@@ -20,7 +20,7 @@ from maidenflight.simulator.tasks import tasks
 from maidenflight.simulator.tasks.look_ahead import LookAhead
 from numpy_drone import NumpyDrone
 
-PAGE = Path(__file__).parents[3] / "docs" / "realities.md"
+PAGE = Path(__file__).parents[3] / "docs" / "evaluation.md"
 (OURS,) = re.findall(r"^```toml\n(.*?)^```", PAGE.read_text(), re.M | re.S)
 OURS = OURS.replace("onnx_policy/", "")
 

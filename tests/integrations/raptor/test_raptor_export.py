@@ -183,7 +183,7 @@ def test_the_same_policy_seed_and_record_give_the_same_bytes() -> None:
 
 def test_a_file_of_the_form_reads_back_bit_by_bit_and_others_do_not_name_it(tmp_path: Path) -> None:
     one = made()
-    back = policy_file.read(policy_file.write(tmp_path / "policy.json", one)).policy
+    back = policy_file.read_policy(policy_file.write_policy(tmp_path / "policy.json", one)).policy
     assert jax.tree.structure(back) == jax.tree.structure(one)
     for old, new in zip(jax.tree.leaves(one), jax.tree.leaves(back), strict=True):
         np.testing.assert_array_equal(old, new)
@@ -235,7 +235,7 @@ def test_without_the_package_one_error_says_how_to_install_it(
 
 def test_the_command_exports_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    policy_file.write("policy_1.json", made(), {"hover": 0.5})
+    policy_file.write_policy("policy_1.json", made(), {"hover": 0.5})
     cli.commands(["export", "policy_1.json", "--to", "raptor"], standalone_mode=False)
     with h5py.File("raptor_policy/policy.h5") as file:
         record = json.loads(file.attrs["maidenflight"])["record"]
@@ -247,7 +247,7 @@ def test_the_command_and_the_code_of_the_page_run(
 ) -> None:
     pytest.importorskip("foundation_policy", reason="not installed (extra [raptor])")
     monkeypatch.chdir(tmp_path)
-    policy_file.write("mine/policy_1.json", made())
+    policy_file.write_policy("mine/policy_1.json", made())
     page = (Path(__file__).parents[3] / "docs" / "export.md").read_text()
     (section,) = re.findall(r"^## RAPTOR's checkpoint\n(.*?)^## ", page, re.M | re.S)
     (command,), (snippet,) = (

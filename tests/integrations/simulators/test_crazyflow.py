@@ -16,7 +16,7 @@ from maidenflight.integrations.simulators.crazyflow import Crazyflow
 from maidenflight.parameters import replace
 from maidenflight.simulator.physics import dynamics
 from maidenflight.simulator.physics.geometry import TORQUES
-from maidenflight.simulator.realities.reality import checked, reality
+from maidenflight.simulator.realities.reality import check_reality, reality
 
 START = np.array([0.2, -0.1, 1.0])
 needed = pytest.mark.skipif(
@@ -53,7 +53,7 @@ def test_an_unknown_drone_is_refused_and_those_that_are_are_named() -> None:
 
 @needed
 def test_it_hovers_at_its_hover_command(drone: Any) -> None:
-    assert checked(drone) is drone
+    assert check_reality(drone) is drone
     seen = flown(drone, np.full(4, drone.hover), 500)
     np.testing.assert_allclose(seen.position, START, atol=1e-3)
     np.testing.assert_allclose(seen.velocity, 0.0, atol=2e-3)

@@ -16,7 +16,7 @@ from maidenflight.integrations.simulators.l2f import BODIES, L2F
 from maidenflight.parameters import replace
 from maidenflight.simulator.physics import dynamics
 from maidenflight.simulator.physics.geometry import TORQUES
-from maidenflight.simulator.realities.reality import checked, reality
+from maidenflight.simulator.realities.reality import check_reality, reality
 
 START = np.array([0.2, -0.1, 1.0])
 
@@ -52,7 +52,7 @@ def test_without_l2f_or_with_an_unknown_drone_it_says_so(monkeypatch: pytest.Mon
 @pytest.mark.parametrize("name", BODIES)
 def test_it_hovers_at_its_hover_command(name: str) -> None:
     drone = L2F(name)
-    assert checked(drone) is drone
+    assert check_reality(drone) is drone
     seen = flown(drone, np.full(4, drone.hover), 500)
     np.testing.assert_allclose(seen.position, START, atol=1e-3)
     np.testing.assert_allclose(seen.velocity, 0.0, atol=2e-3)

@@ -9,7 +9,7 @@ import pytest
 from maidenflight.errors import InputError
 from maidenflight.parameters import COMPONENTS
 from maidenflight.reporting import text
-from maidenflight.reporting.figures.corner import MOST, corner
+from maidenflight.reporting.figures.corner import MAX_PARAMETERS, corner
 
 NAMES = ["thrust_to_weight", "motor_time_constant", "latency"]
 
@@ -43,10 +43,10 @@ def test_of_a_large_posterior_the_strongest_correlations_are_shown():
     drawn[names[9]] = drawn[names[3]] + 0.1 * drawn[names[9]]
     figure = corner(drawn)
     columns = figure.panels[0]["data"]["columns"]
-    assert len(columns) == MOST
+    assert len(columns) == MAX_PARAMETERS
     assert {names[3], names[9]} <= columns.keys()
     assert len(columns[names[3]]) == 200, "of 300 draws"
-    assert f"300 draws of {MOST} parameters, those of its 12" in figure.title
+    assert f"300 draws of {MAX_PARAMETERS} parameters, those of its 12" in figure.title
 
 
 def test_the_posterior_marks_optimum_and_correlation():

@@ -4,7 +4,7 @@ import polars
 import pytest
 
 from maidenflight.errors import InputError
-from maidenflight.reporting.figures.flight_times import BOXED, MOST, flight_times
+from maidenflight.reporting.figures.flight_times import BOXED, MAX_FLIGHTS, flight_times
 from reporting.drawn import of, rows, titles
 
 
@@ -60,8 +60,8 @@ def test_a_panel_a_reality_and_rows_of_a_group_together():
 
 
 def test_of_many_rows_the_first_are_drawn():
-    figure = flight_times(flights(2, rows=[f"policy {n}" for n in range(MOST + 5)]))
-    assert len({row["row"] for row in rows(figure)}) == MOST
+    figure = flight_times(flights(2, rows=[f"policy {n}" for n in range(MAX_FLIGHTS + 5)]))
+    assert len({row["row"] for row in rows(figure)}) == MAX_FLIGHTS
 
 
 def test_nothing_to_draw_is_refused():

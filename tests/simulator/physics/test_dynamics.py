@@ -512,7 +512,7 @@ def test_thrust_grows_near_the_ground_by_the_cited_formula_and_no_more_than_its_
 
 def test_a_state_with_a_number_that_is_not_finite_is_refused_by_name():
     with pytest.raises(InputError, match=r"state: velocity = \[0.0, nan, 0.0\] is not finite"):
-        dynamics.checked(drone(velocity=(0, np.nan, 0)))
+        dynamics.check_state(drone(velocity=(0, np.nan, 0)))
     with pytest.raises(InputError, match="state: position"):
         environment.begin(
             Environment(), drone(position=(np.inf, 0, 1)), jnp.float32(0), PAPER, jax.random.key(0)

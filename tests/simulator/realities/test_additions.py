@@ -17,7 +17,7 @@ from maidenflight.simulator.realities.around import (
     MotorBiasWrapper,
     SensorWrapper,
 )
-from maidenflight.simulator.realities.reality import checked, reality, seed_of
+from maidenflight.simulator.realities.reality import check_reality, reality, seed_of
 from maidenflight.simulator.realities.stepped import Stepped
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone
 from maidenflight.simulator.tasks import tasks
@@ -57,7 +57,7 @@ def test_a_virtual_drone_gets_other_parameters() -> None:
 
 def test_a_name_that_ends_like_an_addition_is_a_drone(tmp_path: Path) -> None:
     file = tmp_path / "heavy+10ms"
-    parameters.write(file, parameters.crazyflie(), {})
+    parameters.write_drone(file, parameters.crazyflie(), {})
     plain = reality(str(file))
     assert isinstance(plain, VirtualDrone)
     assert plain.parameters.latency == parameters.crazyflie().latency
@@ -95,7 +95,7 @@ def test_a_wrapped_latency_is_that_of_the_simulator(monkeypatch: pytest.MonkeyPa
     monkeypatch.setitem(REALITIES.own, "numpy", lambda seed: NumpyDrone(latency_steps=2))
     late, twin = reality("numpy:0+10ms"), NumpyDrone(latency_steps=12)
     assert isinstance(late, DelayWrapper)
-    assert checked(late) is late
+    assert check_reality(late) is late
     assert late.name == "numpy+10ms"
     commands = 0.58 + 0.05 * np.sin(np.arange(60)[:, None] / 5 + np.arange(4.0))
     for drone in (late, twin):

@@ -9,7 +9,7 @@ from maidenflight import parameters
 from maidenflight.errors import InputError
 from maidenflight.registry import REALITIES
 from maidenflight.simulator.realities import reality as realities
-from maidenflight.simulator.realities.reality import MOTORS, checked, reality
+from maidenflight.simulator.realities.reality import MOTORS, check_reality, reality
 from maidenflight.simulator.realities.virtual_drone import VARIANTS, VirtualDrone
 from numpy_drone import NumpyDrone
 
@@ -51,7 +51,7 @@ def test_a_reality_is_added_by_one_entry(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_a_drones_file_and_a_named_drone_are_realities_at_1_khz(tmp_path: Path) -> None:
     heavy = parameters.replace(parameters.crazyflie(), mass=0.031)
-    parameters.write(tmp_path / "heavy.toml", heavy, {})
+    parameters.write_drone(tmp_path / "heavy.toml", heavy, {})
     made = reality(str(tmp_path / "heavy.toml"))
     assert isinstance(made, VirtualDrone)
     assert made.name == "heavy"
@@ -92,10 +92,10 @@ def test_what_is_no_reality_is_refused_and_what_was_meant_is_named(
 )
 def test_what_lacks_the_protocol_is_no_reality(given: object) -> None:
     with pytest.raises(InputError):
-        checked(given)
+        check_reality(given)
 
 
 def test_what_has_the_protocol_is_a_reality() -> None:
     drone = NumpyDrone()
-    assert checked(drone) is drone
+    assert check_reality(drone) is drone
     assert drone.takes == MOTORS

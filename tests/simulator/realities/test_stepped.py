@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from maidenflight.parameters import noiseless, replace
-from maidenflight.simulator.realities.reality import checked
+from maidenflight.simulator.realities.reality import check_reality
 from maidenflight.simulator.realities.stepped import Stepped
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone
 from numpy_drone import TWIN, NumpyDrone
@@ -16,7 +16,7 @@ START = np.array([0.1, 0.2, 1.0])
 
 def test_it_flies_as_the_independent_transcription_in_numpy() -> None:
     stepped, twin = Stepped(TWIN), NumpyDrone()
-    assert checked(stepped) is stepped
+    assert check_reality(stepped) is stepped
     commands = 0.58 + 0.05 * np.sin(np.arange(100)[:, None] / 5 + np.arange(4.0))
     for drone in (stepped, twin):
         drone.reset(START, 0)

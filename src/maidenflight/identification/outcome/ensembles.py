@@ -26,7 +26,7 @@ _IN_A_TRIM = (HOVERING, *TRIM)
 
 WITHIN_A_DAY = 0.5
 """Standard deviation of a trim between flights of a day, as a share of that between all flights;
-chosen on two thirds of the policies of docs/studies/flight-times.md. By the trims of their flights
+chosen on two thirds of the policies of paper/notes/flight-times.md. By the trims of their flights
 it is 0.3 to 0.5."""
 
 

@@ -35,7 +35,7 @@ _FEWEST_SEGMENTS = 6
 """Segments of flight below which redrawing them says little."""
 USUAL_PERIOD = 0.0125
 """Time between two rows beyond which samples of a PID's commands say little of lag and inertia [s];
-docs/studies/identification.md has figures."""
+paper/notes/identification.md has figures."""
 MAX_MOTOR_NOISE = 0.08
 """Noise of motors beyond which it is not theirs, as a share of full thrust: real Crazyflies have
 0.03 to 0.04."""

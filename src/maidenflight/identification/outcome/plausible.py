@@ -16,7 +16,7 @@ NEXT_FLIGHT = 6
 OTHER_DAY = 0.015
 """Standard deviation of thrust from day to day, a share: that of the air's density over 4.5 K or 15
 hPa, without battery and propellers. Three sets of flights of one Crazyflie differ by 3 % in what
-hovering takes (docs/studies/identification.md)."""
+hovering takes (paper/notes/identification.md)."""
 TOLD = 0.5
 """Share of its variance beforehand below which a parameter's variance must lie for flights to tell
 it: they then say more than is known without them."""
@@ -43,7 +43,7 @@ def prior_ranges(start: Parameters, bounds: Ranges) -> dict[str, tuple[float, fl
     """Plausible ranges about a drone, by parameter; its search bounds for others than these.
 
     They hold what was identified from real Crazyflies and what the virtual drones have
-    (docs/studies/identification.md); torques grow with weight times arm, as do the bounds.
+    (paper/notes/identification.md); torques grow with weight times arm, as do the bounds.
 
     Args:
         start: the drone.

@@ -19,7 +19,7 @@ from maidenflight.parameters import Parameters, crazyflie
 LONGEST_PERIOD = 0.025
 """Time between two rows beyond which nothing is identified [s]. From a PID's flights inertia comes
 out 2.8 times too large at 25 Hz, with a narrow interval, and at 20 Hz the fit fails
-(docs/studies/identification.md)."""
+(paper/notes/identification.md)."""
 AUTO = "auto"
 """Instead of parameters' names: let the flights choose them."""
 

@@ -23,7 +23,7 @@ MOST_LAYERS = 7
 
 
 def to_authors_json(policy: Policy) -> str:
-    """The text of one of the authors' policy files; `policy_file.from_json` reads it back.
+    """Returns the text of one of the authors' policy files; `policy_file.from_json` reads it back.
 
     All numbers read back to the last bit, except standard deviations between 6.1e-5 and 1.2e-4,
     which may be one rounding of float32 off once `EPSILON` is added. The file does not hold the
@@ -101,7 +101,7 @@ def export_authors_json(policy: Policy, directory: StrPath, *, name: str = "poli
         policy: the policy.
         directory: where to write; made if missing.
         name: of the file, without its ending. Unless it begins with the control structure, that is
-            put before it, so that `policy_file.read` knows what the policy commands.
+            put before it, so that `policy_file.read_policy` knows what the policy commands.
 
     Returns:
         The file written, alone in a list.

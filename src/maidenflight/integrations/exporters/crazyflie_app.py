@@ -2,7 +2,7 @@
 
 The app's text is in the folder `crazyflie` beside this module; `policy.h` and `policy.c` come from
 `c`. The app passes the firmware's estimates to the policy and the policy's commands to the
-firmware, checks limits in flight, and hands back to the firmware's PID (docs/crazyflie.md).
+firmware, checks limits in flight, and hands back to the firmware's PID (docs/real-drones.md).
 
 Source: interface, units and signs of the Crazyflie firmware 2026.08 (2a18fc299d7b), described from
 reading; no text of it is used.
@@ -119,7 +119,7 @@ def export_crazyflie(
 
 
 def drives() -> list[str]:
-    """Names of the interfaces whose commands the app can give to the firmware, each a file."""
+    """Lists the interfaces whose commands the app can give to the firmware, each a file."""
     names = [entry.name for entry in _FOLDER.joinpath("src").iterdir()]
     return sorted(name.removesuffix(".drive") for name in names if name.endswith(".drive"))
 

@@ -30,7 +30,7 @@ IR = 8
 def to_onnx(
     policy: Policy, record: Mapping[str, Any] | None = None, hover: float | None = None
 ) -> bytes:
-    """The bytes of an ONNX model. The same arguments give the same bytes.
+    """Returns the bytes of an ONNX model. The same arguments give the same bytes.
 
     Input: `observation`, float32 (batch, 20 H + 3 K), SI units, laid out as `policy_spec.INSTANT`,
     oldest instant first, then the K points of a look-ahead. Outputs: `command`, float32 (batch, 4),

@@ -9,7 +9,7 @@ from typing import Any
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.integrations.gym import rewards
-from maidenflight.parameters import DRONES, Parameters, crazyflie, read
+from maidenflight.parameters import DRONES, Parameters, crazyflie, read_drone
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.environment import Environment
@@ -39,7 +39,7 @@ def world(
     reward: str,
     options: dict[str, Any],
 ) -> tuple[Environment, Distribution]:
-    """What to simulate and which drones to draw.
+    """Returns what to simulate and which drones to draw.
 
     Args:
         task: `"hover"`, `"circle"`, `"take_off"` or `"tracking"`.
@@ -60,12 +60,12 @@ def world(
     controller = _controller(control, firmware)
     drones = _drones(parameters, controller)
     chosen = _task(task, options)
-    chosen = rewards.shaped(chosen) if rewards.checked(reward) == "shaped" else chosen
+    chosen = rewards.shaped(chosen) if rewards.check_reward(reward) == "shaped" else chosen
     return Environment.matching(drones.centre, chosen, controller, spec=spec), drones
 
 
 def checked_render_mode(mode: str | None) -> str | None:
-    """The render mode, if it is one.
+    """Returns the render mode, if it is one.
 
     Raises:
         InputError: it is not.
@@ -87,12 +87,12 @@ def _controller(name: str, firmware: str) -> Controller:
 
 def _drones(drones: Drones, controller: Controller) -> Distribution:
     if drones is None or (isinstance(drones, str) and drones in DRONES):
-        named = crazyflie() if drones is None else read(drones)
+        named = crazyflie() if drones is None else read_drone(drones)
         return relative_box(
             control.in_fitting_steps(named, controller), 0.10 if drones is None else 0.0
         )
     if isinstance(drones, str | os.PathLike):
-        drones = read(drones)
+        drones = read_drone(drones)
     if isinstance(drones, Parameters):
         return relative_box(drones, 0.0)
     if not callable(getattr(drones, "draw", None)):

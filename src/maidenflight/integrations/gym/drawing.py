@@ -69,7 +69,7 @@ class Scene:
         self._trail.clear()
 
     def draw(self, view: View) -> np.ndarray:
-        """One picture: red, green, blue, (480, 640, 3) uint8."""
+        """Returns one picture: red, green, blue, (480, 640, 3) uint8."""
         position, rotation, rotor_speed, setpoint = (np.asarray(part, np.float64) for part in view)
         self._trail.append(position)
         picture = self._still.copy()

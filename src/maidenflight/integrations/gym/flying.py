@@ -49,7 +49,7 @@ position error [m], duration [s]."""
 
 
 def statistics(reason: float, error: float, duration: float) -> dict[str, Any]:
-    """`info` at an episode's end: reason, mean distance from the set-point [m], length [s]."""
+    """Makes an episode's `info`: reason, mean distance from the set-point [m], length [s]."""
     return {
         "end_reason": END_REASONS[int(reason)],
         "position_error": float(error),
@@ -176,10 +176,10 @@ def _grouped(sizes: list[int]) -> list[list[int]]:
 
 @cache
 def program(env: Environment) -> Program:
-    """The compiled functions of an environment."""
+    """Returns the compiled functions of an environment."""
     return Program(env)
 
 
 def first_key(generator: np.random.Generator) -> UInt32[np.ndarray, "2"]:
-    """The key of all episodes that follow a seed; episode n has this key folded with n."""
+    """Returns the key of all episodes that follow a seed; episode n has this key folded with n."""
     return generator.integers(0, 2**32, 2, dtype=np.uint32)

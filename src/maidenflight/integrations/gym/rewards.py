@@ -25,8 +25,8 @@ ACTION_CHANGE_COST = 0.02
 """Cost of the length of an action's change in the shaped reward, a control period."""
 
 
-def checked(reward: str) -> str:
-    """A name in `REWARDS`.
+def check_reward(reward: str) -> str:
+    """Returns a name in `REWARDS`.
 
     Raises:
         InputError: there is no such reward.
@@ -38,7 +38,7 @@ def checked(reward: str) -> str:
 
 @cache
 def shaped(task: Task) -> Task:
-    """The task with a reward of 0 to 1 for each control period flown, whatever the rate.
+    """Returns the task with a reward of 0 to 1 for each control period flown, whatever the rate.
 
     max(0, 0.1 m / (0.1 m + |e|) - 0.01 s |omega| - 0.02 |a - a_previous|), and nothing for a
     failure: it costs the rewards that would have followed.

@@ -163,7 +163,7 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         )
 
     def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """A picture of the drone and its reference, (480, 640, 3) uint8.
+        """Returns a picture of the drone and its reference, (480, 640, 3) uint8.
 
         `None` where no `render_mode` was given.
         """

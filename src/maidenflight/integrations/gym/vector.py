@@ -152,7 +152,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return observations, rewards.astype(np.float64), self._over & ~truncated, truncated, infos
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """A picture of each drone and its reference, (480, 640, 3) uint8.
+        """Returns a picture of each drone and its reference, (480, 640, 3) uint8.
 
         `None` where no `render_mode` was commands.
         """

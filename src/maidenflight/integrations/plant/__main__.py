@@ -1,8 +1,8 @@
 """Serves a simulated drone as the physics of a firmware elsewhere.
 
 `python -m maidenflight.integrations.plant DRONE`. Sensors go out, motor PWM comes in, and a
-millisecond of flight passes only when it has: docs/plant.md has the two messages. With --crazysim
-time does not wait.
+millisecond of flight passes only when it has: `lock_step` describes the two messages. With
+--crazysim time does not wait.
 """
 
 import argparse

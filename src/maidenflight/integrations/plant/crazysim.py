@@ -30,7 +30,7 @@ _GRAVITY = 9.80665
 
 
 def imu(plant: RunningPlant) -> bytes:
-    """Accelerometer and gyro."""
+    """Returns a packet of accelerometer and gyro."""
     acceleration = plant.readings[3:6] / _GRAVITY * _PER_G
     rates = np.degrees(plant.readings[:3]) * _PER_DEGREE
     counts = np.clip(np.round(np.concatenate([acceleration, rates])), -32768, 32767)
@@ -38,12 +38,12 @@ def imu(plant: RunningPlant) -> bytes:
 
 
 def pose(plant: RunningPlant) -> bytes:
-    """Position and attitude, as a motion capture sends them."""
+    """Returns the position and attitude, as a motion capture sends them."""
     return POSE.pack(POSE_HEADER, 8, *plant.readings[6:13].tolist())
 
 
 def motors(packet: bytes) -> np.ndarray | None:
-    """PWM [counts] of a packet of the firmware; None of any other packet."""
+    """Returns the PWM [counts] of a packet of the firmware; None of any other packet."""
     if len(packet) == 9 and packet[0] >> 4 == MOTOR_PORT:
         return np.array(struct.unpack("<4H", packet[1:]), np.float32)
     return None

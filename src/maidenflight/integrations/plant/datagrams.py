@@ -6,7 +6,7 @@ from maidenflight.errors import InputError
 
 
 def listening(address: tuple[str, int], refused: str, advice: str) -> socket.socket:
-    """A socket that listens at an address.
+    """Returns a socket that listens at an address.
 
     Args:
         address: host and port.

@@ -44,7 +44,7 @@ class Served(NamedTuple):
 
 
 def sensors(plant: RunningPlant) -> bytes:
-    """The message of the present."""
+    """Returns the message of the present."""
     fresh = plant.number % POSE_EVERY == 0
     return SENSORS.pack(plant.number, fresh, *plant.readings.tolist())
 

@@ -89,7 +89,7 @@ class PlantState(NamedTuple):
 
 
 def plant_of(drone: VirtualDrone, full_scale_counts: float) -> tuple[Plant, Parameters]:
-    """The plant and the parameters of a virtual drone.
+    """Returns the plant and the parameters of a virtual drone.
 
     Args:
         drone: which.
@@ -106,7 +106,7 @@ def plant_of(drone: VirtualDrone, full_scale_counts: float) -> tuple[Plant, Para
 
 @partial(jax.jit, static_argnums=0)
 def begin(plant: Plant, parameters: Parameters, key: Array) -> PlantState:
-    """The drone on the floor at the origin, level, its motors off."""
+    """Returns the drone on the floor at the origin, level, its motors off."""
     normal, uniform = noise.draw(key, 3 + _NORMALS, sensors.UNIFORMS)
     level = jnp.array([0.0, 0.0, 0.0, 1.0], jnp.float32)
     place = jnp.array([0.0, 0.0, STANDING_HEIGHT_M], jnp.float32)
@@ -131,7 +131,10 @@ def begin(plant: Plant, parameters: Parameters, key: Array) -> PlantState:
 
 @partial(jax.jit, static_argnums=1)
 def draw(key: Array, steps: int) -> Float[Array, "steps N"]:
-    """Random numbers of so many steps; drawn in each, they would take longer than the physics."""
+    """Returns random numbers of so many steps.
+
+    Drawn in each, they would take longer than the physics.
+    """
     normal, uniform = noise.draw(key, steps * _NORMALS, steps * sensors.UNIFORMS)
     return jnp.concatenate([normal.reshape(steps, -1), uniform.reshape(steps, -1)], axis=1)
 

@@ -45,7 +45,7 @@ class Network(NamedTuple):
     deviation: Float[np.ndarray, "inputs"]
 
 
-def read(content: Mapping[str, Any], where: str, control: str | None) -> Policy:
+def read_authors_policy(content: Mapping[str, Any], where: str, control: str | None) -> Policy:
     """Reads the policy of a file of the authors.
 
     Args:
@@ -106,7 +106,7 @@ def _network(content: Mapping[str, Any], where: str) -> Network:
 
 
 def interface_of(control: str) -> ControlInterface:
-    """What policies of the authors' drone command, by the name of the control structure."""
+    """Returns what policies of the authors' drone command, by the name of the control structure."""
     return INTERFACES[control](action_rate=RATES[control])
 
 
@@ -169,4 +169,4 @@ def check_sum(weights: list[np.ndarray], biases: list[np.ndarray]) -> tuple[floa
     return float(values.sum()), size
 
 
-FORMAT = PolicyFormat(MARKS, read)
+FORMAT = PolicyFormat(MARKS, read_authors_policy)

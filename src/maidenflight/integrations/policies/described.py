@@ -152,7 +152,7 @@ class DescribedPolicy:
 
 
 def described(path: StrPath) -> DescribedPolicy:
-    """The policy that a TOML file describes.
+    """Returns the policy that a TOML file describes.
 
     Raises:
         InputError: a package is not installed, or the files do not fit each other.
@@ -160,17 +160,22 @@ def described(path: StrPath) -> DescribedPolicy:
     description = _read(path)
     file = Path(path).parent / str(description["network"])
     if file.suffix != ".zip":
-        description = checked(path, description)
+        description = complete_description(path, description)
         network = onnx_file.network(file, description["output"], str(path))
     else:
         scaled = description.get("normalization")
-        model = stable_baselines.read(file, None if scaled is None else file.parent / str(scaled))
-        description, network = checked(path, {"range": list(model.range)} | description), model.act
+        model = stable_baselines.read_model(
+            file, None if scaled is None else file.parent / str(scaled)
+        )
+        description, network = (
+            complete_description(path, {"range": list(model.range)} | description),
+            model.act,
+        )
     return DescribedPolicy(Path(path).stem, str(path), description, network)
 
 
 def of_own_environment(path: StrPath) -> DescribedPolicy:
-    """A policy of Stable-Baselines3 that our environments trained, by its file alone.
+    """Returns a policy of Stable-Baselines3 that our environments trained, by its file alone.
 
     The file `vecnormalize.pkl` beside it is its scaling of observations where it is there; tables
     then call the policy by both names.
@@ -182,9 +187,9 @@ def of_own_environment(path: StrPath) -> DescribedPolicy:
         InputError: a package is not installed, or the file is another environment's.
     """
     scaling = Path(path).parent / stable_baselines.SCALING
-    model = stable_baselines.read(path, scaling if scaling.is_file() else None)
+    model = stable_baselines.read_model(path, scaling if scaling.is_file() else None)
     name = Path(path).stem + (f"+{scaling.stem}" if scaling.is_file() else "")
-    description = checked(
+    description = complete_description(
         path, {"network": Path(path).name, **stable_baselines.layout(path, model)}
     )
     return DescribedPolicy(name, str(path), description, model.act)
@@ -205,8 +210,8 @@ def _read(path: StrPath) -> dict[str, Any]:
     return dict(content)
 
 
-def checked(path: StrPath, content: Mapping[str, Any]) -> dict[str, Any]:
-    """What a description says, with what is usual where it says nothing.
+def complete_description(path: StrPath, content: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns what a description says, with what is usual where it says nothing.
 
     Raises:
         InputError: something is lacking or unknown, or a value makes no sense.

@@ -14,7 +14,7 @@ Network = Callable[[Float[np.ndarray, "N"]], Float[np.ndarray, "..."]]
 
 
 def network(path: Path, output: str | None, where: str) -> Network:
-    """The network of a file.
+    """Returns the network of a file.
 
     Args:
         path: the ONNX file.

@@ -59,7 +59,7 @@ class Model(NamedTuple):
         return float(low[0]), float(high[0])
 
     def act(self, numbers: Float[np.ndarray, "N"]) -> Float[np.ndarray, "4"]:
-        """The deterministic action.
+        """Returns the deterministic action.
 
         Raises:
             ValueError: it takes another number of inputs.
@@ -73,7 +73,7 @@ class Model(NamedTuple):
         return self.algorithm.predict(observation, deterministic=True)[0]
 
 
-def read(path: StrPath, scaling: StrPath | None = None) -> Model:
+def read_model(path: StrPath, scaling: StrPath | None = None) -> Model:
     """Reads a policy.
 
     Args:
@@ -107,7 +107,7 @@ def read(path: StrPath, scaling: StrPath | None = None) -> Model:
 
 
 def layout(path: StrPath, model: Model) -> dict[str, Any]:
-    """A description, as of a TOML file, of a policy of our own environments.
+    """Returns a description, as of a TOML file, of a policy of our own environments.
 
     Raises:
         InputError: it was trained elsewhere, or does not command the motors.
@@ -117,7 +117,7 @@ def layout(path: StrPath, model: Model) -> dict[str, Any]:
         raise InputError(
             f"{path}: trained in an environment that is none of maidenflight.integrations.gym, or "
             "that was wrapped, so what its numbers are is not known. Describe it in a TOML file "
-            f"with network = {Path(path).name!r} and give that (docs/realities.md)."
+            f"with network = {Path(path).name!r} and give that (docs/evaluation.md)."
         )
     if note["control"] != "pwm":
         raise InputError(

@@ -86,7 +86,7 @@ COMMANDER = 2
 
 
 def with_policy(block: Block) -> Block:
-    """The block with what the controller on board tells."""
+    """Returns the block with what the controller on board tells."""
     return block._replace(variables={**block.variables, ACTIVE: "uint8_t", WHY: "uint8_t"})
 
 
@@ -140,7 +140,7 @@ class Reading(NamedTuple):
 
 
 def reading(values: Mapping[str, float], received: float) -> Reading:
-    """What the last packets of both fast blocks mean together.
+    """Returns what the last packets of both fast blocks mean together.
 
     Args:
         values: log variables in the firmware's units.

@@ -8,11 +8,11 @@ class Clock(Protocol):
     """Tells the time and waits."""
 
     def now(self) -> float:
-        """[s], never backwards."""
+        """Returns the time [s], never backwards."""
         ...
 
     def sleep(self, seconds: float) -> None:
-        """Waits."""
+        """Waits for some seconds."""
         ...
 
 
@@ -20,9 +20,9 @@ class WallClock:
     """The computer's own."""
 
     def now(self) -> float:
-        """[s]."""
+        """Returns the time [s]."""
         return time.monotonic()
 
     def sleep(self, seconds: float) -> None:
-        """Waits."""
+        """Waits for some seconds."""
         time.sleep(max(seconds, 0.0))

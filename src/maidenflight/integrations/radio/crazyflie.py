@@ -214,12 +214,12 @@ class Crazyflie:
         self.received += 1
 
     def write_to(self, rows: RowFile | None) -> None:
-        """Where rows go from now on; nowhere, where there is nothing."""
+        """Returns where rows go from now on; nowhere, where there is nothing."""
         with self._writing:
             self._rows = rows
 
     def parameter(self, name: str) -> float | None:
-        """A parameter's value as it was on connecting.
+        """Returns a parameter's value as it was on connecting.
 
         Nothing where the firmware has none of that name.
         """
@@ -260,7 +260,7 @@ class Crazyflie:
             self._cf.supervisor.send_arming_request(armed)
 
     def close(self) -> None:
-        """Ends the connection."""
+        """Returns ends the connection."""
         if not self._closed:
             self._closed = True
             self._cf.incoming.stop()

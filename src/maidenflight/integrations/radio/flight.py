@@ -54,7 +54,7 @@ LAGGING = 1.0
 STOPPING = 0.5
 """Time over which the motors are told to stop [s]."""
 PROMISED = 7.0
-"""Time from the cause of an ending to motors off [s], the link being up; see docs/pilot.md."""
+"""Time from the cause of an ending to motors off [s], with the link up; see docs/real-drones.md."""
 FIRMWARE_STOPS = 2.0
 """Time without set-points after which the firmware stops the motors [s]. Source: firmware 2026.08,
 commander.h."""

@@ -14,9 +14,10 @@ class Fly(Verb):
     """Fly a real Crazyflie, and log its flights.
 
     The policy on board flies, as an exported app, or the firmware's PID, or a --plan. Read
-    docs/pilot.md first. The firmware's PID takes off before it and lands after it; the log comes by
-    radio at 100 Hz. Ctrl-C hands back to the PID and lands, a second Ctrl-C stops the motors. Every
-    row is on disk as soon as it has come; logs are added to the folder and never replaced.
+    docs/real-drones.md first. The firmware's PID takes off before it and lands after it; the log
+    comes by radio at 100 Hz. Ctrl-C hands back to the PID and lands, a second Ctrl-C stops the
+    motors. Every row is on disk as soon as it has come; logs are added to the folder and never
+    replaced.
     """
 
     output = Output("flown", "Folder for the logs.")

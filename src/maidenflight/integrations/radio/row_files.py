@@ -119,7 +119,7 @@ class RowFile:
 
 
 def to_flight(path: Path) -> tuple[Flight, dict[str, Any], tuple[str, ...]]:
-    """The flight of a file of rows: one row each 10 ms, NaN where a packet is missing.
+    """Returns the flight of a file of rows: one row each 10 ms, NaN where a packet is missing.
 
     Each row is a packet of the state; the motors' values are those of the same instant, or
     interpolated between the two nearest packets.

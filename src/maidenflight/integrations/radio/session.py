@@ -83,7 +83,9 @@ class FlightResult(NamedTuple):
 def reference(
     trajectory: Trajectory, duration: float, height: float, steps: float, seed: int
 ) -> Float[np.ndarray, "N 3"]:
-    """Set-points each 10 ms: a trajectory that begins above the take-off, plus random steps.
+    """Returns set-points each 10 ms.
+
+    A trajectory that begins above the take-off, plus random steps.
 
     On a slow circle a PID reacts to disturbances that are not logged; steps from outside the loop
     make lag and thrust identifiable. Each axis steps by itself, up or down, twice
@@ -107,7 +109,7 @@ def reference(
 
 
 def of_flight_plan(plan: FlightPlan) -> Plan:
-    """What of a flight plan a real drone is asked for: positions and yaw.
+    """Returns what of a flight plan a real drone is asked for: positions and yaw.
 
     Raises:
         InputError: it excites the motors, which no set-point can ask for.
@@ -123,7 +125,7 @@ def of_flight_plan(plan: FlightPlan) -> Plan:
 
 
 def within(room: tuple[float, float, float], limits: Limits) -> Limits:
-    """The limits, narrowed to a room."""
+    """Returns the limits, narrowed to a room."""
     return replace(
         limits,
         fence=min(limits.fence, room[0] / 2, room[1] / 2),
@@ -132,7 +134,7 @@ def within(room: tuple[float, float, float], limits: Limits) -> Limits:
 
 
 def checked_plan(plan: Plan, limits: Limits) -> Plan:
-    """The plan, if it stays within the limits.
+    """Returns the plan, if it stays within the limits.
 
     Raises:
         InputError: it does not.
@@ -175,7 +177,7 @@ def stop_requests() -> Iterator[Callable[[], int]]:
 
 @contextmanager
 def connected(uri: str, clock: Clock, cache: Path | None = None) -> Iterator[Crazyflie]:
-    """A connection that is closed in the end."""
+    """Returns a connection that is closed in the end."""
     drone = Crazyflie(uri, clock, cache)
     try:
         yield drone

@@ -176,7 +176,7 @@ class Watch:
     _since: dict[int, float] = field(default_factory=dict)
 
     def trip(self, status: FlightStatus) -> Trip | None:
-        """The first guard whose reason has lasted long enough."""
+        """Returns the first guard whose reason has lasted long enough."""
         for number, guard in enumerate(self.guards):
             reason = guard.says(status, self.limits)
             if not reason:
@@ -201,7 +201,7 @@ class PreflightState(NamedTuple):
 
 
 def preflight_failures(standing: PreflightState, limits: Limits, needs_policy: bool) -> list[str]:
-    """Why the drone must not take off, each with what to do; empty if it may."""
+    """Returns why the drone must not take off, each with what to do; empty if it may."""
     reading, problems = standing.reading, []
     for bit, what in ((LOCKED, "locked"), (CRASHED, "crashed"), (TUMBLED, "tumbled")):
         if reading.supervisor & bit:
@@ -244,7 +244,7 @@ def preflight_failures(standing: PreflightState, limits: Limits, needs_policy: b
 
 
 def settled(variance: Sequence[Vector], change: float = 0.001, fewest: int = 10) -> bool:
-    """Whether the estimator's variance has come to rest.
+    """Returns whether the estimator's variance has come to rest.
 
     Source: cflib 0.1.34, utils/reset_estimator.py.
     """

@@ -46,7 +46,7 @@ Numbers = NDArray[np.float32]
 def to_raptor(
     policy: Policy, name: str = "policy", seed: int = 0, record: Mapping[str, Any] | None = None
 ) -> bytes:
-    """The bytes of a checkpoint. The same arguments give the same bytes.
+    """Returns the bytes of a checkpoint. The same arguments give the same bytes.
 
     Args:
         policy: a policy of RAPTOR's form.
@@ -116,7 +116,7 @@ Layer = tuple[str, str, dict[str, Numbers]]
 
 
 def layers_of(policy: Policy) -> list[Layer]:
-    """The layers of a policy, with the scaling of observations in the first.
+    """Returns the layers of a policy, with the scaling of observations in the first.
 
     Raises:
         InputError: a scaled weight is too large for float32.
@@ -139,7 +139,7 @@ def layers_of(policy: Policy) -> list[Layer]:
 
 
 def folded(policy: Policy) -> tuple[Numbers, Numbers]:
-    """Weights and biases of a first layer that sees what is not scaled.
+    """Returns weights and biases of a first layer that sees what is not scaled.
 
     Raises:
         InputError: one is too large for float32.

@@ -38,7 +38,7 @@ _LEAST_SHARE = 1e-12
 
 
 def observed(observation: Float[Array, "23"]) -> Float[Array, "22"]:
-    """What the network sees of an observation of ours: one instant and a point ahead."""
+    """Returns what the network sees of an observation of ours: one instant and a point ahead."""
     _, quaternion, velocity, body_rates, error, action, ahead = jnp.split(
         observation, [3, 7, 10, 13, 16, 20]
     )
@@ -55,7 +55,7 @@ def observed(observation: Float[Array, "23"]) -> Float[Array, "22"]:
 
 
 def action_of(output: Float[Array, "4"]) -> Float[Array, "4"]:
-    """The action of PWM control that commands an output's rotor speeds.
+    """Returns the action of PWM control that commands an output's rotor speeds.
 
     What is beyond [-1, 1] stays beyond by as much, and is clipped as any action is.
     """
@@ -64,7 +64,7 @@ def action_of(output: Float[Array, "4"]) -> Float[Array, "4"]:
 
 
 def output_of(action: Float[ArrayLike, "4"]) -> Float[Array, "4"]:
-    """The output within [-1, 1] that commands what an action does."""
+    """Returns the output within [-1, 1] that commands what an action does."""
     share = (jnp.clip(jnp.asarray(action), -1.0, 1.0) + 1.0) / 2.0
     # The root's slope at 0 is infinite.
     return 2.0 * jnp.sqrt(jnp.maximum(share, _LEAST_SHARE)) - 1.0

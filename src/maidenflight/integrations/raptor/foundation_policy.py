@@ -87,7 +87,7 @@ def observed(
     velocity: Float[np.ndarray, "3"],
     last_action: Float[np.ndarray, "4"],
 ) -> Float[np.ndarray, "22"]:
-    """What it sees.
+    """Returns what it sees.
 
     Args:
         measurement: what is known of the drone.

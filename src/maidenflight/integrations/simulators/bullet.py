@@ -78,7 +78,7 @@ class Bullet:
     def simulate(
         self, state: State, commands: Float[ArrayLike, "N 4"], parameters: Parameters
     ) -> State:
-        """A whole flight inside Bullet, in double precision.
+        """Returns a whole flight inside Bullet, in double precision.
 
         Args:
             state: the drone at the start.
@@ -128,7 +128,7 @@ class Bullet:
 
 
 def bullet_drone(seed: int) -> VirtualDrone:
-    """The virtual drone of a seed in PyBullet, with the damping that Bullet has by default.
+    """Returns the virtual drone of a seed in PyBullet, with the damping that Bullet has by default.
 
     Raises:
         InputError: the seed is negative, or PyBullet is not installed.
@@ -138,7 +138,7 @@ def bullet_drone(seed: int) -> VirtualDrone:
 
 
 def named_drone(seed: str) -> VirtualDrone:
-    """The drone of `pybullet:SEED`; see `bullet_drone`."""
+    """Returns the drone of `pybullet:SEED`; see `bullet_drone`."""
     return bullet_drone(seed_of(f"pybullet:{seed}"))
 
 
@@ -186,7 +186,7 @@ class _World:
         )
 
     def step(self, push: list[float]) -> None:
-        """One step under the forces and torque of `_motors`, drag, flapping and damping."""
+        """Returns one step under the forces and torque of `_motors`, drag, flapping and damping."""
         bullet, frame = self.bullet, self.bullet.LINK_FRAME
         forces, further = push[:4], push[4:]
         for force, place in zip(forces, self.places, strict=True):
@@ -210,7 +210,7 @@ class _World:
         bullet.stepSimulation(**self.client)
 
     def read(self) -> list[float]:
-        """Position, velocity, quaternion, body rates."""
+        """Returns position, velocity, quaternion, body rates."""
         position, quaternion = self.bullet.getBasePositionAndOrientation(self.body, **self.client)
         velocity, spin = self.bullet.getBaseVelocity(self.body, **self.client)
         x, y, z, w = quaternion

@@ -82,7 +82,7 @@ class Crazyflow:
         self.reset(np.zeros(3), 0)
 
     def reset(self, position: Float[np.ndarray, "3"], seed: int) -> None:
-        """Hover, level and at rest at a position [m]; nothing here is random."""
+        """Returns hover, level and at rest at a position [m]; nothing here is random."""
         self._command = np.full(4, self.hover)
         self._ask(BEGIN, *np.asarray(position, np.float64), *self._rotor_speeds())
 
@@ -92,12 +92,12 @@ class Crazyflow:
         self._ask(STEP, *self._rotor_speeds(), 0.0, 0.0, 0.0)
 
     def observe(self) -> Measurement:
-        """The true state."""
+        """Returns the true state."""
         parts: Any = np.split(self._state, (3, 6, 10))
         return Measurement(*parts)
 
     def truth(self) -> Truth:
-        """The true state and the last commands."""
+        """Returns the true state and the last commands."""
         position, _, quaternion, rates = np.split(self._state, (3, 6, 10))
         return Truth(position, quaternion, rates, self._command)
 

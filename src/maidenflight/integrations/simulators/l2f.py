@@ -56,7 +56,7 @@ class Body:
     """Time constants of rotor speed up and down [s]."""
 
     def parameters(self) -> Parameters:
-        """The same drone in our model."""
+        """Returns the same drone in our model."""
         full = sum(self.thrust)
         return replace(
             noiseless(crazyflie()),
@@ -77,7 +77,7 @@ class Body:
         )
 
     def described(self) -> dict[str, Any]:
-        """What l2f's JSON says of it."""
+        """Returns what l2f's JSON says of it."""
         drone = self.parameters()
         inverse = np.diag(1.0 / np.array(self.inertia))
         return {
@@ -183,7 +183,7 @@ class L2F:
         self.reset(np.zeros(3), 0)
 
     def reset(self, position: Float[np.ndarray, "3"], seed: int) -> None:
-        """Hover, level and at rest at a position [m]; nothing here is random."""
+        """Returns hover, level and at rest at a position [m]; nothing here is random."""
         l2f = self._l2f
         l2f.initial_state(self._device, self._environment, self._settings, self._state)
         self._state.position = [float(place) for place in position]
@@ -202,7 +202,7 @@ class L2F:
         self._state.assign(self._next)
 
     def observe(self) -> Measurement:
-        """The true state."""
+        """Returns the true state."""
         state: Any = self._state
         parts: Any = (
             np.array(state.position),
@@ -213,7 +213,7 @@ class L2F:
         return Measurement(*parts)
 
     def truth(self) -> Truth:
-        """The true state and the last commands."""
+        """Returns the true state and the last commands."""
         state: Any = self.observe()
         return Truth(state.position, state.quaternion, state.body_rates, self._command)
 

@@ -12,7 +12,7 @@ from maidenflight.reporting.figures.charts import Entry, Figure, Spec
 
 COLOURS = ("blue", "orange", "green", "purple")
 """Of policies; of more than there are colours some share one."""
-MOST = 40
+MAX_PANELS = 40
 """Flights that a panel shows; the rest is in the table."""
 _RATE, _POINTS = 25.0, 20_000
 """Points a second of a line at most [Hz], and points of the picture at most."""
@@ -20,7 +20,7 @@ _CROSS = "M-.7-.7L.7 .7M-.7 .7L.7-.7"
 
 
 def changes(recoveries: polars.DataFrame, flights: Sequence[Flight]) -> Figure:
-    """A panel a reality, a thin line a flight, the colour that of its policy.
+    """Returns a panel a reality, a thin line a flight, the colour that of its policy.
 
     Args:
         recoveries: a row a flight, as `recovery.of_flights` gives them; at least one.
@@ -28,7 +28,9 @@ def changes(recoveries: polars.DataFrame, flights: Sequence[Flight]) -> Figure:
     """
     policies = recoveries["policy"].unique(maintain_order=True).to_list()
     colours = {name: COLOURS[place % len(COLOURS)] for place, name in enumerate(policies)}
-    parts = [part.head(MOST) for _, part in recoveries.group_by("reality", maintain_order=True)]
+    parts = [
+        part.head(MAX_PANELS) for _, part in recoveries.group_by("reality", maintain_order=True)
+    ]
     rows = [flights[place] for part in parts for place in part["place"]]
     step = max(1 / _RATE, sum(one.duration for one in rows) / _POINTS)
     legend = [Entry(name, colour, "thin", name) for name, colour in colours.items()]

@@ -68,19 +68,19 @@ def embedded(content: Any) -> Markup:
 
 
 def paint(colour: str) -> str:
-    """A colour of the page by its name in `colours.css`."""
+    """Returns a colour of the page by its name in `colours.css`."""
     return f"var(--{colour})"
 
 
 def table(columns: Mapping[str, Any]) -> Spec:
-    """Data in columns; numbers in few digits, those that are not finite as null."""
+    """Converts columns to data in few digits; numbers that are not finite become null."""
     return {
         "columns": {name: [_plain(value) for value in values] for name, values in columns.items()}
     }
 
 
 def rows(entries: Sequence[Mapping[str, Any]]) -> Spec:
-    """The same from rows; what a row lacks is null."""
+    """Returns the same from rows; what a row lacks is null."""
     names = dict.fromkeys(name for entry in entries for name in entry)
     return table({name: [entry.get(name) for entry in entries] for name in names})
 
@@ -112,7 +112,7 @@ def panel(
 
 
 def zoom(axes: Sequence[str] = ("x", "y"), name: str = "zoom") -> Spec:
-    """Dragging moves, the wheel with Ctrl zooms, so that a page scrolls past; twice resets."""
+    """Moves by dragging and zooms by the wheel with Ctrl; a double click resets."""
     moved = "[mousedown, window:mouseup] > window:mousemove!"
     wheel = "wheel![event.ctrlKey || event.metaKey]"
     select = {"type": "interval", "encodings": list(axes), "translate": moved, "zoom": wheel}
@@ -120,12 +120,12 @@ def zoom(axes: Sequence[str] = ("x", "y"), name: str = "zoom") -> Spec:
 
 
 def number(name: str, title: str = "", **more: Any) -> Spec:
-    """A channel of numbers."""
+    """Returns a channel of numbers."""
     return {"field": name, "type": "quantitative", "title": title or None, **more}
 
 
 def within(low: float, high: float, **more: Any) -> Spec:
-    """The range of an axis, which then need not hold zero."""
+    """Returns the range of an axis, which then need not hold zero."""
     return {"scale": {"domain": [_plain(low), _plain(high)], "zero": False, "nice": False, **more}}
 
 
@@ -155,7 +155,10 @@ def layer(where: str, mark: Spec, **encoding: Any) -> Spec:
 
 
 def tooltip(fields: Mapping[str, str]) -> list[Spec]:
-    """What is told of a mark under the pointer: labels by the field; numbers in four digits."""
+    """Returns what is told of a mark under the pointer: labels by the field.
+
+    Numbers in four digits.
+    """
     return [
         {"field": name, "title": label, **({"format": ".4~g"} if label.endswith("]") else {})}
         for name, label in fields.items()
@@ -163,7 +166,7 @@ def tooltip(fields: Mapping[str, str]) -> list[Spec]:
 
 
 def coloured(colours: Mapping[str, str], name: str = "series") -> Spec:
-    """A colour for each series, by its name in `colours.css`."""
+    """Returns a colour for each series, by its name in `colours.css`."""
     scale = {"domain": list(colours), "range": [paint(colour) for colour in colours.values()]}
     return {"field": name, "type": "nominal", "scale": scale}
 

@@ -12,7 +12,7 @@ from maidenflight.reporting import text
 from maidenflight.reporting.figures import charts
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec
 
-MOST = 8
+MAX_PARAMETERS = 8
 """Parameters that the corner plot shows at most; of more, letters and clouds are too small to
 read."""
 MAX_POINTS = 200
@@ -29,7 +29,7 @@ def corner(
     optimum: Mapping[str, float] | None = None,
     level: float = LEVEL,
 ) -> Figure:
-    """Posterior samples, each parameter against each other, with distributions on the diagonal.
+    """Draws posterior samples of each pair of parameters, with distributions on the diagonal.
 
     Where there are more than `MOST`, those with the strongest correlations are shown, and the title
     says so.
@@ -52,7 +52,7 @@ def corner(
     if not all(np.isfinite(each).all() for each in values.values()):
         raise InputError("draws of a posterior that are not finite; leave them out.")
     correlation = _correlations(np.array(list(values.values())))
-    places = _most_correlated(correlation, MOST)
+    places = _most_correlated(correlation, MAX_PARAMETERS)
     marginals = [
         _marginal(name, values[name], (optimum or {}).get(name, np.nan), level)
         for name in (list(values)[place] for place in places)

@@ -23,7 +23,7 @@ def delay_posterior(
     estimates: Mapping[str, Estimate],
     truth: Sequence[tuple[float, float]] = (),
 ) -> Figure:
-    """Posterior samples of motor time constant and latency, and ellipses that hold shares of them.
+    """Draws posterior samples of the two delays, and ellipses that hold shares of them.
 
     Args:
         draws: N values by parameter [SI]; an entry of each belongs together.

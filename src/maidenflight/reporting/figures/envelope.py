@@ -20,7 +20,7 @@ _END_WORDS = {
 
 
 def envelope(summary: polars.DataFrame) -> Figure:
-    """A panel an axis, a row a policy and reality.
+    """Returns a panel an axis, a row a policy and reality.
 
     Args:
         summary: what `experiments.envelope.summary` gives.

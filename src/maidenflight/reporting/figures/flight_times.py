@@ -10,7 +10,7 @@ from maidenflight.simulator.tasks.failures import END_REASONS, TIME_LIMIT
 
 COLOURS = {"pwm": "blue", "attitude_rate": "orange", "attitude": "green"}
 """Of control structures, in all pictures."""
-MOST = 90
+MAX_FLIGHTS = 90
 """Rows that a picture shows; the rest is in the table."""
 BOXED = 5
 """Flights from which on a row has a box; fewer stand for themselves."""
@@ -25,7 +25,7 @@ REACHED = END_REASONS[TIME_LIMIT]
 def flight_times(
     rows: polars.DataFrame, title: str = "Flight times", labels: dict[str, str] | None = None
 ) -> Figure:
-    """Box plots: a box holds the middle half of the flights, its thick line is the median.
+    """Draws box plots: a box holds the middle half of the flights, a thick line the median.
 
     Args:
         rows: a row a flight: `row`, `colour` (a name in `colours.css`), `panel`, `duration` [s] and
@@ -48,7 +48,7 @@ def flight_times(
         order = rows["group"].unique(maintain_order=True).to_list()
         place = polars.col("group").replace_strict(order, range(len(order)))
         rows = rows.sort(place, maintain_order=True)
-    names = rows["row"].unique(maintain_order=True).to_list()[:MOST]
+    names = rows["row"].unique(maintain_order=True).to_list()[:MAX_FLIGHTS]
     rows = rows.filter(polars.col("row").is_in(names))
     panels = rows["panel"].unique(maintain_order=True).to_list()
     last = max(1.04 * float(rows["duration"].to_numpy().max()), 0.01)

@@ -46,7 +46,7 @@ def identification(found: Identification, start: Parameters) -> Figure:
 def estimates(
     known: Mapping[str, Estimate], unknown: Mapping[str, tuple[float, float]], beside: Beside
 ) -> Figure:
-    """A row a parameter, each on a scale of its own.
+    """Returns a row a parameter, each on a scale of its own.
 
     Args:
         known: estimates by parameter.

@@ -37,7 +37,7 @@ _SIGNALS = {
 
 
 def horizons(errors: polars.DataFrame) -> Figure:
-    """How the errors of open-loop predictions grow, a line a model with its 95 % interval.
+    """Returns how the errors of open-loop predictions grow, a line a model with its 95 % interval.
 
     Args:
         errors: as `prediction_error` gives them.
@@ -71,7 +71,7 @@ def horizons(errors: polars.DataFrame) -> Figure:
 
 
 def windows(rows: polars.DataFrame) -> Figure:
-    """Logged flight and what models predict of its commands alone, a column a window.
+    """Draws logged flight and predictions from its commands alone, a column a window.
 
     Args:
         rows: as `predicted_windows` gives them.

@@ -18,7 +18,7 @@ _OVER = {"steps": ("simulated steps [million]", 1e-6), "seconds": ("time [s]", 1
 
 
 def learning_curves(scores: polars.DataFrame) -> Figure:
-    """A panel a score: the policies' mean, from the worst to the best, and each.
+    """Returns a panel a score: the policies' mean, from the worst to the best, and each.
 
     Args:
         scores: rows of `policy`, `steps` and the scores, as in training.csv; all policies are

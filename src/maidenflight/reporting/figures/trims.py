@@ -20,7 +20,7 @@ _DISPLAY_FORMATS = {
 
 
 def trims(flights: polars.DataFrame, estimates: Mapping[str, Estimate] | None = None) -> Figure:
-    """A panel a quantity, a dot a flight with its standard error.
+    """Returns a panel a quantity, a dot a flight with its standard error.
 
     Args:
         flights: a row a flight, as `flight_tables.trims` gives them.

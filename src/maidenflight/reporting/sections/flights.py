@@ -36,7 +36,7 @@ _COLUMNS: dict[str, Column | str] = {
 
 
 def tested(run: Run) -> Markup:
-    """Test flights: in space, in a table and in box plots."""
+    """Returns test flights: in space, in a table and in box plots."""
     if run.table is None:
         return Markup()
     rows = run.table.with_columns(panel=polars.col("reality"))
@@ -80,7 +80,7 @@ def _times(title: str, rows: polars.DataFrame) -> Figure | None:
 
 
 def change(run: Run) -> Markup:
-    """Test flights whose drone changes on the way."""
+    """Returns test flights whose drone changes on the way."""
     if run.table is None or not run.flights:
         return Markup()
     recoveries = recovery.of_flights(run.table, run.flights)
@@ -106,7 +106,7 @@ def change(run: Run) -> Markup:
 
 
 def predicted(run: Run) -> Markup:
-    """How long policies would fly on the real drone."""
+    """Returns how long policies would fly on the real drone."""
     if run.prediction is None:
         return Markup()
     rows = run.prediction.with_columns(panel=polars.lit("predicted"))
@@ -139,7 +139,7 @@ def _predictions(test_flights: polars.DataFrame) -> Markup:
 
 
 def recorded(run: Run) -> Markup:
-    """The flights that were recorded, where no others are to be looked at."""
+    """Returns the flights that were recorded, where no others are to be looked at."""
     if run.table is not None:
         return Markup()
     return render(

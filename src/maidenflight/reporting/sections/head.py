@@ -26,7 +26,7 @@ NAMES = {
 
 
 def kind(run: Run) -> str:
-    """The badge: `simulated`, `real` or both, with the flights it holds for; or nothing."""
+    """Returns the badge: `simulated`, `real` or both, with the flights it holds for; or nothing."""
     test_kinds, drawn_from = _kinds_of_tests(run), _drawn_from(run)
     if test_kinds == {True} and drawn_from - {True}:
         return f"{_what(run)} simulated"
@@ -63,7 +63,7 @@ def _what(run: Run) -> str:
 
 
 def drones(run: Run) -> str:
-    """The virtual drones that flew, by name."""
+    """Returns the virtual drones that flew, by name."""
     return _virtual(
         flight.simulated for flight in (*run.recorded, *run.flights) if flight.simulated
     )
@@ -79,7 +79,7 @@ def _virtual(names: Iterable[str]) -> str:
 
 
 def title(run: Run) -> str:
-    """The page's title, plain text."""
+    """Returns the page's title, plain text."""
     if run.estimates and not (run.kinds == SIMULATED and drones(run)):
         description = identified.flights(run.drone, run.kinds, ", ")
         return f"A drone identified from {description}" if description else "An identified drone"
@@ -96,7 +96,7 @@ def title(run: Run) -> str:
 
 
 def summarize(run: Run) -> str:
-    """What this run is, in two or three sentences."""
+    """Returns what this run is, in two or three sentences."""
     trained = (
         [f"{text.plural(run.policies, 'policy')} trained in simulation"] if run.policies else []
     )
@@ -187,13 +187,13 @@ def _on(flights: Iterable[Any]) -> str:
 
 
 def describe_realities(run: Run) -> str:
-    """Where test flights flew, in a few words."""
+    """Returns where test flights flew, in a few words."""
     virtual = _virtual(flight.simulated for flight in run.flights if flight.simulated)
     return f"on {virtual}" if virtual else ""
 
 
 def listed(entries: Iterable[str]) -> str:
-    """`one`, `one and another`, `one, another and a third`; empty of none."""
+    """Joins words: `one`, `one and another`, `one, another and a third`; empty of none."""
     *most, last = [*entries] or [""]
     return f"{', '.join(most)} and {last}" if most else last
 
@@ -208,7 +208,7 @@ class KeyFigure(NamedTuple):
 
 
 def key_figures(run: Run) -> list[KeyFigure]:
-    """The few numbers that matter."""
+    """Returns the few numbers that matter."""
     return [*_of_parameters(run), *_of_training(run), *_of_predictions(run), *_of_flights(run)]
 
 

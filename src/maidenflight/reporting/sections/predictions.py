@@ -16,7 +16,7 @@ from maidenflight.reporting.text import ERRORS, DisplayFormat
 
 
 def section(run: Run) -> Markup:
-    """How well models predict flights."""
+    """Returns how well models predict flights."""
     errors, windows = run.validation, run.windows
     logs, held_out = _held_out(run)
     return render(

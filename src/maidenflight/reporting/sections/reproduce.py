@@ -17,7 +17,7 @@ Row = tuple[str, str | list[str]]
 
 
 def section(run: Run) -> Markup:
-    """How long it took, how each file was made, and what else is in the folder."""
+    """Returns how long it took, how each file was made, and what else is in the folder."""
     return render(
         "reproduce.html",
         stages=run.seconds,

@@ -10,7 +10,7 @@ from maidenflight.reporting.run import Run
 
 
 def section(run: Run) -> Markup:
-    """How policies learned."""
+    """Returns how policies learned."""
     rows = run.training
     if rows is None:
         return Markup()

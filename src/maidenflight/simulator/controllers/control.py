@@ -31,7 +31,7 @@ from maidenflight.simulator.controllers.firmware import (
     tick,
 )
 from maidenflight.simulator.controllers.interface import HIGHEST_RATE_DEG, ControlInterface, Four
-from maidenflight.simulator.controllers.pid import ATTITUDE_RATE, Generation, checked
+from maidenflight.simulator.controllers.pid import ATTITUDE_RATE, Generation, generation_of
 from maidenflight.simulator.physics import rotations
 from maidenflight.simulator.physics.battery import COUNTS
 from maidenflight.simulator.physics.mixing import Mixer, mixer_of
@@ -70,11 +70,11 @@ class Controller(NamedTuple):
     """The same that also turns; None: it does not."""
 
     def acting_at(self, rate: int) -> Self:
-        """The same controller with so many actions a second [Hz]."""
+        """Returns the same controller with so many actions a second [Hz]."""
         return self._replace(interface=replaced(self.interface, rate=rate))
 
     def on(self, drone: Parameters) -> "Controller":
-        """The same controller with the mixer of a drone's frame, where it has one.
+        """Returns the same controller with the mixer of a drone's frame, where it has one.
 
         Args:
             drone: a point, of NumPy's numbers.
@@ -94,7 +94,7 @@ def driven(
     mixed: Callable[[Mixer], Controller] | None = None,
     taking_over: Callable[[Float[Array, "4"], Measurement], Any] | None = None,
 ) -> Controller:
-    """A controller that scales actions as its interface says, and so as exported code does.
+    """Returns a controller that scales actions as its interface says, and so as exported code does.
 
     Args:
         interface: what actions mean.
@@ -121,7 +121,7 @@ def driven(
 
 
 def time_step(controller: Controller, longest: float = 0.005) -> float:
-    """The longest physics step [s] that divides the period between two commands.
+    """Returns the longest physics step [s] that divides the period between two commands.
 
     Args:
         controller: whose commands.
@@ -132,7 +132,7 @@ def time_step(controller: Controller, longest: float = 0.005) -> float:
 
 
 def in_fitting_steps(drone: Parameters, controller: Controller) -> Parameters:
-    """The drone in steps that divide the period between two commands, no longer than its own."""
+    """Returns the drone in time steps that divide the period between two commands."""
     return replace(drone, time_step=np.float32(time_step(controller, float(drone.time_step))))
 
 
@@ -145,7 +145,7 @@ NOTHING = Setpoint(_ZERO, _ZERO, _ZERO, _ZERO, _NO_FORCE, _MODE, _IN_WORLD)
 
 
 def pwm(action_rate: int = 100, full_scale_counts: float = COUNTS) -> Controller:
-    """The policy commands the motors: u = (clip(a, -1, 1) + 1) / 2, at 100 Hz.
+    """Returns the policy commands the motors: u = (clip(a, -1, 1) + 1) / 2, at 100 Hz.
 
     Args:
         action_rate: actions a second [Hz].
@@ -165,7 +165,7 @@ def attitude_rate(
     highest_rate: float = HIGHEST_RATE_DEG,
     full_scale_counts: float = COUNTS,
 ) -> Controller:
-    """The policy asks for collective thrust and body rates at 50 Hz; PIDs follow at 500 Hz.
+    """Returns the policy asks for collective thrust and body rates at 50 Hz; PIDs follow at 500 Hz.
 
     The thrust is 0.5 + 0.5 a_0 of full thrust; roll, pitch and yaw rate are 60 deg/s times a_1,
     a_2, a_3, with a clipped to [-1, 1]. The firmware does not follow a yaw rate itself but the yaw
@@ -194,7 +194,7 @@ def attitude(
     full_scale_counts: float = COUNTS,
     hover: float | None = None,
 ) -> Controller:
-    """The policy asks for collective thrust and attitude at 25 Hz; PIDs follow at 500 Hz.
+    """Returns the policy asks for collective thrust and attitude at 25 Hz; PIDs follow at 500 Hz.
 
     The thrust is 3/4 + a_0 / 6 of full thrust; roll, pitch and yaw are 10 deg times a_1, a_2, a_3,
     with a clipped to [-1, 1]. The least thrust lifts a drone whose thrust-to-weight ratio is above
@@ -304,7 +304,7 @@ DRIVES: dict[str, Callable[[ControlInterface, Generation], Controller]] = {
 
 
 def controller_for(interface: ControlInterface, firmware: str = "2026.08") -> Controller:
-    """The controller that does what an interface says.
+    """Returns the controller that does what an interface says.
 
     Args:
         interface: a policy's.
@@ -319,7 +319,7 @@ def controller_for(interface: ControlInterface, firmware: str = "2026.08") -> Co
             f"control structure {interface.name!r}: not one of {', '.join(DRIVES)}. Give the "
             "controller that the policy was trained for, or enter it in control.DRIVES."
         )
-    return DRIVES[interface.name](interface, checked(firmware))
+    return DRIVES[interface.name](interface, generation_of(firmware))
 
 
 def firmware_units(interface: ControlInterface) -> Four:
@@ -344,7 +344,7 @@ def _pid_rate(interface: ControlInterface) -> int:
 
 
 def sensed(measurement: Measurement) -> StateEstimate:
-    """A measurement in the firmware's units."""
+    """Returns a measurement in the firmware's units."""
     attitude = rotations.to_attitude(measurement.quaternion)
     return StateEstimate(
         measurement.position,

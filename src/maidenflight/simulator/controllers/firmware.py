@@ -109,7 +109,7 @@ LEAST_THRUST_COUNTS = 20000.0
 
 
 def switched_on(fixed: bool = False) -> Memory:
-    """Memory before the first tick.
+    """Returns the memory before the first tick.
 
     Args:
         fixed: whether set-points are for attitude or rate loops and always of one mode, known
@@ -122,7 +122,7 @@ def switched_on(fixed: bool = False) -> Memory:
 
 
 def reset(memory: Memory, state: StateEstimate, firmware: Generation) -> Memory:
-    """All PIDs anew; in 2026.08 the present attitude becomes the last one.
+    """Returns all PIDs anew; in 2026.08 the present attitude becomes the last one.
 
     What was last of position and velocity is of no consequence: they have no derivative.
 
@@ -138,7 +138,7 @@ def reset(memory: Memory, state: StateEstimate, firmware: Generation) -> Memory:
 def position_loops(
     memory: Memory, setpoint: Setpoint, state: StateEstimate, firmware: Generation
 ) -> Memory:
-    """Position and velocity PIDs: what attitude and thrust to ask for.
+    """Returns the position and velocity PIDs: what attitude and thrust to ask for.
 
     Source: position_controller_pid.c, positionController.
     """
@@ -183,7 +183,7 @@ def position_loops(
 def attitude_loops(
     memory: Memory, setpoint: Setpoint, state: StateEstimate, firmware: Generation
 ) -> Memory:
-    """Attitude and rate PIDs: what torque to ask for. Source: controller_pid.c.
+    """Returns the attitude and rate PIDs: what torque to ask for. Source: controller_pid.c.
 
     Attitude_pid_controller.c.
     """
@@ -212,7 +212,7 @@ def mix(
     firmware: Generation,
     mixer: Mixer | None = None,
 ) -> Float[Array, "4"]:
-    """Motor commands [counts] from thrust and roll, pitch, yaw [counts].
+    """Returns the motor commands [counts] from thrust and roll, pitch, yaw [counts].
 
     In 2026.08 they end nowhere; `battery.motor_ratio` and `actuators.actuate` cap them.
 
@@ -245,7 +245,7 @@ def tick(
     attitude_due: Bool[Array, ""] | bool = True,
     mixer: Mixer | None = None,
 ) -> tuple[Memory, Float[Array, "4"]]:
-    """One tick of the cascade.
+    """Returns one tick of the cascade.
 
     Thrust 0 stops the motors, resets the PIDs and makes the present yaw the desired one; so it is
     before the first tick.
@@ -291,7 +291,9 @@ def tick(
 
 
 def balancing(motors: Float[Array, "4"], mixer: Mixer | None = None) -> PIDMemory:
-    """Rate PIDs that have hovered a drone: their integrals hold the torque that it takes.
+    """Returns the rate PIDs that have hovered a drone.
+
+    Their integrals hold the torque that it takes.
 
     As far as their limits; the attitude PIDs hold the rest.
 
@@ -317,7 +319,7 @@ class RateMemory(NamedTuple):
 
 
 def rates_switched_on() -> RateMemory:
-    """Memory before the first `rate_tick`."""
+    """Returns the memory before the first `rate_tick`."""
     zero, zeros = np.float32(0.0), np.zeros(3, np.float32)
     return RateMemory(PIDMemory(zero, zero), PIDMemory(zeros, zeros), zero, np.bool_(True))  # type: ignore[arg-type]
 
@@ -331,7 +333,7 @@ def rate_tick(
     firmware: Generation,
     mixer: Mixer | None = None,
 ) -> tuple[RateMemory, Float[Array, "4"]]:
-    """`tick` for body rate set-points only, without the loops that do not matter then.
+    """Runs `tick` for body rate set-points only, without the loops that do not matter then.
 
     Args:
         memory: of the tick before.
@@ -374,7 +376,7 @@ def _turn(vector: Float[Array, "3"], yaw: Float[Array, ""]) -> Float[Array, "3"]
 
 
 def cut(counts: Float[Array, "..."]) -> Float[Array, "..."]:
-    """Whole counts, cut off towards zero, with the derivative of the uncut."""
+    """Truncates counts towards zero, with the derivative of the identity."""
     return counts + lax.stop_gradient(jnp.trunc(counts) - counts)
 
 

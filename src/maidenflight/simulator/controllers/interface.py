@@ -120,13 +120,13 @@ class ControlInterface:
     def command(
         self, action: Float[Array, "4"], factors: Four = (1.0, 1.0, 1.0, 1.0)
     ) -> Float[Array, "4"]:
-        """The command of an action: `scaled` of what is clipped to [-1, 1]."""
+        """Returns the command of an action: `scaled` of what is clipped to [-1, 1]."""
         return self.scaled(jnp.clip(action, -1.0, 1.0), factors)
 
     def scaled(
         self, action: Float[Array, "4"], factors: Four = (1.0, 1.0, 1.0, 1.0)
     ) -> Float[Array, "4"]:
-        """Centre + span action, without clipping.
+        """Returns centre + span action, without clipping.
 
         Args:
             action: [-].
@@ -151,17 +151,17 @@ class ControlInterface:
         return cast(Four, slope), cast(Four, offset)
 
     def level(self, share: Float[Array, ""]) -> Float[Array, "4"]:
-        """The action that commands a share u of full thrust and zero of everything else."""
+        """Returns the action that commands a share u of full thrust and zero of everything else."""
         slope, offset = (jnp.array(numbers, jnp.float32) for numbers in self.level_line)
         return slope * share + offset
 
     def to_dict(self) -> dict[str, Any]:
-        """For a file."""
+        """Returns plain values for a file."""
         return asdict(self)
 
     @classmethod
     def from_dict(cls, content: Any) -> Self:
-        """What `to_dict` gave, read back.
+        """Returns what `to_dict` gave, read back.
 
         Raises:
             InputError: a field is missing, unknown or not what it should be.
@@ -175,7 +175,7 @@ class ControlInterface:
 
 
 def pwm(action_rate: int = 100, full_scale_counts: float = COUNTS) -> ControlInterface:
-    """Thrust commands of the four motors, u = (clip(a, -1, 1) + 1) / 2.
+    """Returns the thrust commands of the four motors, u = (clip(a, -1, 1) + 1) / 2.
 
     Source: Gronauer et al. 2022, sec. Motor Model and sec. Control Structures.
     """
@@ -188,7 +188,7 @@ def attitude_rate(
     highest_rate: float = HIGHEST_RATE_DEG,
     full_scale_counts: float = COUNTS,
 ) -> ControlInterface:
-    """Collective thrust from 0 to 1 and body rates of up to `highest_rate` [deg/s].
+    """Returns the collective thrust from 0 to 1 and body rates of up to `highest_rate` [deg/s].
 
     Raises:
         InputError: the highest rate is not positive and finite.
@@ -214,7 +214,7 @@ def attitude_rate(
 def attitude(
     action_rate: int = 25, full_scale_counts: float = COUNTS, hover: float | None = None
 ) -> ControlInterface:
-    """Collective thrust about hovering, or from 7/12 to 11/12, and angles of up to 10 deg.
+    """Returns collective thrust about hovering, or from 7/12 to 11/12, and angles of up to 10 deg.
 
     The paper's range of thrust lifts a drone whose thrust-to-weight ratio is above 1.71: it cannot
     descend.

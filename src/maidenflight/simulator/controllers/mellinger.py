@@ -24,7 +24,7 @@ from jaxtyping import Array, Float, Int
 
 from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.controllers.firmware import cut, mix
-from maidenflight.simulator.controllers.pid import ATTITUDE_RATE, Generation, checked
+from maidenflight.simulator.controllers.pid import ATTITUDE_RATE, Generation, generation_of
 from maidenflight.simulator.controllers.position_pid import EXCITATION
 from maidenflight.simulator.physics import rotations
 from maidenflight.simulator.physics.battery import COUNTS
@@ -82,13 +82,13 @@ class Memory(NamedTuple):
 
 
 def switched_on() -> Memory:
-    """Memory before the first tick."""
+    """Returns the memory before the first tick."""
     zero = np.zeros(3, np.float32)
     return Memory(zero, zero, zero, np.int32(0))  # type: ignore[arg-type]
 
 
 def full_state(reference: Trajectory, time: Float[Array, ""], position: Vector) -> FullState:
-    """The full state of a reference at a time; yaw is zero.
+    """Returns the full state of a reference at a time; yaw is zero.
 
     Args:
         reference: of time [s] to position [m].
@@ -112,7 +112,7 @@ def full_state(reference: Trajectory, time: Float[Array, ""], position: Vector) 
 
 
 def desired_axes(force: Vector) -> tuple[Vector, Vector, Vector]:
-    """The body's axes whose z axis is along a force, at a yaw of zero."""
+    """Returns the body's axes whose z axis is along a force, at a yaw of zero."""
     z = force / jnp.linalg.norm(force)
     y = jnp.cross(z, jnp.array([1.0, 0.0, 0.0]))
     y = y / jnp.linalg.norm(y)
@@ -126,7 +126,7 @@ def tick(
     firmware: Generation = "2021.10",
     mixer: Mixer | None = None,
 ) -> tuple[Memory, Float[Array, "4"]]:
-    """One tick of 2 ms.
+    """Returns one tick of 2 ms.
 
     Args:
         memory: of the tick before.
@@ -171,7 +171,7 @@ def mellinger(
     firmware: str = "2021.10",
     full_scale_counts: float = COUNTS,
 ) -> Controller:
-    """A controller that holds a set-point, or follows a reference of which it knows all.
+    """Returns a controller that holds a set-point, or follows a reference of which it knows all.
 
     As with `position_pid` the action is added to the four commands; zero is the plain
     controller.
@@ -186,7 +186,7 @@ def mellinger(
     Raises:
         InputError: there is no such firmware.
     """
-    return _mellinger(reference, checked(firmware), full_scale_counts)
+    return _mellinger(reference, generation_of(firmware), full_scale_counts)
 
 
 @cache

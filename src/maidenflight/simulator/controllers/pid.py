@@ -84,8 +84,8 @@ YAW_GAINS = ATTITUDE_GAINS._replace(
 """Gains of the attitude PID's yaw alone."""
 
 
-def checked(firmware: str) -> Generation:
-    """The generation of that name.
+def generation_of(firmware: str) -> Generation:
+    """Returns the generation of that name.
 
     Raises:
         InputError: there is none.
@@ -99,7 +99,10 @@ def checked(firmware: str) -> Generation:
 
 
 def wrap(angle: Float[Array, "..."]) -> Float[Array, "..."]:
-    """An angle within one and a half turns [deg] to [-180, 180] deg. Source: num.c, capAngle."""
+    """Returns an angle within one and a half turns [deg] to [-180, 180] deg. Source.
+
+    Num.c, capAngle.
+    """
     return jnp.where(angle > 180.0, angle - 360.0, jnp.where(angle < -180.0, angle + 360.0, angle))
 
 
@@ -111,7 +114,7 @@ def pid(
     firmware: Generation,
     heading: bool = False,
 ) -> tuple[PIDMemory, Float[Array, "3"]]:
-    """One update of three PID controllers, or of one.
+    """Returns one update of three PID controllers, or of one.
 
     The output is K_p e + K_d de/dt + K_i (limited integral of e), limited.
 
@@ -149,5 +152,5 @@ def pid(
 
 
 def with_third(vector: Float[Array, "3"], value: Float[Array, ""]) -> Float[Array, "3"]:
-    """The vector with another third component."""
+    """Returns the vector with another third component."""
     return jnp.stack([vector[0], vector[1], value])

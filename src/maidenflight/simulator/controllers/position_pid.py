@@ -11,7 +11,12 @@ from jaxtyping import Array, Float, Int
 from maidenflight.simulator.controllers.control import NOTHING, Controller, Heading, sensed
 from maidenflight.simulator.controllers.firmware import ABSOLUTE, DISABLE, Memory, switched_on, tick
 from maidenflight.simulator.controllers.interface import ControlInterface
-from maidenflight.simulator.controllers.pid import ATTITUDE_RATE, POSITION_RATE, Generation, checked
+from maidenflight.simulator.controllers.pid import (
+    ATTITUDE_RATE,
+    POSITION_RATE,
+    Generation,
+    generation_of,
+)
 from maidenflight.simulator.physics.battery import COUNTS
 from maidenflight.simulator.physics.mixing import Mixer
 from maidenflight.simulator.physics.sensors import Measurement
@@ -37,7 +42,7 @@ EXCITATION = ControlInterface(
 
 
 def position_pid(firmware: str = "2021.10", full_scale_counts: float = COUNTS) -> Controller:
-    """The firmware's cascaded PID, which holds a set-point.
+    """Returns the firmware's cascaded PID, which holds a set-point.
 
     Position and velocity loops run at 100 Hz, attitude and rate loops at 500 Hz.
 
@@ -52,7 +57,7 @@ def position_pid(firmware: str = "2021.10", full_scale_counts: float = COUNTS) -
         InputError: there is no such firmware.
     """
     return _position_pid(
-        checked(firmware), replace(EXCITATION, full_scale_counts=full_scale_counts)
+        generation_of(firmware), replace(EXCITATION, full_scale_counts=full_scale_counts)
     )
 
 

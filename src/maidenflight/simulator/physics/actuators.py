@@ -38,7 +38,7 @@ def ornstein_uhlenbeck(
     parameters: Parameters,
     normal: Float[Array, "4"],
 ) -> Float[Array, "4"]:
-    """Next sample of the actuator noise, an Ornstein-Uhlenbeck process, exact at any time step.
+    """Draws the next actuator noise, an Ornstein-Uhlenbeck process, exact at any time step.
 
     Source: the process of Gronauer et al. 2022, sec. Simulation Environment; Molchanov et al. 2019.
     """
@@ -50,7 +50,7 @@ def ornstein_uhlenbeck(
 
 
 def rotor_speed_command(command: Float[Array, "4"]) -> Float[Array, "4"]:
-    """sqrt(u), with a zero instead of an infinite gradient at u = 0.
+    """Returns sqrt(u), with a zero instead of an infinite gradient at u = 0.
 
     Source: Gronauer et al. 2022, eq:motor-dynamics.
     """

@@ -9,7 +9,7 @@ from maidenflight.simulator.physics import dynamics
 
 
 def balanced(parameters: Parameters) -> Float[Array, "4"]:
-    """Thrust commands u at which the rotors carry the weight and balance the constant torques.
+    """Returns the thrust commands u at which rotors carry the weight and balance the torques.
 
     Within [0, 1]; without torques and weak rotors each is `hover_command`.
     """

@@ -137,7 +137,9 @@ LAWS: Mapping[str, ThrustLaw] = {
 
 
 def law_for(full_scale_counts: float | None) -> ThrustLaw:
-    """The law of the firmware that made a drone's logs: today's where u = 1 is full PWM in them.
+    """Returns the law of the firmware that made a drone's logs.
+
+    Today's where u = 1 is full PWM in them.
 
     The authors' where there are none.
     """
@@ -168,7 +170,7 @@ AUTHORS = Supply(FIRMWARE_2021, COUNTS, battery=True)
 
 
 def motor_ratio(command: Numbers, voltage: Numbers, supply: Supply) -> Numbers:
-    """Motor ratio that the firmware sets for a thrust command, in steps of 1/256.
+    """Returns the motor ratio that the firmware sets for a thrust command, in steps of 1/256.
 
     Args:
         command: u from 0, (..., 4).
@@ -192,13 +194,15 @@ def motor_ratio(command: Numbers, voltage: Numbers, supply: Supply) -> Numbers:
 
 
 def timer_ratio(ratio: Numbers) -> Numbers:
-    """What the motors' 8-bit timer makes of a motor ratio."""
+    """Returns what the motors' 8-bit timer makes of a motor ratio."""
     xp = ratio.__array_namespace__()
     return xp.floor(xp.clip(ratio, 0.0, 1.0) * (MOST_COUNTS / _STEPS)) / _STEPS
 
 
 def thrust_command(ratio: Numbers, voltage: Numbers, supply: Supply) -> Numbers:
-    """Thrust command of a motor ratio: the inverse of `motor_ratio` at the middle of its step.
+    """Returns the thrust command of a motor ratio.
+
+    The inverse of `motor_ratio` at the middle of its step.
 
     Args:
         ratio: motor ratio after compensation; zero means that the motor is off.
@@ -218,7 +222,7 @@ def thrust_command(ratio: Numbers, voltage: Numbers, supply: Supply) -> Numbers:
 def voltage(
     charge_drawn: Float[Array, ""], ratio: Float[Array, "4"], parameters: Parameters
 ) -> Float[Array, ""]:
-    """Battery voltage under load: V = V_0 - (dV/dt) drawn - R mean(ratio) [V].
+    """Returns the voltage under load: V = V_0 - (dV/dt) drawn - R mean(ratio) [V].
 
     A linear model of the middle range of a LiPo cell; ours.
 

@@ -46,7 +46,7 @@ Axes = tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]
 
 
 def rotor_forces(rotor_speed: Float[Array, "4"], parameters: Parameters) -> Float[Array, "4"]:
-    """Thrust of each rotor, F = m g / 4 k_F (c_0 + c_1 nu + (1 - c_0 - c_1) nu^2) [N].
+    """Returns the thrust of each rotor, F = m g / 4 k_F (c_0 + c_1 nu + (1 - c_0 - c_1) nu^2) [N].
 
     Each is multiplied by its rotor's share `rotor_thrust`, 1 for a sound one.
 
@@ -62,7 +62,7 @@ def rotor_forces(rotor_speed: Float[Array, "4"], parameters: Parameters) -> Floa
 
 
 def torque(forces: Float[Array, "4"], parameters: Parameters) -> Axes:
-    """Torque eta [N m] of the rotors on the body about x, y and z.
+    """Returns the torque eta [N m] of the rotors on the body about x, y and z.
 
     It is the sum of y_i F_i, -x_i F_i and d_i M_i, with M_i = k_M1 F_i + k_M2.
 
@@ -84,7 +84,7 @@ def _over_rotors(values: Float[Array, "4"], weights: Float[Array, "4"]) -> Float
 
 
 def further_torque(state: State, spin_up: Float[Array, "4"], parameters: Parameters) -> Axes:
-    """Torque on the body [N m] about x, y and z that the paper's model lacks.
+    """Returns the torque on the body [N m] about x, y and z that the paper's model lacks.
 
     It is zero for the paper's Crazyflie. Four parts: the rotors' pitching moment against the
     flight's direction, -c_f z x v (flapping blades, and rotors above the centre of mass); damping
@@ -124,7 +124,7 @@ def _through_air(state: State, parameters: Parameters) -> Axes:
 
 
 def linear_acceleration(state: State, parameters: Parameters) -> Float[Array, "3"]:
-    """Acceleration of the centre of mass [m/s2], world.
+    """Returns the acceleration of the centre of mass [m/s2], world.
 
     Source: Gronauer et al. 2022, eq:linear-acceleration; rotor drag -R diag(d) R^T v from Faessler
     et al. 2018, eq. 1.
@@ -143,7 +143,7 @@ def linear_acceleration(state: State, parameters: Parameters) -> Float[Array, "3
 def angular_acceleration(
     state: State, spin_up: Float[Array, "4"], parameters: Parameters
 ) -> Float[Array, "3"]:
-    """Angular acceleration [rad/s2], body: I domega/dt = eta - omega x (I omega).
+    """Returns the angular acceleration [rad/s2], body: I domega/dt = eta - omega x (I omega).
 
     eta is the sum of all torques on the body.
 
@@ -170,7 +170,9 @@ def angular_acceleration(
 def motor_derivative(
     rotor_speed: Float[Array, "4"], command: Float[Array, "4"], parameters: Parameters
 ) -> Float[Array, "4"]:
-    """Rate of change of the rotor speeds [1/s]: T_m dnu/dt = sqrt(u) - nu, and less when coasting.
+    """Returns the rate of change of the rotor speeds [1/s].
+
+    T_m dnu/dt = sqrt(u) - nu, and less when coasting.
 
     A motor that slows down lags by T_m `spin_down_ratio` + T_c (nu - sqrt(u)) / nu^2: the time that
     the motor takes and the time that the air takes, one after the other. The air's drag grows with
@@ -215,7 +217,7 @@ def _lags(
 def spin_up(
     rotor_speed: Float[Array, "4"], command: Float[Array, "4"], parameters: Parameters
 ) -> Float[Array, "4"]:
-    """Mean rate of change of the rotor speeds over a step with a constant command [1/s].
+    """Returns mean rate of change of the rotor speeds over a step with a constant command [1/s].
 
     One linearly implicit step, second order and stable at any step size; the trapezoidal rule where
     nothing coasts.
@@ -248,7 +250,7 @@ def _rate_of_change(
 
 
 def derivative(state: State, command: Float[Array, "4"], parameters: Parameters) -> State:
-    """Time derivative of the whole state, f(x, u) of eq:discrete-system-diff-eq."""
+    """Returns the time derivative of the whole state, f(x, u) of eq:discrete-system-diff-eq."""
     spin_up = motor_derivative(state.rotor_speed, command, parameters)
     return State(
         position=state.velocity,
@@ -260,7 +262,9 @@ def derivative(state: State, command: Float[Array, "4"], parameters: Parameters)
 
 
 def euler(state: State, command: Float[Array, "4"], parameters: Parameters) -> State:
-    """One semi-implicit Euler step: motors, velocities, positions, each from the newest values.
+    """Returns one semi-implicit Euler step.
+
+    Motors, velocities, positions, each from the newest values.
 
     First order. PyBullet, the paper's engine, steps the same way.
     """
@@ -281,7 +285,9 @@ def euler(state: State, command: Float[Array, "4"], parameters: Parameters) -> S
 
 
 def midpoint(state: State, command: Float[Array, "4"], parameters: Parameters) -> State:
-    """One step under the forces at its middle: motors (linearly implicit), velocities, positions.
+    """Returns one step under the forces at its middle.
+
+    Motors (linearly implicit), velocities, positions.
 
     Second order for all fast states, at the cost of `euler`. That one applies the forces of a
     step's end and so is half a step early in every integration: at 5 ms steps about 5 ms from
@@ -305,7 +311,7 @@ def midpoint(state: State, command: Float[Array, "4"], parameters: Parameters) -
 
 
 def rk4(state: State, command: Float[Array, "4"], parameters: Parameters) -> State:
-    """One step of the classical fourth-order Runge-Kutta method with a constant command."""
+    """Returns one step of the classical fourth-order Runge-Kutta method with a constant command."""
     dt = parameters.time_step
 
     def shifted(slope: State, by: Float[Array, ""]) -> State:
@@ -321,7 +327,7 @@ def rk4(state: State, command: Float[Array, "4"], parameters: Parameters) -> Sta
 
 
 def floor_reaction(state: State, height: float) -> State:
-    """A drone that would sink below a floor stops on it at once, without a bounce; ours.
+    """Returns a drone that would sink below a floor stops on it at once, without a bounce; ours.
 
     Args:
         state: the drone.
@@ -341,7 +347,7 @@ formula to this end)."""
 
 
 def near_ground(parameters: Parameters, height: Float[Array, ""]) -> Parameters:
-    """The drone near the ground, where the same rotor speed lifts more.
+    """Returns the drone near the ground, where the same rotor speed lifts more.
 
     F (1 + min(c_g / z^2, 4/15)).
 
@@ -358,7 +364,7 @@ def near_ground(parameters: Parameters, height: Float[Array, ""]) -> Parameters:
     return replace(parameters, thrust_to_weight=parameters.thrust_to_weight * (1.0 + gain))
 
 
-def checked(state: State) -> State:
+def check_state(state: State) -> State:
     """Returns a state whose numbers are all finite; inside compiled functions any state.
 
     Raises:
@@ -374,7 +380,7 @@ def checked(state: State) -> State:
 
 
 def hover_command(parameters: Parameters) -> Float[Array, ""]:
-    """The normalised thrust command u [-] at which thrust equals weight.
+    """Returns the normalised thrust command u [-] at which thrust equals weight.
 
     1 / k_F for a quadratic thrust curve (eq:motor-force).
     """
@@ -383,7 +389,7 @@ def hover_command(parameters: Parameters) -> Float[Array, ""]:
 
 
 def speed_for(beyond: Float[Array, "..."], parameters: Parameters) -> Float[Array, "..."]:
-    """The rotor speed nu [-] of a share of full thrust, given beyond the offset of `rotor_forces`.
+    """Returns the rotor speed nu [-] of a share of full thrust beyond the offset.
 
     The root of c_1 nu + (1 - c_0 - c_1) nu^2, in the form that holds where nu^2 has no part.
     """
@@ -393,7 +399,7 @@ def speed_for(beyond: Float[Array, "..."], parameters: Parameters) -> Float[Arra
 
 
 def at_hover(position: Float[Array, "3"], parameters: Parameters) -> State:
-    """A drone at rest and level, its rotors carrying its weight."""
+    """Returns a drone at rest and level, its rotors carrying its weight."""
     speed = jnp.sqrt(hover_command(parameters))
     level = jnp.array([0.0, 0.0, 0.0, 1.0], dtype=jnp.float32)
     return State(position, jnp.zeros(3), level, jnp.zeros(3), jnp.broadcast_to(speed, (4,)))

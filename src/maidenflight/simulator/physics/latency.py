@@ -40,7 +40,7 @@ class DelayLine:
 
 
 def slots(command_period: float) -> int:
-    """Number of commands that a delay line must hold.
+    """Returns the number of commands that a delay line must hold.
 
     Args:
         command_period: time between two commands [s]; periods randomized to be up to 10 % shorter
@@ -77,7 +77,7 @@ def in_front(commands: Float[Array, "slots 4"], number: int) -> Float[Array, "sl
 
 
 def delayed(line: DelayLine, parameters: Parameters, steps: int) -> Float[Array, "steps 4"]:
-    """Mean of the delayed command in each physics step of the newest command's period.
+    """Returns the mean of the delayed command in each physics step of the newest command's period.
 
     Args:
         line: the commands.
@@ -93,7 +93,7 @@ def in_step(
     steps: int | Int[Array, ""],
     number: Int[Array, "..."],
 ) -> Float[Array, "... 4"]:
-    """Mean of the delayed command in physics step `number` of the newest command's period.
+    """Returns mean of the delayed command in physics step `number` of the newest command's period.
 
     Step i sees the commands of the time from (i dt - Delta) to ((i + 1) dt - Delta), where the
     newest command (slot 0) starts at 0 and slot j holds from -j h to (1 - j) h, h = steps dt. A

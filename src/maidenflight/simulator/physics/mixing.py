@@ -30,7 +30,7 @@ _ALIKE = 1e-3
 
 
 def shares(drone: Parameters) -> Float[np.ndarray, "4 4"]:
-    """Each motor's shares of thrust, roll, pitch and yaw, of a point.
+    """Returns each motor's shares of thrust, roll, pitch and yaw, of a point.
 
     Thrust is spread so that it turns the drone about no axis, with a mean of 1. The columns of roll
     and pitch have length 1, that of yaw has length 2.
@@ -41,7 +41,7 @@ def shares(drone: Parameters) -> Float[np.ndarray, "4 4"]:
 
 
 def mixer_of(drone: Parameters) -> Mixer | None:
-    """The mixer of a drone's frame; None where the firmware's own fits it.
+    """Returns the mixer of a drone's frame; None where the firmware's own fits it.
 
     Args:
         drone: a point, of NumPy's numbers.

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 def draw(
     key: Array, normals: int, uniforms: int
 ) -> tuple[Float[Array, "normals"], Float[Array, "uniforms"]]:
-    """Independent random numbers.
+    """Draws independent random numbers.
 
     Args:
         key: random key.

@@ -23,7 +23,7 @@ _ARCTAN: tuple[Any, ...] = tuple(
 
 
 def axes(quaternion: Float[Array, "4"]) -> tuple[tuple[Float[Array, ""], ...], ...]:
-    """The body's x, y and z axes in the world: the columns of the rotation matrix."""
+    """Returns the body's x, y and z axes in the world: the columns of the rotation matrix."""
     x, y, z, w = quaternion
     return (
         (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)),
@@ -33,17 +33,17 @@ def axes(quaternion: Float[Array, "4"]) -> tuple[tuple[Float[Array, ""], ...], .
 
 
 def to_matrix(quaternion: Float[Array, "4"]) -> Float[Array, "3 3"]:
-    """Rotation matrix R of a unit quaternion: world = R body."""
+    """Returns the rotation matrix R of a unit quaternion: world = R body."""
     return jnp.stack([jnp.stack(axis) for axis in axes(quaternion)], axis=1)
 
 
 def body_z(quaternion: Float[Array, "4"]) -> Float[Array, "3"]:
-    """The body's z axis in the world: the last column of the rotation matrix."""
+    """Returns the body's z axis in the world: the last column of the rotation matrix."""
     return jnp.stack(axes(quaternion)[2])
 
 
 def to_attitude(quaternion: Float[Array, "4"]) -> Float[Array, "3"]:
-    """Roll, pitch, yaw [rad] of a unit quaternion; pitch in [-pi/2, pi/2]."""
+    """Returns roll, pitch, yaw [rad] of a unit quaternion; pitch in [-pi/2, pi/2]."""
     x, y, z, w = quaternion
     left, up = 2 * (w * x + y * z), 1 - 2 * (x * x + y * y)
     pitch = arctan2(2 * (w * y - z * x), norm((left, up)))
@@ -51,14 +51,14 @@ def to_attitude(quaternion: Float[Array, "4"]) -> Float[Array, "3"]:
 
 
 def heading(quaternion: Float[Array, "4"]) -> Float[Array, ""]:
-    """Yaw [rad] of a unit quaternion."""
+    """Returns the yaw [rad] of a unit quaternion."""
     x, y, z, w = quaternion
     return arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
 @jax.custom_jvp
 def arctan2(y: Float[Array, "..."], x: Float[Array, "..."]) -> Float[Array, "..."]:
-    """The angle of the point (x, y) from the x axis [rad], in [-pi, pi] and to 3e-7.
+    """Returns the angle of the point (x, y) from the x axis [rad], in [-pi, pi] and to 3e-7.
 
     A loop over many takes a tenth of the time of XLA's own, which calls the C library for each.
 
@@ -86,7 +86,7 @@ def _arctan2_jvp(point: tuple[Array, Array], change: tuple[Array, Array]) -> tup
 
 
 def from_attitude(attitude: Float[Array, "3"]) -> Float[Array, "4"]:
-    """Unit quaternion of roll, pitch, yaw [rad]."""
+    """Returns the unit quaternion of roll, pitch, yaw [rad]."""
     sin_r, sin_p, sin_y = jnp.sin(attitude / 2)
     cos_r, cos_p, cos_y = jnp.cos(attitude / 2)
     return jnp.stack(
@@ -102,7 +102,7 @@ def from_attitude(attitude: Float[Array, "3"]) -> Float[Array, "4"]:
 def quaternion_derivative(
     quaternion: Float[Array, "4"], body_rates: Float[Array, "3"]
 ) -> Float[Array, "4"]:
-    """dq/dt = q (x) (omega, 0) / 2 for body rates omega [rad/s]."""
+    """Returns dq/dt = q (x) (omega, 0) / 2 for body rates omega [rad/s]."""
     x, y, z, w = quaternion
     p, q, r = body_rates
     return 0.5 * like(
@@ -117,6 +117,6 @@ def quaternion_derivative(
 
 
 def normalise(quaternion: Float[Array, "4"]) -> Float[Array, "4"]:
-    """The unit quaternion of the same direction."""
+    """Returns the unit quaternion of the same direction."""
     x, y, z, w = quaternion
     return quaternion * lax.rsqrt(x * x + y * y + z * z + w * w)

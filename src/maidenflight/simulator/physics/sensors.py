@@ -37,7 +37,7 @@ distinguish it from a pure random walk."""
 
 
 def turn_on_bias(parameters: Parameters, normal: Float[Array, "3"]) -> Float[Array, "3"]:
-    """Gyro bias [rad/s] at power-on.
+    """Draws the gyro bias [rad/s] at power-on.
 
     Args:
         parameters: uses `gyro_turn_on_bias`.
@@ -54,7 +54,9 @@ def walk_bias(
     parameters: Parameters,
     normal: Float[Array, "3"],
 ) -> Float[Array, "3"]:
-    """The gyro's bias after some time: a first-order Gauss-Markov process, exact at any time step.
+    """Returns the gyro's bias after some time.
+
+    A first-order Gauss-Markov process, exact at any time step.
 
     Source: Furrer et al. 2016 (RotorS): sigma_b^2 tau / 2 (1 - exp(-2 t / tau)).
     """
@@ -70,7 +72,7 @@ def walk_estimate(
     parameters: Parameters,
     normal: Float[Array, "3"],
 ) -> Float[Array, "6"]:
-    """Random-walk drift of the estimated position [m] and velocity [m/s] after some time.
+    """Draws the drift of the estimated position [m] and velocity [m/s] after some time.
 
     What a Kalman filter's measurement corrects moves both alike: in the authors' flights the steps
     of horizontal position and velocity correlate by 0.92 to 0.97.
@@ -103,7 +105,7 @@ def low_pass(
     elapsed: Float[Array, ""],
     parameters: Parameters,
 ) -> Float[Array, "3"]:
-    """The gyro's low-pass filter after some time: tau_g dy/dt = omega - y.
+    """Returns the gyro's low-pass filter after some time: tau_g dy/dt = omega - y.
 
     Exact for body rates that change linearly.
 
@@ -125,7 +127,7 @@ def gyro_noise(
     parameters: Parameters,
     normal: Float[Array, "3"],
 ) -> Float[Array, "3"]:
-    """Noise of the gyro's next reading [rad/s].
+    """Returns the noise of the gyro's next reading [rad/s].
 
     White noise behind a Butterworth filter of second order: two readings 2 ms apart have most of it
     in common, two 10 ms apart none. An autoregression of first order, whose coefficient is the
@@ -153,7 +155,7 @@ def measure(
     normal: Float[Array, "9"],
     uniform: Float[Array, "6"],
 ) -> Measurement:
-    """One noisy reading of the state.
+    """Returns one noisy reading of the state.
 
     Position and attitude carry Gaussian and uniform noise, velocity Gaussian noise. The attitude
     noise is a small rotation in the body frame, which for small tilt is what adding noise to roll,
@@ -186,7 +188,7 @@ def accelerometer(
     gravity: float,
     generator: np.random.Generator,
 ) -> Float[np.ndarray, "N 3"]:
-    """What an accelerometer behind its low-pass filter reads in a flight [m/s2].
+    """Returns what an accelerometer behind its low-pass filter reads in a flight [m/s2].
 
     Args:
         velocity: true velocity, world [m/s].
@@ -217,7 +219,7 @@ def remember(past: Float[Array, "memory 10"], state: State) -> Float[Array, "mem
 def delayed(
     past: Float[Array, "memory 10"], state: State, period: Float[Array, ""], parameters: Parameters
 ) -> State:
-    """The state with its position, velocity and attitude `estimator_delay` old.
+    """Returns the state with its position, velocity and attitude `estimator_delay` old.
 
     Interpolated between remembered instants.
 

@@ -20,7 +20,7 @@ class Entries:
     Over many drones each entry is an array with one number a drone, and XLA makes of a formula a
     few loops that the processor's vector units do whole. Of arrays with three or four numbers a
     drone, whose entries are cut out and stacked, it makes loops of single numbers: physics then
-    takes twice as long (docs/studies/roofline.md).
+    takes twice as long (paper/notes/roofline.md).
     """
 
     __array_ufunc__ = None
@@ -44,7 +44,7 @@ class Entries:
 
     @classmethod
     def tree_unflatten(cls, _: None, numbers: Iterable[Any]) -> "Entries":
-        """Entries of a pytree's leaves."""
+        """Returns entries of a pytree's leaves."""
         return cls(numbers)
 
     def _with(self, operation: Callable[[Any, Any], Any], other: Any) -> "Entries":
@@ -75,28 +75,28 @@ class Entries:
 
 
 def entries(vectors: Tree) -> Tree:
-    """A pytree with its vectors as `Entries`; scalars stay what they are."""
+    """Returns a pytree with its vectors as `Entries`; scalars stay what they are."""
     return tree.map(lambda leaf: Entries(leaf) if jnp.ndim(leaf) else leaf, vectors)
 
 
 def like(template: Any, computed: Iterable[Any]) -> Any:
-    """A vector of some entries, in the form of another: an array or `Entries`."""
+    """Returns a vector of some entries, in the form of another: an array or `Entries`."""
     return Entries(computed) if isinstance(template, Entries) else jnp.stack(list(computed))
 
 
 def each(function: Callable[..., Any], *vectors: Any) -> Any:
-    """A function of numbers, of the entries of each vector."""
+    """Returns a function of numbers, of the entries of each vector."""
     if any(isinstance(vector, Entries) for vector in vectors):
         return Entries(function(*numbers) for numbers in zip(*vectors, strict=True))
     return function(*vectors)
 
 
 def norm(vector: Float[Array, "n"] | tuple[Array, ...]) -> Float[Array, ""]:
-    """Euclidean norm whose gradient at zero is zero, not NaN."""
+    """Returns the Euclidean norm, whose gradient at zero is zero, not NaN."""
     square = squared(vector)
     return jnp.where(square == 0, 0.0, jnp.sqrt(jnp.where(square == 0, 1.0, square)))
 
 
 def squared(vector: Float[Array, "n"] | tuple[Array, ...]) -> Float[Array, ""]:
-    """Sum of squares, written out as in `dynamics`."""
+    """Returns the sum of squares, written out as in `dynamics`."""
     return reduce(add, [entry * entry for entry in vector])

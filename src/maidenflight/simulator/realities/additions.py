@@ -56,7 +56,7 @@ class Perturbation(NamedTuple):
 
 
 def split(name: str) -> tuple[str, list[str]]:
-    """A reality's name without what it adds, and what that is, in order, such as `["10ms"]`."""
+    """Splits a reality's name into its plain name and its additions, such as `["10ms"]`."""
     added: list[str] = []
     while match := _ADDITION.fullmatch(name):
         name, added = match["before"], [match["what"], *added]
@@ -64,13 +64,16 @@ def split(name: str) -> tuple[str, list[str]]:
 
 
 def jump_of(name: str) -> float | None:
-    """When a reality of a name changes in the course of a flight [s]; None where it does not."""
+    """Returns when a reality of a name changes in the course of a flight [s].
+
+    None where it does not.
+    """
     times = [_read(one).at for one in split(name)[1]]
     return next((at for at in times if at is not None), None)
 
 
 def with_additions(drone: Any, added: list[str]) -> Any:
-    """A reality with what its name adds.
+    """Returns a reality with what its name adds.
 
     Args:
         drone: a `VirtualDrone`, or one that follows the `Reality` protocol.
@@ -146,7 +149,9 @@ def _changed(own: Parameters, one: Perturbation, name: str) -> Parameters:
 
 
 def loaded(drone: Parameters, share: float) -> Parameters:
-    """A drone with a payload at its centre of mass: thrust [N], torques and air drag [N] stay.
+    """Returns a drone with a payload at its centre of mass.
+
+    Thrust [N], torques and air drag [N] stay.
 
     Args:
         drone: which; also stacked or traced.

@@ -36,7 +36,7 @@ SENSORS = MappingProxyType(
 
 
 def milliseconds(seconds: float) -> str:
-    """As names of realities say them: `10ms`."""
+    """Formats a time as names of realities do: `10ms`."""
     return f"{1000 * seconds:g}ms"
 
 
@@ -102,7 +102,7 @@ class DelayWrapper(_Wrapper):
         super().step(self._line.popleft())
 
     def truth(self) -> Any:
-        """The true state, and the command given last."""
+        """Returns the true state, and the command given last."""
         return super().truth()._replace(command=self._given)
 
 
@@ -146,7 +146,7 @@ class MotorBiasWrapper(_Wrapper):
         super().step(np.clip(self._shares * (self._given + self._more), 0.0, 1.0))
 
     def truth(self) -> Any:
-        """The true state, and the command given last."""
+        """Returns the true state, and the command given last."""
         return super().truth()._replace(command=self._given)
 
 
@@ -197,7 +197,7 @@ class SensorWrapper(_Wrapper):
             self._estimate(state)
 
     def observe(self) -> Measurement:
-        """What the sensors say after the last step."""
+        """Returns what the sensors say after the last step."""
         rates = np.asarray(self._filtered) + self._bias + np.asarray(self._shaken)
         return self._estimated._replace(body_rates=rates)  # pyright: ignore
 

@@ -86,11 +86,11 @@ class Reality(Protocol):
         ...
 
     def observe(self) -> Measurement:
-        """What the sensors say now."""
+        """Returns what the sensors say now."""
         ...
 
     def truth(self) -> Truth:
-        """The true state now."""
+        """Returns the true state now."""
         ...
 
 
@@ -98,7 +98,7 @@ AnyReality = VirtualDrone | Reality
 
 
 def reality(name: str) -> AnyReality:
-    """A reality by name.
+    """Returns a reality by name.
 
     Args:
         name: `NAME:SEED` with one of `VARIANTS`; `NAME:SEED@DRONE`, drawn about a drone's TOML
@@ -121,13 +121,13 @@ def reality(name: str) -> AnyReality:
         return _virtual_about(drawn_name, centre)
     kind, _, rest = name.partition(":")
     if is_drone(name):
-        drone = parameters.replace(parameters.read(name), time_step=0.001)
+        drone = parameters.replace(parameters.read_drone(name), time_step=0.001)
         law = law_for(parameters.full_scale_counts(name))
         return VirtualDrone(parameters.name_of(name), drone, thrust_law=law)
     if kind in VARIANTS:
         return virtual_drone(seed_of(name), kind)
     if rest and kind in REALITIES:
-        return checked(REALITIES[kind](rest))
+        return check_reality(REALITIES[kind](rest))
     if rest and not rest.isdecimal():
         return _imported(kind, rest)
     raise InputError(
@@ -151,7 +151,7 @@ def seed_of(name: str) -> int:
 
 
 def is_drone(name: str) -> bool:
-    """Whether a reality's name is that of a drone or of a drone's file."""
+    """Returns whether a reality's name is that of a drone or of a drone's file."""
     return name in parameters.DRONES or os.path.exists(name)
 
 
@@ -164,11 +164,11 @@ def _virtual_about(drawn_name: str, centre: str) -> VirtualDrone:
             " before @, such as virtual:7@drone.toml."
         )
     law = law_for(parameters.full_scale_counts(centre))
-    drone = virtual_drone(int(seed), kind, parameters.read(centre), law)
+    drone = virtual_drone(int(seed), kind, parameters.read_drone(centre), law)
     return dataclasses.replace(drone, name=f"{drone.name}-{Path(centre).stem}")
 
 
-def checked(candidate: Any) -> AnyReality:
+def check_reality(candidate: Any) -> AnyReality:
     """Returns a reality.
 
     Raises:
@@ -220,6 +220,6 @@ def _imported(module: str, factory: str) -> AnyReality:
             f"{', '.join(name for name in vars(imported) if not name.startswith('_'))}."
         )
     try:
-        return checked(make())
+        return check_reality(make())
     except InputError as error:
         raise InputError(f"{where}: {error}") from error

@@ -38,7 +38,7 @@ class Stepped:
         self.reset(np.zeros(3), 0)
 
     def reset(self, position: Float[np.ndarray, "3"], seed: int) -> None:
-        """Hover, level and at rest at a position [m], with the noise of a seed."""
+        """Returns hover, level and at rest at a position [m], with the noise of a seed."""
         self._key, self._steps = jax.random.key(seed), 0
         place = jnp.asarray(position, jnp.float32)
         self._state: EnvState = _begin(self._environment, place, self.parameters, self._key)
@@ -53,11 +53,11 @@ class Stepped:
         self._state = _step(*world, self._key, self._steps)
 
     def observe(self) -> Measurement:
-        """What its sensors say."""
+        """Returns what its sensors say."""
         return self._state.measurement
 
     def truth(self) -> Truth:
-        """The true state and the last commands."""
+        """Returns the true state and the last commands."""
         state: Any = self._state.state
         return Truth(state.position, state.quaternion, state.body_rates, self._command)
 

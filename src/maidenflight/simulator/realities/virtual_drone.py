@@ -80,7 +80,7 @@ class VirtualDrone:
             )
 
     def supply(self, full_scale_counts: float) -> Supply:
-        """What becomes of thrust commands, of which 1 stands for so many counts."""
+        """Returns what becomes of thrust commands, of which 1 stands for so many counts."""
         return Supply(self.thrust_law, full_scale_counts, battery=self.thrust_law is not None)
 
     def environment(
@@ -91,7 +91,7 @@ class VirtualDrone:
         spec: PolicySpec = PolicySpec(),
         changing: bool = False,
     ) -> Environment:
-        """The environment in which this drone flies a task under a control structure.
+        """Returns the environment in which this drone flies a task under a control structure.
 
         Args:
             task: what is flown.
@@ -185,7 +185,7 @@ def virtual_drone(
     centre: Parameters | None = None,
     thrust_law: ThrustLaw = FIRMWARE_2021,
 ) -> VirtualDrone:
-    """A virtual drone whose hidden constants are drawn from a seed.
+    """Returns a virtual drone whose hidden constants are drawn from a seed.
 
     Args:
         seed: a whole number, not negative; the same seed is the same drone.

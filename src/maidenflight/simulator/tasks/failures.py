@@ -99,12 +99,12 @@ LOST = Guard(position_error=MAX_POSITION_ERROR_M)
 def too_far(
     state: State, setpoint: Float[Array, "3"], farthest: float = MAX_POSITION_ERROR_M
 ) -> Bool[Array, ""]:
-    """The paper's termination: the drone is more than 0.25 m from its set-point."""
+    """Returns the paper's termination: the drone is more than 0.25 m from its set-point."""
     return squared(setpoint - state.position) > farthest**2
 
 
 def too_steep(state: State) -> Bool[Array, ""]:
-    """Roll or pitch is beyond 60 deg, to either side."""
+    """Tests whether roll or pitch is beyond 60 deg, to either side."""
     roll, pitch, _ = jnp.abs(rotations.to_attitude(state.quaternion))
     return jnp.maximum(roll, pitch) > np.float32(MAX_TILT_RAD)
 
@@ -134,12 +134,12 @@ def first_end(reasons: Int[np.ndarray, "N"]) -> End:
 def strayed(
     state: State, setpoint: Float[Array, "3"], farthest: float = MAX_POSITION_ERROR_M
 ) -> Int[Array, ""]:
-    """The paper's failure: the drone is more than 0.25 m from its set-point."""
+    """Returns the paper's failure: the drone is more than 0.25 m from its set-point."""
     return reason(position_error=too_far(state, setpoint, farthest))
 
 
 def hover_failure(state: State, setpoint: Float[Array, "3"]) -> Int[Array, ""]:
-    """The authors' failure of hover.
+    """Returns the authors' failure of hover.
 
     Roll or pitch beyond 60 deg, a body rate beyond 300 deg/s or a height below 0.2 m.
     """
@@ -151,7 +151,7 @@ def hover_failure(state: State, setpoint: Float[Array, "3"]) -> Int[Array, ""]:
 
 
 def take_off_failure(state: State, setpoint: Float[Array, "3"]) -> Int[Array, ""]:
-    """Failure of a take-off.
+    """Tests the failures of a take-off.
 
     Roll or pitch beyond 60 deg, 0.5 m from the set-point, or still on the ground when the set-point
     is 0.5 m above it.
@@ -168,7 +168,7 @@ def take_off_failure(state: State, setpoint: Float[Array, "3"]) -> Int[Array, ""
 def position_margin(
     state: State, setpoint: Float[Array, "3"], farthest: float = MAX_POSITION_ERROR_M
 ) -> Float[Array, ""]:
-    """1 less the distance from the set-point over the distance at which a task fails."""
+    """Returns 1 less the distance from the set-point over that at which a task fails."""
     return 1.0 - norm(setpoint - state.position) / farthest
 
 
@@ -179,14 +179,14 @@ def _tilt_share(state: State) -> Float[Array, ""]:
 
 
 def hover_margin(state: State, setpoint: Float[Array, "3"]) -> Float[Array, ""]:
-    """1 less the greatest of body rates, tilt and sinking, each over `hover_failure`'s limit."""
+    """Returns 1 less the greatest of body rates, tilt and sinking over their limits."""
     p, q, r = jnp.abs(state.body_rates) / np.float32(MAX_BODY_RATE_RAD_S)
     sinking = (setpoint[2] - state.position[2]) / (setpoint[2] - MIN_HEIGHT_M)
     return 1.0 - reduce(jnp.maximum, [p, q, r, _tilt_share(state), sinking])
 
 
 def take_off_margin(state: State, setpoint: Float[Array, "3"]) -> Float[Array, ""]:
-    """The smaller of the margins of distance and tilt, each relative to `take_off_failure`.
+    """Returns the smaller of the margins of distance and tilt, each relative to `take_off_failure`.
 
     A drone that stays on the ground is far from the set-point too.
     """

@@ -78,12 +78,12 @@ class LookAhead:
         return jax.vmap(reference)(time + jnp.asarray(self.times))
 
     def to_dict(self) -> dict[str, Any]:
-        """For a file."""
+        """Returns plain values for a file."""
         return {"points": self.points, "spacing": self.spacing}
 
     @classmethod
     def from_dict(cls, content: Any) -> Self:
-        """What `to_dict` gave, read back.
+        """Returns what `to_dict` gave, read back.
 
         Raises:
             InputError: a field is missing, unknown or not what it should be.

@@ -27,7 +27,7 @@ def paper_reward(
     action_penalty: float = ACTION_PENALTY,
     action_rate_penalty: float = ACTION_RATE_PENALTY,
 ) -> Float[Array, ""]:
-    """The paper's reward with negative penalties.
+    """Returns the paper's reward with negative penalties.
 
     -(|e| + 1e-4 |a| + 1e-3 |a - a_previous| + 1e-3 |omega|) - 100 if |e| > 0.25 m. The paper prints
     the penalties with a plus sign and the terminal reward with a minus; their signs must agree.
@@ -58,7 +58,9 @@ def hover_reward(
     action: Float[Array, "4"],
     previous_action: Float[Array, "4"],
 ) -> Float[Array, ""]:
-    """-(|e| + 1e-4 |u| + 1e-4 |omega|) - 100 on failure, with u = (clip(a, -1, 1) + 1) / 2.
+    """Returns -(|e| + 1e-4 |u| + 1e-4 |omega|) - 100 on failure.
+
+    With u = (clip(a, -1, 1) + 1) / 2.
 
     Source: authors' code.
     """
@@ -73,7 +75,7 @@ def take_off_reward(
     action: Float[Array, "4"],
     previous_action: Float[Array, "4"],
 ) -> Float[Array, ""]:
-    """-(|e| + 1e-4 |u| + 1e-4 |omega| + 1e-4 |v|) - 1 if z < 0.08 m - 100 on failure.
+    """Returns -(|e| + 1e-4 (|u| + |omega| + |v|)) - 1 if z < 0.08 m - 100 on failure.
 
     Source: authors' code; there a take-off never fails. Without the last term it would pay to fail
     early.

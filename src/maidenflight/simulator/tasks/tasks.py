@@ -137,7 +137,7 @@ def _starting(
 
 @cache
 def with_yaw_penalty(task: Task, yaw_penalty: float) -> Task:
-    """The task with a cost of yaw.
+    """Returns the task with a cost of yaw.
 
     The paper's rewards do not depend on yaw, and its episodes last 5 s. Constant torques and the
     gyro's bias turn a drone further than training has seen, where the policy fails.
@@ -169,7 +169,7 @@ def circle(
     action_penalty: float = ACTION_PENALTY,
     action_rate_penalty: float = ACTION_RATE_PENALTY,
 ) -> Task:
-    """Follow a circle, clock-wise, from a random point on it; 5 s an episode.
+    """Follows a circle, clock-wise, from a random point on it; 5 s an episode.
 
     Start values are uniform: +-5 cm about the reference, roll and pitch +-20 deg, yaw +-18 deg,
     velocity +-0.1 m/s a world axis, body rates +-50 deg/s (yaw 20); rotor speeds are normal about
@@ -196,7 +196,7 @@ def circle(
 
 @cached_by_arguments
 def hover(height: float = 1.0) -> Task:
-    """Come to rest above the origin, from up to 0.25 m away, tilted, turning, with any yaw.
+    """Comes to rest above the origin, from up to 0.25 m away, tilted, turning, with any yaw.
 
     5 s an episode.
 
@@ -217,7 +217,7 @@ def hover(height: float = 1.0) -> Task:
 
 @cached_by_arguments
 def take_off(height: float = 1.0, duration: float = 1.5) -> Task:
-    """Rise from the ground, motors off, to a height [m] within a duration [s], and stay there.
+    """Rises from the ground, motors off, to a height [m] within a duration [s], and stay there.
 
     5 s an episode.
 
@@ -258,7 +258,7 @@ def tracking(
     farthest: float = MAX_POSITION_ERROR_M,
     latest_start: float = 0.0,
 ) -> Task:
-    """Follow any trajectory, with the paper's reward, from near it and as fast as it.
+    """Follows any trajectory, with the paper's reward, from near it and as fast as it.
 
     Args:
         trajectory: what to follow.
@@ -296,7 +296,7 @@ def tracking(
 
 @cached_by_arguments
 def figure_eight(period: float = trajectories.NORMAL) -> Task:
-    """Fly a horizontal figure-eight in a period [s], from anywhere on it, one period an episode."""
+    """Flies a level figure-eight in a period [s], from anywhere on it, one period an episode."""
     return tracking(trajectories.figure_eight(period), period, latest_start=period)._replace(
         name="figure_eight"
     )
@@ -304,7 +304,7 @@ def figure_eight(period: float = trajectories.NORMAL) -> Task:
 
 @cached_by_arguments
 def fast_circle(fastest: float = FASTEST["fast_circle"]) -> Task:
-    """Fly a level circle of 1 m at any speed up to the fastest [m/s]; 5 s an episode.
+    """Flies a level circle of 1 m at any speed up to the fastest [m/s]; 5 s an episode.
 
     At 2.5 m/s it takes a thrust of 1.6 times the weight and 52 degrees of tilt.
     """
@@ -313,7 +313,7 @@ def fast_circle(fastest: float = FASTEST["fast_circle"]) -> Task:
 
 @cached_by_arguments
 def fast_figure_eight(fastest: float = FASTEST["fast_figure_eight"]) -> Task:
-    """Fly a level figure-eight, 2 m wide, at any top speed up to the fastest [m/s]; 5 s an episode.
+    """Flies a figure-eight, 2 m wide, at any top speed up to the fastest [m/s]; 5 s an episode.
 
     At 2 m/s its tips take a thrust of 1.6 times the weight.
     """

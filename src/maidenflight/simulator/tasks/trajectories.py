@@ -56,7 +56,7 @@ def cached_by_arguments(make: Callable[Arguments, Result]) -> Callable[Arguments
 
 @cached_by_arguments
 def circle(diameter: float = 0.5, period: float = 3.0, height: float = 1.0) -> Trajectory:
-    """A level circle, clock-wise seen from above, with its centre on the x axis.
+    """Returns a level circle, clock-wise seen from above, with its centre on the x axis.
 
     It starts at (0, 0, height) towards +y.
 
@@ -80,13 +80,13 @@ def circle(diameter: float = 0.5, period: float = 3.0, height: float = 1.0) -> T
 
 @cached_by_arguments
 def hold(position: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Trajectory:
-    """A constant point [m]."""
+    """Returns a constant point [m]."""
     return lambda time: jnp.stack([jnp.full_like(time, coordinate) for coordinate in position])
 
 
 @cached_by_arguments
 def climb(height: float = 1.0, duration: float = 1.5) -> Trajectory:
-    """Straight up from the origin to a height [m] within a duration [s], then hold.
+    """Returns straight up from the origin to a height [m] within a duration [s], then hold.
 
     From rest to rest with the least jerk.
 
@@ -105,7 +105,7 @@ def climb(height: float = 1.0, duration: float = 1.5) -> Trajectory:
 
 @cached_by_arguments
 def figure_eight(period: float = NORMAL, width: float = 2.0, height: float = 1.0) -> Trajectory:
-    """A level lemniscate of Bernoulli along the x axis.
+    """Returns a level lemniscate of Bernoulli along the x axis.
 
     It starts at its crossing towards +x and +y.
 
@@ -126,7 +126,9 @@ def figure_eight(period: float = NORMAL, width: float = 2.0, height: float = 1.0
 
 @cached_by_arguments
 def quickening(trajectory: Trajectory, duration: float = RAMP_DURATION_S) -> Trajectory:
-    """The same path, from rest; its speed grows linearly and is the trajectory's own at the end.
+    """Returns the same path, from rest.
+
+    Its speed grows linearly and is the trajectory's own at the end.
 
     Args:
         trajectory: what is flown, for ever.
@@ -142,13 +144,13 @@ def quickening(trajectory: Trajectory, duration: float = RAMP_DURATION_S) -> Tra
 
 @cached_by_arguments
 def quickening_circle(fastest: float, diameter: float = 1.0) -> Trajectory:
-    """A `circle` of a diameter [m] whose speed grows to the fastest [m/s] in `QUICKENING`."""
+    """Returns a `circle` of a diameter [m] whose speed grows to fastest [m/s] in `QUICKENING`."""
     return quickening(circle(diameter, pi * diameter / fastest))
 
 
 @cached_by_arguments
 def quickening_figure_eight(fastest: float, width: float = 2.0) -> Trajectory:
-    """A `figure_eight` whose top speed, at its tips, grows to the fastest [m/s].
+    """Returns a `figure_eight` whose top speed, at its tips, grows to the fastest [m/s].
 
     A lemniscate of half width h and period P is flown at 2 pi h / P there.
     """
@@ -157,7 +159,9 @@ def quickening_figure_eight(fastest: float, width: float = 2.0) -> Trajectory:
 
 @cached_by_arguments
 def pentagram(diameter: float = 0.5, period: float = 5.0, height: float = 1.0) -> Trajectory:
-    """A level five-pointed star, flown edge by edge at constant speed; its corners lie on `circle`.
+    """Returns a level five-pointed star, flown edge by edge at constant speed.
+
+    Its corners lie on `circle`.
 
     Args:
         diameter: of the circle through the corners [m], as that of the paper's circle.
@@ -180,7 +184,7 @@ def pentagram(diameter: float = 0.5, period: float = 5.0, height: float = 1.0) -
 
 @cached_by_arguments
 def zigzag(points: Waypoints) -> Trajectory:
-    """Straight lines from way-point to way-point, each at constant speed.
+    """Returns straight lines from way-point to way-point, each at constant speed.
 
     Holds the first point before and the last after.
 
@@ -197,7 +201,7 @@ def zigzag(points: Waypoints) -> Trajectory:
 
 @cached_by_arguments
 def polynomial(points: Waypoints) -> Trajectory:
-    """The minimum-jerk curve from rest to rest through all way-points.
+    """Returns the minimum-jerk curve from rest to rest through all way-points.
 
     Quintic pieces with four continuous derivatives; it may overshoot between points whose distances
     in time are very unequal. Holds the first point
@@ -233,7 +237,7 @@ def random_waypoints(
     longest: float = 1.5,
     height: float = 1.0,
 ) -> Waypoints:
-    """Random way-points in a square at one height; the first is (0, 0, height).
+    """Returns random way-points in a square at one height; the first is (0, 0, height).
 
     Args:
         key: random key.
@@ -259,7 +263,9 @@ def random_waypoints(
 
 
 def waypoints(file: StrPath, smooth: bool = False, fastest: float = 5.0) -> Trajectory:
-    """The trajectory through the way-points of a CSV file; the same rows give the same object.
+    """Returns the trajectory through the way-points of a CSV file.
+
+    The same rows give the same object.
 
     Args:
         file: as of `read_waypoints`.
