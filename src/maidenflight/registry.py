@@ -145,6 +145,7 @@ LOG_FORMATS = Registry(
         "nanobench": f"{_RING}.logs.nanobench:FORMAT",
         "crazyflie": f"{_RING}.logs.cflib:FORMAT",
         "crazyflie-card": f"{_RING}.logs.usddeck:FORMAT",
+        "crazyflie-card-2019": f"{_RING}.logs.usddeck:FORMAT_2019",
         "px4": f"{_RING}.logs.ulog:FORMAT",
         "betaflight": f"{_RING}.logs.blackbox:FORMAT",
         "mcap": f"{_RING}.logs.rosbag:MCAP",

@@ -34,9 +34,10 @@ EARLIEST_S, LATEST_S = -0.015, 0.045
 """Delay of the drone's answer behind its commands that real drones have; 0 to 0.02 s were seen."""
 USUAL_S = 0.012
 """The usual one [s]."""
-DRIVEN = 0.75
-"""Correlations of roll and pitch, summed, below which commands do not drive the motion: 1.16 to
-1.95 in 93 logs, at most 0.69 with the commands of another time of the flight."""
+DRIVEN, DRIVEN_LONG = 0.75, 0.55
+"""Correlations of roll and pitch, summed, below which commands do not drive the motion, and
+of long flights: 0.9 to 1.95 in 96 logs; with the commands of another time of the flight at most
+0.69 and 0.42."""
 CLEARLY = {QUICK: 1.0, SLOW: 1.4}
 """Those from which another order of the motors is named; in slow motion chance reaches 0.95."""
 FEWEST, MANY = 3.5, 12.0
@@ -131,8 +132,9 @@ def _check_drive(fits: dict[tuple[int, ...], Fit], segments: float) -> CheckResu
     said = f"roll and pitch follow the motors' torques with correlations of {best / 2:.2f}"
     if segments < FEWEST and best < 2 * DRIVEN:
         return unknown(name, f"{said}; the flight is too short to judge that", best / 2)
-    threshold = f"{DRIVEN / 2:.2f} or more"
-    if best >= DRIVEN:
+    least = DRIVEN if segments < MANY else DRIVEN_LONG
+    threshold = f"{least / 2:.2f} or more"
+    if best >= least:
         return CheckResult(name, PASSES, said, best / 2, threshold)
     sentence = (
         f"commands do not drive the motion: {said}, in any order of the motors; expected "
@@ -153,7 +155,8 @@ def _check_order(fits: dict[tuple[int, ...], Fit], found: Spectra, segments: flo
     if gain < BETTER:
         return CheckResult(name, PASSES, said, gain / 2, threshold)
     few = segments < FEWEST and (best.score < 1.6 or gain < 0.4 or segments < 1.5)
-    if best.score < CLEARLY[found.band] or few:
+    least = DRIVEN if segments >= MANY and found.band == QUICK else CLEARLY[found.band]
+    if best.score < least or few:
         return unknown(name, "too little shows the order of the motors", gain / 2)
     right = ", ".join(f"command_{motor + 1}" for motor in best.order)
     sentence = (

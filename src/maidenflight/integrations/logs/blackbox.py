@@ -15,7 +15,6 @@ acceleration.c; docs of the blackbox format.
 
 import contextlib
 import logging
-import struct
 from collections.abc import Iterator, Mapping
 from operator import itemgetter
 from pathlib import Path
@@ -28,14 +27,13 @@ from maidenflight.errors import InputError, optional
 from maidenflight.flights.formats import Found, Recording
 from maidenflight.flights.log import LONGEST_DELAY, Flight, flight_of
 from maidenflight.flights.streams import rates, streams
+from maidenflight.integrations.logs import blackbox_header
 
 DSHOT_ZERO, DSHOT_MOST = 48, 2047
 """DShot values of a motor that just does not turn, and of full throttle."""
 _ORDER = (1, 0, 2, 3)
 """Betaflight's numbers, from 0, of our motors: it counts back right, front right, back left, front
 left."""
-_MOST_INTERVAL = 4096
-"""Frames between two whole ones that a sound header may have."""
 _VARIABLE = 10
 """Number of the encoding TAG2_3SVARIABLE, which `orangebox` lacks."""
 SLOW_FILTER_S = 0.01
@@ -95,7 +93,8 @@ def _of_log(
             headers, fields = parser.headers, parser.field_names
     except Exception as error:
         raise InputError(f"{name}: {_unreadable(error)}") from error
-    _must_be_sound(name, headers)
+    blackbox_header.check_intervals(name, headers)
+    blackbox_header.check_airframe(name, headers)
     groups = _groups(name, fields)
     columns = [column for names in groups.values() for column in names]
     with _silent():
@@ -124,20 +123,6 @@ def _silent() -> Iterator[None]:
         logger.disabled = False
 
 
-def _must_be_sound(name: str, headers: Mapping[str, Any]) -> None:
-    """Refuses intervals of frames with which the decoder would never come to an end."""
-    whole, between = headers.get("I interval", 1), str(headers.get("P interval", "1/1"))
-    shares = [part for part in between.split("/") if part.isdecimal()]
-    sound = isinstance(whole, int) and 0 < whole <= _MOST_INTERVAL
-    sound &= len(shares) == between.count("/") + 1 and len(shares) <= 2
-    sound &= all(int(share) <= _MOST_INTERVAL for share in shares)
-    if not sound or (len(shares) == 2 and not int(shares[0])):
-        raise InputError(
-            f"{name}: not a readable blackbox log (I interval {whole!r}, P interval {between!r}). "
-            "Copy it again."
-        )
-
-
 def _groups(name: str, fields: list[str]) -> dict[str, list[str]]:
     """Columns of each signal that is used.
 
@@ -150,6 +135,7 @@ def _groups(name: str, fields: list[str]) -> dict[str, list[str]]:
         "accSmooth": 3,
         "motor": 4,
         "eRPM": 4,
+        "omega": 4,
     }
     found = {"time": ["time"]} if "time" in fields else {}
     for signal, count in wanted.items():
@@ -198,14 +184,13 @@ def _flight(
     rate = 1.0 / period if period > 0 else 0.0
     needed = dict.fromkeys(rates.NEEDED, rate)
     rates.refuse_too_slow(name, needed, REMEDY)
-    one_g = _number(headers, "acc_1G", 0.0)
-    if one_g <= 0:
-        raise InputError(f"{name}: its header lacks acc_1G, the counts of 1 g. Copy it again.")
+    one_g, scale_notes = blackbox_header.counts_of_1_g(name, values["accSmooth"], headers)
     unfiltered = "gyroUnfilt" in groups
-    gyro = values["gyroUnfilt" if unfiltered else "gyroADC"] * _gyro_scale(headers)
+    gyro = values["gyroUnfilt" if unfiltered else "gyroADC"] * blackbox_header.gyro_scale(headers)
     command, notes = _command(name, values["motor"], headers)
-    accelerometer_delay = rates.filter_delay(_number(headers, "acc_lpf_hz", 0.0))
-    gyro_delay = 0.0 if unfiltered else _gyro_delay(headers)
+    notes += scale_notes
+    accelerometer_delay = blackbox_header.force_delay(headers)
+    gyro_delay = 0.0 if unfiltered else blackbox_header.gyro_delay(headers)
     notes.append(
         f"{name}: {'gyroUnfilt' if unfiltered else 'gyroADC'} at {rate:.0f} Hz; delays of filters "
         f"that are undone: accelerometer {1e3 * accelerometer_delay:.2g} ms (acc_lpf_hz), gyro "
@@ -218,13 +203,20 @@ def _flight(
         )
     speed = None
     if "eRPM" in values:
-        poles = _number(headers, "motor_poles", 0.0)
+        poles = blackbox_header.number(headers, "motor_poles", 0.0)
         if poles >= 2:
             turns = values["eRPM"][:, list(_ORDER)] * 100 / (poles / 2)
             speed = turns * 2 * np.pi / 60
             notes.append(f"{name}: rotor speeds of eRPM with {poles:g} magnet poles")
+    elif "omega" in values:
+        speed = values["omega"][:, list(_ORDER)]
+        notes.append(f"{name}: rotor speeds of omega")
     volts, said = _battery(name, len(time), values.get("battery"), headers)
-    loop = _number(headers, "looptime", 125.0) * _number(headers, "pid_process_denom", 1.0) * 1e-6
+    loop = (
+        blackbox_header.number(headers, "looptime", 125.0)
+        * blackbox_header.number(headers, "pid_process_denom", 1.0)
+        * 1e-6
+    )
     return flight_of(
         name,
         period,
@@ -238,34 +230,6 @@ def _flight(
         accelerometer=values["accSmooth"] / one_g * 9.81,
         rotor_speed=speed,
     ), [*notes, *said, *rates.notes(name, needed, REMEDY)]
-
-
-def _number(headers: Mapping[str, Any], key: str, otherwise: float) -> float:
-    value = headers.get(key, otherwise)
-    sound = isinstance(value, int | float) and abs(value) < 1e12
-    return float(value) if sound else otherwise
-
-
-def _gyro_scale(headers: Mapping[str, Any]) -> float:
-    """Degrees a second of a count: of today's firmware 1, or 0.1 at high resolution."""
-    scale = headers.get("gyro_scale", 0x3F800000)
-    value = struct.unpack("<f", struct.pack("<I", scale & 0xFFFFFFFF))[0] if (
-        isinstance(scale, int)
-    ) else float("nan")  # fmt: skip
-    value = value if 1e-3 <= value <= 10.0 else 1.0
-    return value / (10.0 if headers.get("blackbox_high_resolution") == 1 else 1.0)
-
-
-def _gyro_delay(headers: Mapping[str, Any]) -> float:
-    """Delay of the static low-pass filters of first order before the PID [s], 1 / (2 pi f) each."""
-    delay = 0.0
-    for keys in (
-        ("gyro_lpf1_static_hz", "gyro_lowpass_hz"),
-        ("gyro_lpf2_static_hz", "gyro_lowpass2_hz"),
-    ):
-        cutoff = next((_number(headers, key, 0.0) for key in keys if key in headers), 0.0)
-        delay += 1 / (2 * np.pi * cutoff) if cutoff > 0 else 0.0
-    return float(delay)
 
 
 def _command(
@@ -285,20 +249,25 @@ def _command(
     ):
         raise InputError(
             f"{name}: its header says motorOutput {bounds!r}; expected the least and the greatest "
-            "output of the motors. Copy it again."
+            f"output of the motors, as Betaflight writes them since 3.1 "
+            f"({headers.get('Firmware revision', 'firmware unknown')})."
         )
     digital = bounds[0] < 900
-    zero = DSHOT_ZERO if digital else min(_number(headers, "mincommand", 1000.0), bounds[0])
+    zero = (
+        DSHOT_ZERO
+        if digital
+        else min(blackbox_header.number(headers, "mincommand", 1000.0), bounds[0])
+    )
     most = float(bounds[1])
     share = np.clip((motor[:, list(_ORDER)] - zero) / (most - zero), 0.0, None)
     notes = [
         f"{name}: motors from {zero:g} to {most:g} ({'DShot' if digital else 'PWM'}, motorOutput "
         f"{bounds[0]:g} to {bounds[1]:g}); thrust by the square"
     ]
-    limit = _number(headers, "motor_output_limit", 100.0)
+    limit = blackbox_header.number(headers, "motor_output_limit", 100.0)
     if limit < 100:
         notes.append(f"{name}: motor_output_limit {limit:g} %: u = 1 is the thrust at that limit")
-    linear = _number(headers, "thrust_linear", 0.0)
+    linear = blackbox_header.number(headers, "thrust_linear", 0.0)
     if linear:
         notes.append(
             f"{name}: thrust_linear {linear:g} % acts before what is logged and needs no inversion"

@@ -203,8 +203,9 @@ def _chosen(table: Table) -> dict[str, Spelling]:
         if signal in needed and signal not in chosen
     ]
     if lacking:
+        what = f"{table.head['what']}, " if "what" in table.head else ""
         raise InputError(
-            f"{table.name}: missing {'; '.join(lacking)}. Add them to the log's variables."
+            f"{table.name}: {what}missing {'; '.join(lacking)}. Add them to the log's variables."
         )
     return chosen
 

@@ -9,6 +9,10 @@ Event types are tables of their own. The one with the most records gives the row
 another type stands in the first row at or after its time, so that its numbers are seen once, when
 they were known.
 
+Until 2019 the format was another one: a byte with the number of variables, their names with types,
+each behind a comma, a CRC-32; then sets of rows, each a byte with their number, the packed rows
+and a CRC-32. Its ticks are microseconds, and its `stateEstimateZ.ratePitch` is positive nose down.
+
 Source: Crazyflie firmware, src/deck/drivers/src/usddeck.c and tools/usdlog/cfusdlog.py (version 2
 since 2022).
 """
@@ -181,4 +185,67 @@ def _spread(
     return column[:count]
 
 
+TICK = "tick"
+"""The column of time of 2019's format [us]."""
+_WHAT_2019 = "a micro-SD log of 2019's format"
+_PITCH_RATE = "stateEstimateZ.ratePitch"
+
+
+def recognises_2019(raw: bytes) -> bool:
+    """Whether a file's first bytes are those of 2019's format."""
+    return raw[1:8] == b"tick(I)" and 0 < raw[0] < 128
+
+
+def table_2019(raw: bytes, name: str) -> Table:
+    """Decodes a file of 2019's format; what is whole of one that was cut off, with a note.
+
+    Raises:
+        InputError: its description is damaged, or there are no rows.
+    """
+    try:
+        entries, at = [], 1
+        for _ in range(raw[0]):
+            end = raw.index(b",", at)
+            entries.append(raw[at:end].decode("ascii").partition("("))
+            at = end + 1
+        if not all(bracket and kind[:1] in _LETTERS for _, bracket, kind in entries):
+            raise ValueError("a variable has no known type")
+    except ValueError as error:
+        why = f"not a readable micro-SD log of 2019's format ({error})"
+        raise InputError(f"{name}: {why}. Copy it again.") from error
+    record = np.dtype([(f"f{place}", f"<{kind[0]}") for place, (_, _, kind) in enumerate(entries)])
+    at, sets = at + 4, []
+    while at < len(raw):
+        end = at + 1 + raw[at] * record.itemsize
+        if end + 4 > len(raw) or zlib.crc32(raw[at:end]) ^ 0xFFFFFFFF != int.from_bytes(
+            raw[end : end + 4], "little"
+        ):
+            break
+        sets.append(np.frombuffer(raw, record, raw[at], at + 1))
+        at = end + 4
+    if not sets:
+        raise InputError(f"{name}: no rows, the log holds no whole set of them. Leave it out.")
+    rows = np.concatenate(sets)
+    columns = {
+        column: rows[f"f{place}"].astype(np.float64) for place, (column, _, _) in enumerate(entries)
+    }
+    ticks = columns.pop(TICK)
+    # A clock of 32 bits wraps after 72 minutes.
+    steps = np.diff(ticks, prepend=ticks[0])
+    time = np.cumsum(np.where(steps < -(2.0**31), steps + 2.0**32, steps)) * 1e-6
+    notes = [f"{name}: {_WHAT_2019}; ratePitch is positive nose down in it"]
+    if at < len(raw):
+        share = 100 * (len(raw) - at) / len(raw)
+        notes.append(f"{name}: damaged or cut off at byte {at}; the last {share:.2g} % dropped")
+    if _PITCH_RATE in columns:
+        columns[_PITCH_RATE] = -columns[_PITCH_RATE]
+    return Table(
+        name,
+        polars.DataFrame({CLOCK: time, **columns}),
+        head={"what": _WHAT_2019},
+        notes=tuple(notes),
+    )
+
+
+FORMAT_2019 = PackedTable("a Crazyflie's micro-SD log of 2019", recognises_2019, table_2019)
 FORMAT = PackedTable("a Crazyflie's micro-SD log", recognises, table)
