@@ -13,7 +13,7 @@ import numpy as np
 import polars
 import pytest
 
-from made_flights import calm, driven
+from made_flights import driven
 from maidenflight.errors import InputError
 from maidenflight.flights import log
 from maidenflight.flights.reading import read_flights
@@ -205,38 +205,41 @@ REFUSED: dict[str, tuple[Callable[[], str | bytes], str]] = {
         r"battery .*expected V, it looks like millivolts",
     ),
     "rows shuffled": (lambda: shuffled(), r"contradict each other in \d+ of"),
-    "nose up": (lambda: flight(attitude=signs(1, -1, 1)), r"opposite signs in y .*nose up"),
+    "nose up": (
+        lambda: flight(attitude=signs(1, -1, 1)),
+        r"with y with the opposite sign.*nose up",
+    ),
     "nose up, rate too": (
         lambda: flight(attitude=signs(1, -1, 1), body_rates=signs(1, -1, 1)),
-        r"tilt have opposite signs in x .*nose up",
+        r"tilt .* pitch and yaw with opposite signs.*nose down here",
     ),
     "roll the other way": (
         lambda: flight(attitude=signs(-1, 1, 1)),
-        r"body_rate and the change of attitude have opposite signs in x",
+        r"body_rate and the change of attitude match .* x with the opposite sign",
     ),
     "yaw rate the other way": (
         lambda: flight(body_rates=signs(1, 1, -1)),
-        r"body_rate .*opposite signs in z",
+        r"body_rate .* z with the opposite sign",
     ),
     "z down": (
         lambda: flight(velocity=signs(1, 1, -1)),
-        r"velocity and the change of position have opposite signs in z",
+        r"velocity and the change of position match .* z with the opposite sign",
     ),
     "x and y swapped in velocity": (
         lambda: flight(velocity=order(1, 0, 2)),
-        r"velocity in x and y look swapped",
+        r"velocity .* with x and y swapped",
     ),
     "x and y swapped in both": (
         lambda: flight(velocity=order(1, 0, 2), position=order(1, 0, 2)),
-        r"change of velocity in x and y look swapped",
+        r"tilt .* x and y of the world swapped",
     ),
     "roll and pitch swapped": (
         lambda: flight(attitude=order(1, 0, 2)),
-        r"body_rate in x and y look swapped",
+        r"body_rate .* with x and y swapped",
     ),
     "motors turned by one": (
         lambda: flight(command=order(1, 2, 3, 0)),
-        r"motors look permuted: in the order command_4, command_1",
+        r"in the order command_4, command_1.*look permuted",
     ),
     "motors from the back": (lambda: flight(command=order(2, 3, 0, 1)), r"motors look permuted"),
     "motors mirrored": (lambda: flight(command=order(3, 2, 1, 0)), r"motors look permuted"),
@@ -361,7 +364,7 @@ def test_the_good_log_is_read_whole_and_without_notes(tmp_path):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_world_with_another_origin_is_no_contradiction(tmp_path, seed):
-    made = calm(600, seed)
+    made = driven(600, seed)
     made = replace(made, position=made.position + np.array([5, -3, 1], np.float32))
     log.write(tmp_path / "calm.csv", made)
     assert read_flights(tmp_path).notes == ()
@@ -376,11 +379,11 @@ def test_a_folder_with_bad_logs_still_gives_the_good_ones_and_says_so(tmp_path, 
         (tmp_path / f"bad_{number:02d}.csv").write_bytes(
             content if isinstance(content, bytes) else content.encode()
         )
-    read = read_flights(tmp_path)
+    read = read_flights(tmp_path, faulty="skip")
     assert [len(piece) for piece in read] == [ROWS, ROWS]
     told = [said for said in (*read.refused, *read.notes) if "bad_" in said]
     assert all(any(f"bad_{number:02d}" in said for said in told) for number in range(len(REFUSED)))
-    assert "results.csv: not a flight log" in read.notes[0]
+    assert any("results.csv: not a flight log" in note for note in read.notes)
 
     content = logs.to_content(read)
     assert content["refused"] == read.refused

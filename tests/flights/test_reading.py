@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from made_flights import AUTHORS, authors_columns, authors_text, calm, same
+from made_flights import AUTHORS, authors_columns, authors_text, calm, driven, same
 from maidenflight.errors import InputError
 from maidenflight.flights import log
 from maidenflight.flights.reading import Flights, read_flights
@@ -19,7 +19,7 @@ from maidenflight.flights.reading import Flights, read_flights
 
 @cache
 def ours(rows=80, seed=0):
-    return log.to_csv(calm(rows=rows, seed=seed)).encode()
+    return log.to_csv(driven(rows=rows, seed=seed)).encode()
 
 
 @cache
@@ -70,7 +70,7 @@ def test_the_authors_columns_at_another_rate_are_refused(tmp_path, step):
 
 def test_a_folder_is_searched_to_its_depth_in_the_order_of_names(tmp_path):
     put(tmp_path / "b" / "2.csv.gz", gzip.compress(ours(90)))
-    put(tmp_path / "b" / "deep" / "er" / "1.csv", ours(100))
+    put(tmp_path / "b" / "deep" / "er" / "1.csv", ours(100, 1))
     put(tmp_path / "a.csv", theirs(70))
     put(tmp_path / "b" / "notes.txt", b"no log")
     seen = []

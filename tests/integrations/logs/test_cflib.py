@@ -220,7 +220,7 @@ def test_the_legacy_pitch_is_not_forgotten(tmp_path):
     """A log whose owner has turned the pitch already contradicts the gyro."""
     frame = polars.DataFrame(columns()).select(SETS["degrees"])
     frame.with_columns(-polars.col("stateEstimate.pitch")).write_csv(tmp_path / "turned.csv")
-    with pytest.raises(InputError, match="opposite signs in y"):
+    with pytest.raises(InputError, match="y with the opposite sign"):
         read_flights(tmp_path / "turned.csv")
     frame.write_csv(tmp_path / "as_logged.csv")
     assert len(read_flights(tmp_path / "as_logged.csv")) == 1

@@ -1,8 +1,12 @@
 """Recordings of ROS 2: written by rosbags' own writer and read back."""
 
 import builtins
+import contextlib
 import dataclasses
+import sqlite3
+import sys
 import tracemalloc
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -76,9 +80,37 @@ def test_a_flight_of_mavros_comes_back(suffix: str, tmp_path: Path) -> None:
 
 
 def test_motors_in_another_order_are_named(tmp_path: Path) -> None:
-    messages = made.mavros_messages(sensed(), order=(0, 1, 2, 3))
-    with pytest.raises(InputError):
+    messages = made.mavros_messages(sensed(900), order=(0, 1, 2, 3))
+    with pytest.raises(InputError, match="look permuted"):
         read_flights(made.bag(tmp_path / "bag", messages))
+
+
+def test_messages_that_were_compressed_one_by_one_are_read(tmp_path: Path) -> None:
+    zstd = import_module("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd")
+    path = made.bag(tmp_path / "bag", made.px4_messages(sensed()), ".db3")
+    with contextlib.closing(sqlite3.connect(path)) as base, base:
+        rows = base.execute("SELECT id, data FROM messages").fetchall()
+        packed = [(zstd.compress(data), number) for number, data in rows]
+        base.executemany("UPDATE messages SET data = ? WHERE id = ?", packed)
+    (found,) = read_flights(path)
+    same(found, sensed())
+
+
+def test_a_recording_without_definitions_says_so(tmp_path: Path) -> None:
+    path = made.bag(tmp_path / "bag", made.px4_messages(sensed()), ".db3")
+    with contextlib.closing(sqlite3.connect(path)) as base, base:
+        base.execute("DELETE FROM message_definitions")
+    with pytest.raises(InputError, match="holds no definition of px4_msgs/msg/"):
+        read_flights(path)
+
+
+def test_motors_that_were_commanded_from_outside_are_read(tmp_path: Path) -> None:
+    messages = (
+        (time, topic.replace("/fmu/out/actuator_motors", "/fmu/in/actuator_motors"), message)
+        for time, topic, message in made.px4_messages(sensed())
+    )
+    (found,) = read_flights(made.bag(tmp_path / "bag", messages))
+    same(found, sensed())
 
 
 def mine(flight: Flight) -> Any:

@@ -35,6 +35,8 @@ DRAG_S, RARE = 0.6, 0.25
 AROUND_IMPACT = 0.3
 """Time before and after an impact that is left out [s]."""
 _GRAVITY = 9.81
+_FAR = 1 << 40
+"""Rows to ground that is nowhere."""
 
 
 def faults(flight: Flight) -> dict[str, Bool[np.ndarray, "N"]]:
@@ -73,7 +75,7 @@ def _stands(flight: Flight) -> Bool[np.ndarray, "N"]:
     deviation = np.sqrt(np.maximum(square - mean**2, 0.0))
     force = uniform_filter1d(np.linalg.norm(flight.accelerometer.astype(float), axis=1), many)
     quiet = (deviation < STILL_RAD_S).all(axis=1) & (np.abs(force - _GRAVITY) < STILL_M_S2)
-    quiet = np.asarray(binary_dilation(quiet, np.ones(many)))
+    quiet = np.asarray(binary_dilation(quiet, np.ones(many)), bool)
     told = uniform_filter1d(flight.command.mean(axis=1, dtype=float), many)
     flying = told[~quiet & (told > 0.0)]
     if len(flying) * flight.period < 2 * WINDOW:
@@ -84,8 +86,8 @@ def _stands(flight: Flight) -> Bool[np.ndarray, "N"]:
 def _beside(rows: Bool[np.ndarray, "N"], period: float) -> Bool[np.ndarray, "N"]:
     """Rows shortly after and before some rows."""
     places = np.arange(len(rows))
-    last = np.maximum.accumulate(np.where(rows, places, -len(rows)))
-    following = np.minimum.accumulate(np.where(rows, places, 2 * len(rows))[::-1])[::-1]
+    last = np.maximum.accumulate(np.where(rows, places, -_FAR))
+    following = np.minimum.accumulate(np.where(rows, places, _FAR)[::-1])[::-1]
     near = (places - last) * period < TAKE_OFF
     return (near | ((following - places) * period < LANDING)) & ~rows
 

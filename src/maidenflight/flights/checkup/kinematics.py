@@ -171,7 +171,20 @@ def check_state(pieces: Sequence[Flight]) -> list[CheckResult]:
     else:
         pushes = {name: relations.sample_spans(pieces, one) for name, one in _PUSHES.items()}
         frames.append(_check_reading("tilt", "the change of velocity", pushes, LEAST_PUSH))
-    return [*_blame(frames), *_check_scales(scale), _check_gyro_delay(pieces)]
+    frames = _blame(frames)
+    if dead := _dead_axis(turned):
+        sentence = f"body_rate never changes in {dead} although the attitude does. Log all axes."
+        frames[0] = CheckResult("body_rate", FAILS, sentence, 0.0)
+    return [*frames, *_check_scales(scale), _check_gyro_delay(pieces)]
+
+
+def _dead_axis(samples: Sequence[Samples]) -> str:
+    """Returns the axis of which the first signal never changes while the second does."""
+    for first, second in samples[:1]:
+        for axis, name in enumerate("xyz"):
+            if first[:, axis].std() < 1e-6 and second[:, axis].std() > 5 * LEAST_RATE:
+                return name
+    return ""
 
 
 def _blame(frames: list[CheckResult]) -> list[CheckResult]:

@@ -95,7 +95,7 @@ def flight(
     needed = {"body rates": body_rates.rate, "motors": motors.rate}
     if signals.state is None:
         needed["specific force"] = force.rate if force else 0.0
-    rates.refuse_too_slow(name, needed, remedy)
+    rates.refuse_too_slow(name, needed, remedy, _list_rates(signals))
     rarer = signals.state is not None and signals.state.step > body_rates.step
     at = signals.state.time if signals.state is not None and rarer else body_rates.time
     sensed: Callable[[np.ndarray, Stream], np.ndarray] = streams.between
@@ -142,6 +142,19 @@ def flight(
         **found,
     )
     return logged, at - at[0], [*notes, *rates.notes(name, needed, remedy)]
+
+
+def _list_rates(signals: Signals) -> dict[str, float]:
+    """Returns the rate of each signal that was logged [Hz]."""
+    logged = {
+        "body rates": signals.body_rates,
+        "motors": signals.motors,
+        "specific force": signals.accelerometer,
+        "position, velocity and attitude": signals.state,
+        "rotor speeds": signals.rotor_speed,
+        "battery": signals.battery,
+    }
+    return {name: one.rate for name, one in logged.items() if one is not None and one.rate > 0}
 
 
 def _told(

@@ -32,13 +32,16 @@ def filter_delay(cutoff: float) -> float:
     return 2**0.5 / (2 * math.pi * cutoff) if cutoff > 0 else 0.0
 
 
-def refuse_too_slow(name: str, rates: Mapping[str, float], remedy: str) -> None:
+def refuse_too_slow(
+    name: str, rates: Mapping[str, float], remedy: str, logged: Mapping[str, float] | None = None
+) -> None:
     """Refuses a log of which a needed signal is logged too rarely, or not at all.
 
     Args:
         name: of the file.
         rates: of the signals that are needed, keys of `NEEDED` [Hz]; 0 where one is missing.
         remedy: a sentence that says what to set.
+        logged: rates of all that the log holds [Hz], to be told.
 
     Raises:
         InputError: the signals, their rates and the remedy.
@@ -50,7 +53,11 @@ def refuse_too_slow(name: str, rates: Mapping[str, float], remedy: str) -> None:
             f"{NEEDED[signal]} cannot be identified"
             for signal, rate in slow.items()
         )
-        raise InputError(f"{name}: {said}; {LEAST_HZ:g} Hz are needed. {remedy}")
+        held = ", ".join(f"{signal} {rate:.3g} Hz" for signal, rate in (logged or {}).items())
+        raise InputError(
+            f"{name}: {said}; {LEAST_HZ:g} Hz are needed. {remedy}"
+            + (f" It holds {held}." if held else "")
+        )
 
 
 def notes(name: str, rates: Mapping[str, float], remedy: str) -> list[str]:

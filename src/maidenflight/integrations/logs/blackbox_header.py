@@ -69,6 +69,7 @@ def check_intervals(name: str, headers: Mapping[str, Any]) -> None:
 
 
 def number(headers: Mapping[str, Any], key: str, otherwise: float) -> float:
+    """Returns a number of the header, or another one where it has none."""
     value = headers.get(key, otherwise)
     sound = isinstance(value, int | float) and abs(value) < 1e12
     return float(value) if sound else otherwise

@@ -64,6 +64,7 @@ def flight(
     Raises:
         InputError: a signal is missing or logged too rarely, or it is no quadrotor in X.
     """
+    px4_motors.check_airframe(name, parameters)
     body_rates, gyro_delay, gyro_notes = _gyro(name, topics, parameters)
     force, force_delay = _force(topics, parameters)
     rotors = px4_motors.rotors(name, parameters)

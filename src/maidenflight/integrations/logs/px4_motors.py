@@ -5,7 +5,9 @@ of its parameter THR_MDL_FAC (f), x being what is sent to the ESC; `actuator_out
 the output's minimum and maximum. With f > 0 thrust is taken as that curve says; without it rotor
 speed is taken to follow x, and thrust is x^2.
 
-Source: PX4 v1.14, src/lib/mixer_module/functions/FunctionMotors.hpp (updateValues),
+Source: MAVLink, common.xml (MAV_TYPE); PX4 v1.12, src/drivers/dshot/DShot.h (1 to 1999); v1.14,
+ROMFS/px4fmu_common/init.d/airframes (SYS_AUTOSTART), src/drivers/uavcan/module.yaml (8191),
+src/lib/mixer_module/functions/FunctionMotors.hpp (updateValues),
 src/modules/control_allocator/module.yaml (CA_ROTORn_PX, PY, KM), msg/EscReport.msg.
 """
 
@@ -14,16 +16,68 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from maidenflight.errors import InputError
 from maidenflight.flights.streams import streams
 from maidenflight.flights.streams.streams import Stream
 from maidenflight.integrations.logs import px4_setpoints
-from maidenflight.integrations.logs.px4_topics import REMEDY, Parameters, Topics, columns, vector
+from maidenflight.integrations.logs.px4_topics import Parameters, Topics, columns, vector
 
 _ORDER = (0, 3, 1, 2)
 """PX4's numbers of our motors in its default quadrotor in X."""
+
+
+_QUADROTORS = (0, 2)
+"""MAV_TYPE of a generic vehicle, which says nothing, and of a quadrotor."""
+_VEHICLES = {
+    **{1: "fixed wing", 3: "coaxial helicopter", 4: "helicopter", 7: "airship", 8: "balloon"},
+    **{10: "rover", 11: "boat", 12: "submarine", 13: "hexarotor", 14: "octorotor"},
+    **{15: "tricopter", 16: "flapping wing", 19: "tail-sitter of two rotors"},
+    **{20: "tail-sitter of four rotors", 21: "tilt-rotor", 22: "VTOL", 23: "tail-sitter"},
+    **{24: "tilt-wing", 25: "VTOL", 29: "dodecarotor", 35: "decarotor"},
+}
+"""Airframes by MAV_TYPE."""
+_AIRFRAMES = {
+    **{1: "fixed wing", 2: "VTOL", 3: "tilt-rotor", 4: "tail-sitter", 5: "rover", 6: "rover"},
+    **{7: "motors in six degrees of freedom", 8: "multirotor with tilt", 9: "custom airframe"},
+    **{10: "helicopter", 11: "helicopter", 12: "coaxial helicopter"},
+}
+"""Airframes by CA_AIRFRAME, but 0, a multirotor."""
+_FRAMES = {
+    **{2: "fixed wing", 3: "flying wing", 5: "quadrotor in +", 6: "hexarotor", 7: "hexarotor"},
+    **{8: "octorotor", 9: "octorotor", 11: "coaxial hexarotor", 12: "coaxial octorotor"},
+    **{13: "VTOL", 14: "tricopter", 15: "helicopter", 16: "helicopter", 17: "autogyro"},
+    **{18: "balloon", 24: "dodecarotor", 50: "rover", 60: "submarine"},
+}
+"""Airframes by the thousands of SYS_AUTOSTART."""
+_DSHOT_MOST, _CAN_MOST = 1999, 8191
+"""Full throttle of PX4's outputs to DShot and to ESCs on a CAN bus."""
+
+
+def check_airframe(name: str, parameters: Parameters) -> None:
+    """Refuses airframes other than a quadrotor, before anything else is looked at.
+
+    Raises:
+        InputError: what it is, and which parameter says so.
+    """
+
+    def said(key: str) -> int:
+        return int(parameters.get(key, 0))
+
+    rotors = said("CA_ROTOR_COUNT")
+    what = _AIRFRAMES.get(said("CA_AIRFRAME")), "CA_AIRFRAME"
+    if what[0] is None and "CA_AIRFRAME" in parameters and rotors == 4:
+        return  # The allocation of the motors is what flies; the others are for display.
+    if what[0] is None and said("MAV_TYPE") not in _QUADROTORS:
+        what = _VEHICLES.get(said("MAV_TYPE"), "another vehicle"), "MAV_TYPE"
+    if what[0] is None and not rotors:
+        what = _FRAMES.get(said("SYS_AUTOSTART") // 1000), "SYS_AUTOSTART"
+    if what[0] is not None:
+        raise InputError(
+            f"{name}: a {what[0]} ({what[1]} {said(what[1])}); expected a quadrotor in X, which is "
+            "what maidenflight simulates."
+        )
 
 
 class Rotors(NamedTuple):
@@ -45,11 +99,6 @@ def rotors(name: str, parameters: Parameters) -> Rotors:
         for number in range(int(count) if count and 0 < count <= 12 else 0)
     }
     if not any(forward or left for forward, left in placed.values()):
-        if parameters.get("SYS_AUTOSTART", 0) // 1000 == 5:
-            raise InputError(
-                f"{name}: an airframe in + (SYS_AUTOSTART {parameters['SYS_AUTOSTART']:g}); "
-                "expected four rotors in X."
-            )
         return Rotors(
             _ORDER,
             (f"{name}: motors in PX4's default order; the log has no places of the rotors",),
@@ -112,8 +161,12 @@ def _shares(name: str, topics: Topics, parameters: Parameters, factor: float) ->
     share = factor * signal**2 + (1.0 - factor) * signal
     return streams.stream(sent[0], share), (
         f"{name}: motors of actuator_outputs {_numbered(channels)} between {low.min():g} and "
-        f"{high.max():g}"
+        f"{high.max():g}{_protocol(high)}"
     )
+
+
+def _protocol(high: np.ndarray) -> str:
+    return {_DSHOT_MOST: " (DShot)", _CAN_MOST: " (CAN)"}.get(int(high.max()), "")
 
 
 def _outputs(
@@ -152,13 +205,37 @@ def _outputs(
              for some in keys]
         )  # fmt: skip
 
-    low, high = bound("MIN", 1000.0), bound("MAX", 2000.0)
-    if not (high > low).all() or np.nanquantile(sent[1], 0.9) > 1.05 * high.max():
+    turning = sent[1][sent[1] > 0]
+    typical = float(np.median(turning)) if len(turning) else 0.0
+    if _is_dshot(prefix, turning, parameters):
+        # PX4 applies the outputs' least and most to PWM alone.
+        idle = max(1.0, float(parameters.get("DSHOT_MIN", 0.0)) * _DSHOT_MOST)
+        low, high = np.full(4, idle), np.full(4, float(_DSHOT_MOST))
+    else:
+        usual = (1.0, float(_CAN_MOST)) if prefix == "UAVCAN_EC" else (1000.0, 2000.0)
+        low, high = bound("MIN", usual[0]), bound("MAX", usual[1])
+    if not (high > low).all() or not 0.9 * low.min() <= typical <= 1.05 * high.max():
+        looks = " They look like raw commands to ESCs on a CAN bus, 0 to 8191." if (
+            2200.0 < typical <= _CAN_MOST
+        ) else ""  # fmt: skip
         raise InputError(
-            f"{name}: actuator_outputs of typically {np.nanmedian(sent[1]):.4g} do not lie between "
-            f"{low.min():g} and {high.max():g}, the outputs' least and most. {REMEDY}"
+            f"{name}: actuator_outputs of typically {typical:.4g} do not lie between "
+            f"{low.min():g} and {high.max():g}, the outputs' least and most.{looks} Log "
+            "actuator_motors, which PX4 does since 1.13."
         )
     return sent, low, high, channels
+
+
+def _is_dshot(prefix: str, turning: Float[np.ndarray, "M"], parameters: Parameters) -> bool:
+    """Returns whether outputs are DShot's 1 to 1999, by parameters or by numbers below PWM's."""
+    if prefix == "UAVCAN_EC" or not len(turning) or turning.max() > _DSHOT_MOST + 1:
+        return False
+    timers = any(
+        re.fullmatch(r"PWM_(MAIN|AUX)_TIM\d", key) and key.startswith(prefix or "PWM_MAIN")
+        and -5 <= value <= -2
+        for key, value in parameters.items()
+    )  # fmt: skip
+    return timers or parameters.get("DSHOT_CONFIG", 0) > 0 or float(np.mean(turning < 900)) > 0.05
 
 
 def rotor_speed(topics: Topics, order: tuple[int, ...]) -> Stream | None:

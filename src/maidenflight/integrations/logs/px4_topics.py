@@ -11,7 +11,7 @@ Topics = Mapping[str, Mapping[str, np.ndarray]]
 Parameters = Mapping[str, float]
 
 REMEDY = (
-    "Set SDLOG_PROFILE to 17 (default set and high rate), so that sensor_combined and "
+    "Set SDLOG_PROFILE to 17 (default set and high rate) and reboot, so that sensor_combined and "
     "actuator_motors are logged at full rate."
 )
 

@@ -7,9 +7,11 @@ Source: MCAP format specification; rosbag2; REP 103.
 """
 
 import re
+import sys
 from array import array
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,10 +28,12 @@ from maidenflight.integrations.logs import cflib, px4, ros_topics
 from maidenflight.integrations.logs.px4_topics import vector
 from maidenflight.integrations.logs.ros_topics import Layout, Source, Variables
 
+_ZSTD = b"\x28\xb5\x2f\xfd"
+"""First bytes of what zstd compressed."""
 MOST_FAULTS = 100
 """Messages that cannot be decoded before the rest is left."""
 _PX4_TYPE = "px4_msgs/msg/"
-_PX4_TOPIC = re.compile(r"(.*)/fmu/out/(\w+?)(_v\d+)?")
+_PX4_TOPIC = re.compile(r"(.*)/fmu/(in|out)/(\w+?)(_v\d+)?")
 _PX4_FIELDS: Mapping[str, tuple[str, ...]] = {
     "vehicle_local_position": (
         *("x", "y", "z", "vx", "vy", "vz"),
@@ -57,6 +61,12 @@ _PX4_FIELDS: Mapping[str, tuple[str, ...]] = {
 }
 
 
+_REPAIR = {
+    ".mcap": "If it was not closed or was cut off, mend it by 'mcap recover', else copy it again.",
+    ".db3": "If it was not closed, mend it by 'sqlite3 FILE .recover', else copy it again.",
+}
+
+
 class Bag(NamedTuple):
     """An open recording."""
 
@@ -65,6 +75,8 @@ class Bag(NamedTuple):
     """Message types by topic."""
     messages: Callable[[list[str]], Iterator[tuple[str, int, Any]]]
     """Topic, time of recording [ns] and message, or None for one that cannot be decoded."""
+    undefined: frozenset[str] = frozenset()
+    """Message types without a definition."""
 
 
 def flights(path: Path, name: str) -> Found:
@@ -120,23 +132,45 @@ def _opened(path: Path, name: str) -> Iterator[Bag]:
             storage.close()
         why = " ".join(str(error).split())[:120] or type(error).__name__
         raise InputError(
-            f"{name}: not a readable ROS 2 recording ({why}). Copy it again; a recording that was "
-            "not closed can be mended by 'mcap recover' or 'ros2 bag reindex'."
+            f"{name}: not a readable ROS 2 recording ({why}). {_REPAIR[kind]}"
         ) from error
 
     def messages(topics: list[str]) -> Iterator[tuple[str, int, Any]]:
         wanted = [one for one in storage.connections if one.topic in topics]
         for connection, stamp, raw in storage.messages(wanted) if wanted else ():
             try:
-                message = store.deserialize_cdr(raw, connection.msgtype)
+                plain = _decompress(raw) if bytes(raw[:4]) == _ZSTD else raw
+                message = store.deserialize_cdr(plain, connection.msgtype)
             except Exception:
                 message = None
             yield connection.topic, stamp, message
 
     try:
-        yield Bag(name, {one.topic: one.msgtype for one in storage.connections}, messages)
+        types = {one.topic: one.msgtype for one in storage.connections}
+        yield Bag(name, types, messages, frozenset(set(types.values()) - set(store.fielddefs)))
     finally:
         storage.close()
+
+
+def _decompress(raw: bytes) -> bytes:
+    """Decompresses a message of a bag that was compressed message by message."""
+    module = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
+    return import_module(module).decompress(bytes(raw))
+
+
+def _refuse_undefined(bag: Bag, topics: Iterable[str]) -> None:
+    """Refuses topics whose messages cannot be decoded.
+
+    Raises:
+        InputError: the message types, and what brings their definitions.
+    """
+    lacking = sorted({bag.types[topic] for topic in topics} & bag.undefined)
+    if lacking:
+        raise InputError(
+            f"{bag.name}: holds no definition of {', '.join(lacking[:4])}, as recordings before "
+            "ROS 2 Iron do not. Convert it to MCAP where these messages are installed: ros2 bag "
+            "convert, with storage_id: mcap."
+        )
 
 
 def _first(path: Path) -> bytes:
@@ -217,16 +251,18 @@ def _collected(
 
 def _of_px4(bag: Bag) -> list[tuple[Flight, np.ndarray, list[str]]]:
     drones: dict[str, dict[str, str]] = {}
-    for topic, kind in bag.types.items():
+    # What the drone sends counts more than what it was sent, so it comes last.
+    for topic, kind in sorted(bag.types.items()):
         parts = _PX4_TOPIC.fullmatch(topic)
-        if kind.startswith(_PX4_TYPE) and parts and parts[2] in _PX4_FIELDS:
-            drones.setdefault(parts[1], {})[topic] = parts[2]
+        if kind.startswith(_PX4_TYPE) and parts and parts[3] in _PX4_FIELDS:
+            drones.setdefault(parts[1], {})[topic] = parts[3]
     found = []
     for mark, known in drones.items():
         wanted = {
             topic: ("timestamp", "timestamp_sample", *_PX4_FIELDS[kind])
             for topic, kind in known.items()
         }
+        _refuse_undefined(bag, wanted)
         read, notes = _collected(bag, wanted)
         topics = {}
         for topic, fields in read.items():
@@ -263,6 +299,7 @@ def _of_layout(bag: Bag, name: str, layout: Layout) -> tuple[Flight, np.ndarray,
     wanted: dict[str, tuple[str, ...]] = {}
     for source in sources.values():
         wanted[source.topic] = (*wanted.get(source.topic, ()), *source.fields)
+    _refuse_undefined(bag, wanted)
     read, notes = _collected(bag, wanted)
     for topic, fields in read.items():
         if fields.lacking and topic in {source.topic for source in sources.values()}:

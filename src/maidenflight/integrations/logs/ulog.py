@@ -13,8 +13,11 @@ import numpy as np
 
 from maidenflight.errors import InputError, optional
 from maidenflight.flights.formats import Found, Recording
-from maidenflight.integrations.logs import px4
+from maidenflight.integrations.logs import px4, px4_motors
 from maidenflight.integrations.logs.px4_topics import REMEDY, vector
+
+_HEAD, _MESSAGE_HEAD = 16, 3
+"""Bytes of the file's and of a message's head."""
 
 
 def flights(path: Path, name: str) -> Found:
@@ -40,16 +43,18 @@ def flights(path: Path, name: str) -> Found:
         why = " ".join(str(error).split())[:100] or type(error).__name__
         raise InputError(f"{name}: not a readable ULog ({why}). Copy it again.") from error
     if not topics:
+        px4_motors.check_airframe(name, _numbers(read.initial_parameters))
         raise InputError(
             f"{name}: holds none of the topics that are read ({', '.join(px4.TOPICS[:7])}). "
             f"{REMEDY}"
         )
-    parameters = {
-        key: float(value)
-        for key, value in read.initial_parameters.items()
-        if isinstance(value, int | float) and np.isfinite(value)
-    }
+    parameters = _numbers(read.initial_parameters)
     notes = []
+    if rest := _torn_bytes(path):
+        notes.append(
+            f"{name}: cut off in its last message ({rest} bytes of it are there), as by a loss of "
+            "power; what is before it is used"
+        )
     if read.file_corruption:
         notes.append(f"{name}: damaged in places; what could be read of it is used")
     if read.dropouts:
@@ -59,6 +64,25 @@ def flights(path: Path, name: str) -> Found:
         )
     flight, time, said = px4.flight(name, topics, parameters)
     return [(flight, time)], [*notes, *said]
+
+
+def _numbers(parameters: Mapping[str, Any]) -> dict[str, float]:
+    return {
+        key: float(value)
+        for key, value in parameters.items()
+        if isinstance(value, int | float) and np.isfinite(value)
+    }
+
+
+def _torn_bytes(path: Path) -> int:
+    """Counts the bytes of a last message that is not whole; 0 if the file ends behind a message."""
+    raw, at = path.read_bytes(), _HEAD
+    while at + _MESSAGE_HEAD <= len(raw):
+        after = at + _MESSAGE_HEAD + int.from_bytes(raw[at : at + 2], "little")
+        if after > len(raw):
+            return len(raw) - at
+        at = after
+    return len(raw) - at
 
 
 def _topics(data: Iterable[Any]) -> dict[str, dict[str, np.ndarray]]:

@@ -1,0 +1,224 @@
+"""The check-up: each fault is named by the test that it concerns, and sound logs pass."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import cache, partial
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import maidenflight as mf
+from made_flights import calm, driven
+from maidenflight.errors import InputError
+from maidenflight.flights import log
+from maidenflight.flights.checkup import motors, one_drone
+from maidenflight.flights.checkup.checkup import check_up
+from maidenflight.flights.checkup.result import FAILS, UNKNOWN, WARNS, CheckResult
+from maidenflight.flights.log import Flight
+from maidenflight.flights.reading import read_flights
+
+FLOAT = np.float32
+
+
+@cache
+def recorded() -> Flight:
+    """A flight of a virtual drone, with an accelerometer and rotor speeds that follow."""
+    (flight,) = mf.record(mf.virtual_drone(3), jax.random.key(0), flights=1, duration=12.0)
+    kept = np.exp(-flight.period / 0.05)
+    speed = np.sqrt(flight.command[:1].astype(float))
+    speeds = []
+    for command in np.sqrt(flight.command.astype(float)):
+        speed = kept * speed + (1 - kept) * command
+        speeds.append(2000 * speed[0])
+    return replace(flight, rotor_speed=np.array(speeds, FLOAT))
+
+
+def results(flight: Flight) -> dict[str, CheckResult]:
+    return {one.name: one for one in check_up([flight])}
+
+
+def turned(group: str, matrix: list[list[float]], flight: Flight) -> Flight:
+    return replace(flight, **{group: (getattr(flight, group) @ np.array(matrix).T).astype(FLOAT)})
+
+
+def shifted(group: str, seconds: float, flight: Flight) -> Flight:
+    """A signal that comes late."""
+    rows = round(abs(seconds) / flight.period)
+    values = getattr(flight, group)
+    if seconds > 0:
+        return replace(flight.part(rows, len(flight)), **{group: values[:-rows]})
+    return replace(flight.part(0, len(flight) - rows), **{group: values[rows:]})
+
+
+def ordered(order: tuple[int, ...], flight: Flight) -> Flight:
+    return replace(flight, command=flight.command[:, list(order)])
+
+
+def scaled(flight: Flight, **factors: float) -> Flight:
+    return replace(flight, **{one: getattr(flight, one) * FLOAT(by) for one, by in factors.items()})
+
+
+def faster(by: float, flight: Flight) -> Flight:
+    return replace(flight, period=flight.period * by)
+
+
+def other_time(flight: Flight) -> Flight:
+    return replace(flight, command=np.roll(flight.command, len(flight) // 3, axis=0))
+
+
+def loaded(flight: Flight) -> Flight:
+    command = flight.command.copy()
+    command[len(command) // 2 :] *= FLOAT(1.15)
+    return replace(flight, command=command)
+
+
+X, Y, Z = ([[-1, 0, 0], [0, 1, 0], [0, 0, 1]], [[1, 0, 0], [0, -1, 0], [0, 0, 1]],
+           [[1, 0, 0], [0, 1, 0], [0, 0, -1]])  # fmt: skip
+SWAP, LEFT, DOWN = ([[0, 1, 0], [1, 0, 0], [0, 0, 1]], [[0, 1, 0], [-1, 0, 0], [0, 0, 1]],
+                    [[1, 0, 0], [0, -1, 0], [0, 0, -1]])  # fmt: skip
+SPOILINGS: Mapping[str, tuple[Callable[[Flight], Flight], str, str]] = {
+    "motors turned by one": (partial(ordered, (1, 2, 3, 0)), "motor order", "turned by"),
+    "motors from the back": (partial(ordered, (2, 3, 0, 1)), "motor order", "turned by 180 deg"),
+    "motors mirrored": (partial(ordered, (3, 2, 1, 0)), "motor order", "body_rate_x has the oppo"),
+    "Betaflight's motors": (
+        partial(ordered, (1, 0, 2, 3)),
+        "motor order",
+        "command_2, command_1, command_3, command_4 with",
+    ),
+    "gyro x": (partial(turned, "body_rates", X), "body_rate", "x with the opposite sign"),
+    "gyro swapped": (partial(turned, "body_rates", SWAP), "body_rate", "x and y swapped"),
+    "gyro turned": (partial(turned, "body_rates", LEFT), "body_rate", "turned by"),
+    "gyro down": (partial(turned, "body_rates", DOWN), "body_rate", "y with the opposite sign"),
+    "gyro halved": (partial(scaled, body_rates=0.5), "body_rate scale", "is 0.5"),
+    "gyro late": (partial(shifted, "body_rates", 0.03), "gyro delay", "late by about"),
+    "attitude's pitch": (partial(turned, "attitude", Y), "tilt", "Positive pitch is nose down"),
+    "velocity swapped": (partial(turned, "velocity", SWAP), "velocity", "x and y swapped"),
+    "velocity in feet": (partial(scaled, velocity=3.28), "velocity scale", "velocity in ft"),
+    "time": (partial(faster, 1.25), "clock", "time is 1.2"),
+    "commands late": (partial(shifted, "command", 0.05), "command delay", "are late by about 5"),
+    "commands early": (partial(shifted, "command", -0.05), "command delay", "are early by about"),
+    "force negated": (partial(scaled, accelerometer=-1.0), "accelerometer", "opposite sign"),
+    "force in g": (partial(scaled, accelerometer=1 / 9.81), "accelerometer", "like g; expected"),
+    "half the force": (partial(scaled, accelerometer=0.5), "accelerometer", "half the range"),
+    "force swapped": (partial(turned, "accelerometer", SWAP), "accelerometer axes", "swapped"),
+    "another time's commands": (other_time, "motors drive", "do not drive the motion"),
+    "one ESC silent": (
+        lambda flight: replace(flight, rotor_speed=np.array(flight.rotor_speed) * [1, 0, 1, 1]),
+        "rotor speeds",
+        "back right reads 0",
+    ),
+    "speeds of another time": (
+        lambda flight: replace(flight, rotor_speed=np.roll(flight.arrays["rotor_speed"], 999, 0)),
+        "rotor speeds",
+        "follows its command to",
+    ),
+    "a load": (loaded, "one drone", "by -13 %"),
+}
+
+
+def test_a_sound_flight_passes() -> None:
+    assert {one.verdict for one in results(recorded()).values()} <= {"passes", UNKNOWN}
+    assert sum(one.verdict == "passes" for one in results(recorded()).values()) >= 14
+
+
+@pytest.mark.parametrize("what", SPOILINGS)
+def test_a_spoilt_flight_is_named_by_the_test_that_it_concerns(what: str) -> None:
+    spoil, test, words = SPOILINGS[what]
+    found = results(spoil(recorded()))[test]
+    assert found.verdict in (FAILS, WARNS)
+    assert words in found.sentence
+
+
+def test_yaw_that_answers_the_wrong_way_round_is_a_warning() -> None:
+    flight = turned("attitude", Z, turned("body_rates", Z, recorded()))
+    found = results(flight)["yaw direction"]
+    assert found.verdict == WARNS
+    assert "props out" in found.sentence
+
+
+def test_sensors_alone_show_gravity_and_motors() -> None:
+    unknown = np.full((len(recorded()), 3), np.nan, FLOAT)
+    alone = replace(recorded(), position=unknown, velocity=unknown, attitude=unknown)
+    assert not {"body_rate", "clock"} & set(results(alone))
+    assert results(scaled(alone, accelerometer=0.5))["accelerometer"].verdict == FAILS
+    assert results(ordered((3, 2, 1, 0), alone))["motor order"].verdict == FAILS
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 10**6), rows=st.integers(10, 1500))
+def test_a_smooth_flight_raises_no_alarm(seed: int, rows: int) -> None:
+    found = check_up([driven(rows, seed)])
+    assert [one.sentence for one in found if one.verdict in (FAILS, WARNS)] == []
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 10**6), rows=st.integers(2, 900))
+def test_commands_by_chance_name_no_order(seed: int, rows: int) -> None:
+    found = {one.name: one for one in motors.check_motors([calm(rows, seed)])}
+    assert "motor order" not in found or found["motor order"].verdict != FAILS
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 10**6), noise=st.floats(0.0, 1.0))
+def test_noise_as_large_as_a_rate_is_no_wrong_scale(seed: int, noise: float) -> None:
+    generator = np.random.default_rng(seed)
+    flight = driven(900, seed)
+    rates = flight.body_rates + noise * flight.body_rates.std() * generator.normal(size=(900, 3))
+    found = results(replace(flight, body_rates=rates.astype(FLOAT)))
+    assert found["body_rate scale"].verdict != FAILS
+    assert found["clock"].verdict != FAILS
+
+
+def test_a_hover_is_too_quiet_to_judge_its_signs() -> None:
+    still = {
+        group: getattr(calm(900), group) * FLOAT(-0.001)
+        for group in ("velocity", "attitude", "body_rates")
+    }
+    flight = replace(calm(900), position=0.001 * calm(900).position + FLOAT(1), **still)
+    found = results(flight)
+    assert {found[name].verdict for name in ("body_rate", "velocity", "tilt")} == {UNKNOWN}
+
+
+@pytest.mark.parametrize(
+    "copy",
+    [
+        lambda flight: flight.part(7, len(flight)),
+        lambda flight: log.thinned(flight, 2),
+        lambda flight: replace(flight, position=flight.position + FLOAT(1e-6)),
+        lambda flight: replace(flight, body_rates=flight.body_rates + FLOAT(1e-6)),
+    ],
+)
+def test_copies_of_a_flight_are_found(copy: Callable[[Flight], Flight]) -> None:
+    known = {"one": one_drone.row_keys([driven(400)])}
+    assert one_drone.find_copy(one_drone.row_keys([copy(driven(400))]), known) == "one"
+    assert one_drone.find_copy(one_drone.row_keys([driven(400, 1)]), known) is None
+
+
+def test_logs_of_other_loads_are_told_apart() -> None:
+    assert one_drone.compare_loads({"a": 2.42, "b": 2.40, "c": 2.45}) == []
+    (said,) = one_drone.compare_loads({"a": 2.42, "b": 2.07, "c": 2.43})
+    assert "2.07 times the weight in b and 2.42 times in a, c" in said
+
+
+def test_a_folder_with_a_faulty_log_is_refused_unless_told(tmp_path) -> None:
+    log.write(tmp_path / "good.csv", driven(900))
+    log.write(tmp_path / "bad.csv", ordered((3, 2, 1, 0), driven(900, 1)))
+    with pytest.raises(InputError, match="1 of 2 logs contradict physics"):
+        read_flights(tmp_path)
+    skipped = read_flights(tmp_path, faulty="skip")
+    assert len(skipped) == 1
+    assert "look permuted" in skipped.refused[0]
+    used = read_flights(tmp_path, faulty="use")
+    assert len(used) == 2
+    assert any("look permuted" in note for note in used.notes)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("folder", ["authors/flights/attitude", "authors/flights/attitude_rate"])
+def test_no_real_flight_is_refused(shared_data, folder) -> None:
+    read = read_flights(shared_data / folder)
+    assert read.refused == ()
+    assert len(read.paths) == 54
