@@ -136,6 +136,29 @@ def topics_of(flight, order=ORDER, start=10_000_000, state=True, thrust=np.sqrt,
     return topics
 
 
+def by_default_profile(topics, every=10):
+    """The same topics with motors logged rarely, and torque and thrust set-points beside them.
+
+    Set-points are solved from the motors, in the quadrotor in X of `placed`.
+    """
+    stamps, control = (values for _, _, values in topics["actuator_motors"])
+    half = np.sqrt(0.5)
+    by_axis = np.array(
+        [[-half, half, 1, -1], [half, -half, 1, -1], [half, half, -1, -1], [-half, -half, -1, -1]]
+    )
+    asked = np.linalg.solve(by_axis, control.T).T
+    timed = [("timestamp", "uint64_t", stamps + 90), ("timestamp_sample", "uint64_t", stamps)]
+    down = np.concatenate([np.zeros((len(asked), 2)), asked[:, 3:]], axis=1)
+    return topics | {
+        "vehicle_torque_setpoint": [*timed, ("xyz", "float", asked[:, :3])],
+        "vehicle_thrust_setpoint": [*timed, ("xyz", "float", down)],
+        "actuator_motors": [
+            (name, typed, values[::every])
+            for name, typed, values in [*timed, ("control", "float", control)]
+        ],
+    }
+
+
 VALID = ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid")
 
 

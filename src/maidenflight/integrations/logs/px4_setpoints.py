@@ -24,7 +24,7 @@ LEAST_SHARE = 0.95
 is rebuilt is refused: 1.0000 in all logs seen, those of real drones too."""
 _LEAST_ROWS = 10
 """Logged rows of motors that a check needs."""
-_TOGETHER = 2e-3
+_TOGETHER = 1e-3
 """Time within which a set-point and motors belong together [s]."""
 _QUAD_X = (
     Rotor(1.0, 1.0),
