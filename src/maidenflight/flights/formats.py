@@ -133,7 +133,8 @@ def logged(file: Path, battery_law: str | None = None) -> Logged | Table:
     table = table or _table(file, name)
     told = column_map.beside(file)
     if told.exists():
-        flight, time, notes = column_map.flight(table, column_map.read(told))
+        with np.errstate(over="ignore", invalid="ignore"):
+            flight, time, notes = column_map.flight(table, column_map.read(told))
         return Logged(name, [(flight, time)], [*table.notes, *notes])
     kind = kind or _format_of(table)
     if kind is None:

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from maidenflight.errors import InputError
 from maidenflight.flights import tables
+from maidenflight.flights.checks.checking import FASTEST_S
 from maidenflight.flights.log import Flight
 from maidenflight.flights.maps import signal_map
 from maidenflight.flights.maps.signal_map import COUNTS, MOTOR_KEYS, Motors
@@ -110,6 +111,13 @@ def flight(table: Table, found: ColumnMap) -> tuple[Flight, np.ndarray, list[str
     """
     known = {signal: values(table, source) for signal, source in found.sources.items()}
     time = known.pop(TIME)[:, 0]
+    steps = np.diff(time[np.isfinite(time)])
+    if not len(steps) or not FASTEST_S < np.median(steps) < np.inf:
+        raise InputError(
+            f"{table.name}: {found.sources[TIME].columns[0]} advances by "
+            f"{np.median(steps) if len(steps) else 0.0:.3g} s a row, which no drone logs. Mend the "
+            "time, or its unit in the map of columns."
+        )
     signals = {signal: _stream(time, rows) for signal, rows in known.items()}
     angles = signals.get("attitude")
     if angles is not None and angles.values.shape[1] == _ANGLES:

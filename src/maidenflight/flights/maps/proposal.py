@@ -8,6 +8,7 @@ acceleration on the motors which corner each of them is in. What remains open th
 
 import re
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 
 import numpy as np
 from jaxtyping import Float
@@ -121,10 +122,9 @@ def propose(table: Table) -> ColumnMap | None:
             taken.update(columns)
     if not {"body_rates", "motors"} <= set(found):
         return None
-    try:
+    with suppress(InputError), np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         return _judged(table, clock, found)
-    except InputError:
-        return None
+    return None
 
 
 def _columns(
@@ -211,7 +211,7 @@ def _compared(
         norm = np.linalg.norm(attitude, axis=1)
         time, attitude, gyro = time[norm > 0.5], attitude[norm > 0.5], gyro[norm > 0.5]
     step = _typical(np.diff(time))
-    some = max(1, round(_TURN / step)) if step > 0 else len(time)
+    some = int(np.clip(_TURN / step, 1, len(time))) if step > 0 else len(time)
     if len(time) <= 4 * some:
         return np.full(3, np.nan)
     if attitude.shape[1] > len(_AXES):
@@ -222,8 +222,7 @@ def _compared(
         change = change[some:] - change[:-some]
     summed = np.cumsum(gyro * np.gradient(time)[:, None], axis=0)
     counted = summed[some:] - summed[:-some]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return (change * counted).sum(axis=0) / (change**2).sum(axis=0)
+    return (change * counted).sum(axis=0) / (change**2).sum(axis=0)
 
 
 def _order(
@@ -237,7 +236,7 @@ def _order(
     time, gyro, motors = time[sound], gyro[sound, :2], motors[sound]
     if len(time) < _LEAST_ROWS or np.diff(time).min() <= 0:
         return 0, 1, 2, 3
-    few = max(1, round(_SMOOTHED / _typical(np.diff(time))))
+    few = int(np.clip(_SMOOTHED / _typical(np.diff(time)), 1, len(time)))
     rates = uniform_filter1d(gyro, few, axis=0)
     turns = np.gradient(rates, axis=0) / np.gradient(time)[:, None]
     smooth = uniform_filter1d(motors, few, axis=0)
@@ -246,8 +245,7 @@ def _order(
         told = np.stack([np.interp(time - lag, time, one) for one in smooth.T], axis=1)
         told = np.column_stack([told, np.ones(len(told))])
         weights = np.linalg.lstsq(told, turns, rcond=None)[0]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            share = 1.0 - np.var(turns - told @ weights, axis=0) / np.var(turns, axis=0)
+        share = 1.0 - np.var(turns - told @ weights, axis=0) / np.var(turns, axis=0)
         if share.min() > best:
             best, found = float(share.min()), weights[:4].T
     corners = [tuple(np.sign(one).astype(int)) for one in found.T]
