@@ -183,7 +183,7 @@ REFUSED = {
         "cannot be read",
     ),
     "only the start of a gzip": (b"\x1f\x8b", "cannot be read"),
-    "text that is not UTF-8": (ours().replace(b"hold", b"h\xffld"), "cannot be read"),
+    "text that is not UTF-8": (ours().replace(b"subsampled", b"s\xffbsampled"), "cannot be read"),
     "too short a flight": (ours(49), "no usable flight in 1 files.*0.5 s"),
     "a column short": (ours().replace(b"command_4", b"command_5"), "missing column command_4"),
     "no rows": (b"\n".join(ours().split(b"\n")[:5]) + b"\n", "no rows"),

@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -249,3 +250,23 @@ def test_what_parameters_alone_read_is_the_same_drone(tmp_path):
     found = parameters.read_drone(path)
     for name in QUANTITIES:
         np.testing.assert_array_equal(getattr(found, name), getattr(WHOLE.parameters, name))
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"inertia": [0.133, 0.133, 0.264]}, "radius of gyration"),
+        ({"mass": 2.8}, "radius of gyration"),
+        ({"rotor_x": 10 * crazyflie().rotor_x, "rotor_y": 10 * crazyflie().rotor_y}, "gyration"),
+        ({"inertia": [1.3e-5, 1.3e-5, 3.5e-5]}, "inertia_z 3.5e-05 kg m2 is larger"),
+    ],
+)
+def test_a_body_that_cannot_be_is_refused(
+    changes: dict[str, Any], named: str, tmp_path: Path
+) -> None:
+    drone = parameters.replace(
+        crazyflie(), **{name: np.asarray(value, np.float32) for name, value in changes.items()}
+    )
+    path = DroneFile(drone).write(tmp_path / "mine.toml")
+    with pytest.raises(InputError, match=named):
+        drone_file.read(path)

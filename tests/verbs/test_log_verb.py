@@ -1,6 +1,7 @@
 """`Log` shows logs of any format, and converts them."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -39,3 +40,26 @@ def test_logs_of_any_format_are_told_and_converted(tmp_path: Path, command: Comm
     code, out, _ = command(f"log {tmp_path}/logs")
     assert code == 0
     assert "one.csv" in out
+
+
+def test_the_check_up_is_shown_and_a_fault_ends_with_an_error(
+    tmp_path: Path, command: Command
+) -> None:
+    flight = driven(900)
+    log.write(tmp_path / "good.csv", flight)
+    code, out, _ = command(f"log {tmp_path}")
+    assert code == 0
+    assert "Check-up against physics" in out
+    assert "motor order" in out
+    turned = replace(flight, command=flight.command[:, [3, 2, 1, 0]])
+    log.write(tmp_path / "bad.csv", turned)
+    code, out, err = command(f"log {tmp_path}")
+    assert code == 2
+    assert "✗" in out
+    assert "look permuted" in out
+    assert "1 of 2 logs contradict physics" in err
+    code, out, _ = command(f"log {tmp_path} --json")
+    verdicts = {
+        one["name"]: one["verdict"] for one in json.loads(out)["checks"][f"{tmp_path.name}/bad.csv"]
+    }
+    assert verdicts["motor order"] == "fails"

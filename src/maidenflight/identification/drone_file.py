@@ -214,6 +214,7 @@ def read(drone: StrPath) -> DroneFile:
         name=where,
     )
     if "identification" not in document:
+        _check_body(found.parameters, where)
         return found
     table = Fields(document["identification"], where, "identification", _CURE)
     estimates, source = table.table("estimates"), table.table("source")
@@ -234,6 +235,39 @@ def read(drone: StrPath) -> DroneFile:
     )
     table.end()
     return found
+
+
+GYRATION = (0.15, 1.3)
+"""Radius of gyration about x or y by the rotors' distance; 0.43 to 0.60 of real quadrotors."""
+TRIANGLE = 1.2
+"""Inertia about z by the sum of those about x and y, which no body exceeds, but estimates may."""
+
+
+def _check_body(drone: Parameters, where: str) -> None:
+    """Refuses masses, inertias and places of rotors that cannot be of one body.
+
+    Raises:
+        InputError: which do not fit each other, and which unit may be wrong.
+
+    Source: Goldstein, Classical mechanics, sec. 5.3 (moments of inertia obey the triangle
+    inequality).
+    """
+    inertia, mass = np.asarray(drone.inertia, float), float(drone.mass)
+    arm = float(np.linalg.norm(np.asarray(parameters.rotors(drone), float)[:, :2], axis=1).mean())
+    radius = np.sqrt(inertia[:2] / mass)
+    low, high = GYRATION
+    if not (low < radius / arm).all() or not (radius / arm < high).all():
+        raise InputError(
+            f"{where}: mass {1e3 * mass:.3g} g, inertia {inertia[0]:.3g}, {inertia[1]:.3g} kg m2 "
+            f"and rotors {1e3 * arm:.3g} mm from the centre are not of one drone: the radius of "
+            f"gyration is {radius.max() / arm:.2g} times the rotors' distance; expected {low:g} to "
+            f"{high:g}. Compare the units: kg, kg m2 (1 kg cm2 is 1e-4), m."
+        )
+    if inertia[2] > TRIANGLE * (inertia[0] + inertia[1]):
+        raise InputError(
+            f"{where}: inertia_z {inertia[2]:.3g} kg m2 is larger than inertia_x and inertia_y "
+            f"together ({inertia[0] + inertia[1]:.3g}), which no body has. Mend one."
+        )
 
 
 def _table(content: Any) -> dict[str, Any]:

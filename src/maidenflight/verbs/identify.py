@@ -155,8 +155,10 @@ class Identify(Verb):
             over=over,
             **dataclasses.asdict(settings),
         )
+        start = float(self.first.parameters.thrust_to_weight)
         notes = [
             *core.note_mass(self.start, self.mass, flights),
+            *core.logs.note_thrust(flights, self.start, start),
             *core.note_kept_at_bounds(self.first, identification.estimates),
         ]
         identification = dataclasses.replace(identification, notes=(*identification.notes, *notes))

@@ -11,6 +11,8 @@ from maidenflight.flights.reading import Flights, log_files
 from maidenflight.parameters import COMPONENTS, QUANTITIES
 from maidenflight.terminal import Progress
 
+_OTHER_THRUST = 1.35
+"""Ratio of full thrust to weight of logs, by that of a start, beyond which a note is made."""
 _FEW_NOTES, _FEW_REFUSED = 6, 3
 """Lines on files that people are shown."""
 
@@ -18,6 +20,30 @@ _FEW_NOTES, _FEW_REFUSED = 6, 3
 def count_files(progress: Progress) -> Callable[[int, int], None]:
     """Returns a function that shows how many files are read."""
     return lambda done, of: progress.move(done, of, "reading flights")
+
+
+def note_thrust(flights: Flights, start: str, thrust_to_weight: float) -> list[str]:
+    """Returns a note where calm flight takes far more or less of full thrust than a start's would.
+
+    Physics cannot tell a wrong scale of commands from another drone; who flew it can.
+    """
+    known = [
+        one.statistic
+        for results in flights.checks.values()
+        for one in results
+        if one.name == "thrust to weight" and one.statistic is not None
+    ]
+    if not known:
+        return []
+    logged = sorted(known)[len(known) // 2]
+    if 1 / _OTHER_THRUST < logged / thrust_to_weight < _OTHER_THRUST:
+        return []
+    return [
+        f"full thrust is {logged:.2f} times the weight in these logs, and {thrust_to_weight:.2f} "
+        f"times of {start}: if that is your drone, the scale of the commands is wrong (PWM limits, "
+        "percent, another full throttle, sqrt(u) or u squared for u), or the battery or load is "
+        "another one"
+    ]
 
 
 def write_logs(folder: Path, flights: Mapping[str, Flight], record: dict[str, Any]) -> list[Path]:
@@ -51,12 +77,8 @@ def describe_flights(flights: Flights, further: str = "") -> list[str]:
         f"{flights.duration:.0f} s{further}"
     )
     dropped, refused = _group(flights.notes), flights.refused
-    lines = [whole, *_first(dropped, _FEW_NOTES)]
-    return (
-        lines
-        + ([f"{len(refused)} files refused:"] if refused else [])
-        + _first(refused, _FEW_REFUSED)
-    )
+    head = [f"{len(refused)} files refused:"] if refused else []
+    return [whole, *head, *_first(refused, _FEW_REFUSED), *_first(dropped, _FEW_NOTES)]
 
 
 def _group(notes: Sequence[str]) -> list[str]:

@@ -11,6 +11,11 @@ from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row, Verb
 from maidenflight.verbs import core, shared
 
+_SURE_NATS, _WORSE = 0.05, 1.2
+"""Difference of log likelihoods a row, and ratio of errors, beyond which a drone is worse."""
+_JUDGED_S = 0.1
+"""Horizon at which errors are compared [s]."""
+
 
 class Validate(Verb):
     """Validate a DRONE on LOGS that it was not identified from.
@@ -88,9 +93,16 @@ class Validate(Verb):
             *core.at_bounds(file.estimates).values(),
         ]
         simulated, rows = any(one.simulated for one in flights), errors.to_dicts()
+        doubts = _compare(next(iter(models)), likelihoods, rows)
+        verdict = (
+            f"verdict: this drone does not explain these flights: {'; '.join(doubts)}"
+            if doubts
+            else "verdict: this drone explains these flights no worse than what it is compared with"
+        )
         return Result(
             content={
                 "log_likelihoods": likelihoods,
+                "doubts": doubts,
                 "errors": rows,
                 "flights": core.logs.to_content(flights),
                 "simulated": simulated,
@@ -98,6 +110,7 @@ class Validate(Verb):
                 "output": str(output),
             },
             summary=[
+                verdict,
                 *core.logs.describe_flights(flights, f"; {rows[0]['windows']} windows of rows"),
                 *_tabulate(likelihoods, rows, simulated),
                 f"in {output}: SI units, and 95 % intervals over {rows[0]['segments']} segments of "
@@ -108,9 +121,37 @@ class Validate(Verb):
             record=record,
             rows=[{**row, "log_likelihood": likelihoods.get(row["model"])} for row in rows],
             notes=notes,
-            next=("train", "--drone", self.drone),
+            next=("log", self.logs) if doubts else ("train", "--drone", self.drone),
+            next_remark="look whether these logs and those it was identified from are sound"
+            if doubts
+            else "",
             value=errors,
         )
+
+
+def _compare(name: str, likelihoods: Mapping[str, float], errors: list[Row]) -> list[str]:
+    """Returns in what a drone is worse than the baseline or another drone.
+
+    Judged after about `_JUDGED_S`, while a flight does not yet diverge, by attitude, or by body
+    rates where there is none.
+    """
+    nearest = min((row["horizon"] for row in errors), key=lambda one: abs(one - _JUDGED_S))
+    rows = {row["model"]: row for row in errors if row["horizon"] == nearest}
+    own, doubts = rows[name], []
+    what = "attitude" if own["attitude"] == own["attitude"] else "body_rates"
+    unit = core.ERRORS[what]
+    for other, row in rows.items():
+        if other != name and own[what] > _WORSE * row[what]:
+            doubts.append(
+                f"its {unit.name} is off by {own[what] * unit.scale:.3g} {unit.unit} after "
+                f"{nearest:.2g} s, that of {other} by {row[what] * unit.scale:.3g}"
+            )
+    doubts += [
+        f"the likelihood of {other} is {value - likelihoods[name]:.2f} nats a row higher"
+        for other, value in likelihoods.items()
+        if value > likelihoods[name] + _SURE_NATS
+    ]
+    return doubts
 
 
 def _tabulate(
@@ -124,7 +165,7 @@ def _tabulate(
     rows: list[Row] = []
     for row in errors:
         first = row["model"] == errors[0]["model"]
-        cells = {"model": row["model"], "ahead": f"{row['horizon']:g} s" if first else ""}
+        cells = {"model": row["model"], "ahead": f"{row['horizon']:.2g} s" if first else ""}
         for name, format in core.ERRORS.items():
             worse = not row[name] <= baseline[row["horizon"]][name]
             value = f"{row[name] * format.scale:#.3g}".removesuffix(".")

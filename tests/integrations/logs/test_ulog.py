@@ -203,6 +203,72 @@ def test_thrust_is_by_the_thrust_models_factor(factor: float, tmp_path: Path) ->
     assert_allclose(by_outputs.command, flight.command, atol=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"MAV_TYPE": 13, "SYS_AUTOSTART": 6001}, "another: hexarotor"),
+        ({"MAV_TYPE": 22}, "another: VTOL"),
+        ({"MAV_TYPE": 1}, "another: fixed wing"),
+        ({"SYS_AUTOSTART": 8001}, "another: octorotor"),
+        ({"SYS_AUTOSTART": 5001}, "another: quadrotor in \\+"),
+        ({"CA_AIRFRAME": 3, "CA_ROTOR_COUNT": 4}, "another: tilt-rotor"),
+        ({"CA_AIRFRAME": 4, "CA_ROTOR_COUNT": 4, "MAV_TYPE": 20}, "another: tail-sitter"),
+    ],
+)
+def test_other_airframes_are_named_before_their_rate(
+    changes: dict[str, int], named: str, tmp_path: Path
+) -> None:
+    topics = made.topics_of(sensed())
+    del topics["actuator_motors"]
+    with pytest.raises(InputError, match=named):
+        read(tmp_path, topics, changes)
+
+
+def test_what_flies_counts_more_than_what_is_displayed(tmp_path: Path) -> None:
+    parameters = made.placed() | {"CA_AIRFRAME": 0, "MAV_TYPE": 13}
+    assert len(read(tmp_path, made.topics_of(sensed()), parameters).flights) == 1
+
+
+@pytest.mark.parametrize(
+    "parameters",
+    [{"DSHOT_CONFIG": 600, "PWM_MAIN_MIN": 1000, "PWM_MAIN_MAX": 2000}, {"PWM_MAIN_TIM0": -3}],
+)
+def test_outputs_of_dshot_are_known(parameters: dict[str, int], tmp_path: Path) -> None:
+    topics = made.topics_of(sensed())
+    control = topics.pop("actuator_motors")[1][2]
+    stamps = topics["sensor_combined"][0]
+    topics["actuator_outputs"] = [stamps, ("output", "float", 1 + 1998 * control)]
+    flights = read(tmp_path, topics, parameters)
+    assert_allclose(flights.flights[0].command, sensed().command, atol=1e-4)
+    assert any("(DShot)" in note for note in flights.notes)
+
+
+def test_raw_commands_of_a_can_bus_are_named(tmp_path: Path) -> None:
+    topics = made.topics_of(sensed())
+    control = topics.pop("actuator_motors")[1][2]
+    stamps = topics["sensor_combined"][0]
+    topics["actuator_outputs"] = [stamps, ("output", "float", 8191 * control)]
+    with pytest.raises(InputError, match="CAN bus"):
+        read(tmp_path, topics)
+
+
+def test_a_ulog_that_was_cut_off_is_a_note(tmp_path: Path) -> None:
+    raw = made.ulog(made.topics_of(sensed()), made.placed())
+    (tmp_path / "log.ulg").write_bytes(raw[:-5])
+    assert any("cut off in its last message" in note for note in read_flights(tmp_path).notes)
+    (tmp_path / "log.ulg").write_bytes(raw)
+    assert not any("cut off" in note for note in read_flights(tmp_path).notes)
+
+
+def test_a_log_that_is_too_slow_says_what_it_holds(tmp_path: Path) -> None:
+    topics = made.topics_of(sensed())
+    topics["actuator_motors"] = [
+        (name, kind, values[::20]) for name, kind, values in topics["actuator_motors"]
+    ]
+    with pytest.raises(InputError, match=r"reboot.* It holds body rates 100 Hz, motors 5 Hz"):
+        read(tmp_path, topics)
+
+
 def test_outputs_beyond_their_bounds_are_refused(tmp_path: Path) -> None:
     topics = made.topics_of(sensed())
     control = topics.pop("actuator_motors")[1][2]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from made_flights import driven
 from maidenflight.errors import InputError
 from maidenflight.flights import compensation, log
 from maidenflight.flights.reading import read_flights
@@ -192,6 +193,50 @@ def test_a_motor_voltage_as_low_as_a_brushless_ones_is_taken_for_one() -> None:
     assert compensation.assumed(low, volts) == compensation.BRUSHLESS
     assert compensation.assumed(high, volts) == compensation.PLUS
     assert compensation.assumed(high, np.full(100, np.nan)) == compensation.UNKNOWN
+
+
+def of_2019(variables: list[str], rows: list[tuple[float, ...]], each: int = 25) -> bytes:
+    """A log of 2019's format, whose checksums are complements of zlib's."""
+    raw = bytes([len(variables)]) + "".join(f"{one}," for one in variables).encode()
+    letters = "<" + "".join(one[-2] for one in variables)
+    raw += struct.pack("<I", zlib.crc32(raw) ^ 0xFFFFFFFF)
+    for start in range(0, len(rows), each):
+        part = rows[start : start + each]
+        packed = bytes([len(part)]) + b"".join(struct.pack(letters, *row) for row in part)
+        raw += packed + struct.pack("<I", zlib.crc32(packed) ^ 0xFFFFFFFF)
+    return raw
+
+
+def test_a_log_of_2019_is_read_and_one_without_motors_says_what_it_lacks(tmp_path: Path) -> None:
+    flight = driven(300)
+    motors = np.round(65535 * np.sqrt(flight.command)).astype(int)
+    names = [f"stateEstimateZ.{one}(h)" for one in ("x", "y", "z", "vx", "vy", "vz")]
+    names += [f"stateEstimate.{one}(f)" for one in ("roll", "pitch", "yaw")]
+    names += [f"stateEstimateZ.rate{one}(h)" for one in ("Roll", "Pitch", "Yaw")]
+    names += [f"pwm.m{motor}_pwm(I)" for motor in range(1, 5)]
+    rows = [
+        (
+            10_000 * row,
+            *(round(1e3 * float(value)) for value in flight.position[row]),
+            *(round(1e3 * float(value)) for value in flight.velocity[row]),
+            *(np.degrees(flight.attitude[row]) * [1, -1, 1]).tolist(),
+            *(round(1e3 * float(value)) for value in flight.body_rates[row]),
+            *motors[row].tolist(),
+            3700,
+        )
+        for row in range(len(flight))
+    ]
+    raw = of_2019(["tick(I)", *names, "pm.vbatMV(H)"], rows)
+    (tmp_path / "log00").write_bytes(raw)
+    (found,) = read_flights(tmp_path)
+    assert found.period == pytest.approx(0.01)
+    assert_allclose(found.body_rates, flight.body_rates, atol=1e-3)
+    assert_allclose(found.attitude, flight.attitude, atol=1e-5)
+    (tmp_path / "log00").write_bytes(raw[: len(raw) // 2])
+    assert any("cut off at byte" in note for note in read_flights(tmp_path).notes)
+    (tmp_path / "log00").write_bytes(of_2019(["tick(I)", "stateEstimateZ.x(h)"], [(0, 1), (9, 2)]))
+    with pytest.raises(InputError, match=r"not a flight log|2019's format, missing|unknown format"):
+        read_flights(tmp_path / "log00")
 
 
 def test_a_log_of_sensors_alone_is_read(tmp_path: Path) -> None:

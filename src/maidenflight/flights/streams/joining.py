@@ -100,7 +100,8 @@ def flight(
     at = signals.state.time if signals.state is not None and rarer else body_rates.time
     sensed: Callable[[np.ndarray, Stream], np.ndarray] = streams.between
     if signals.state is None and motors.rate < body_rates.rate / MORE:
-        at, sensed = np.arange(*motors.time[[0, -1]], streams.period(motors.time)), _mean_about
+        begin, end = motors.time[[0, -1]].tolist()
+        at, sensed = np.arange(begin, end, streams.period(motors.time)), _mean_about
     wanted, notes = kept(at)
     at = at[wanted]
     if len(at) < 2:

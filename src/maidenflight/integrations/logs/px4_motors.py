@@ -75,8 +75,8 @@ def check_airframe(name: str, parameters: Parameters) -> None:
         what = _FRAMES.get(said("SYS_AUTOSTART") // 1000), "SYS_AUTOSTART"
     if what[0] is not None:
         raise InputError(
-            f"{name}: a {what[0]} ({what[1]} {said(what[1])}); expected a quadrotor in X, which is "
-            "what maidenflight simulates."
+            f"{name}: its airframe is another: {what[0]} ({what[1]} {said(what[1])}); expected a "
+            "quadrotor in X, which is what maidenflight simulates."
         )
 
 
