@@ -100,8 +100,10 @@ def flight(
     at = signals.state.time if signals.state is not None and rarer else body_rates.time
     sensed: Callable[[np.ndarray, Stream], np.ndarray] = streams.between
     if signals.state is None and motors.rate < body_rates.rate / MORE:
-        begin, end = motors.time[[0, -1]].tolist()
-        at, sensed = np.arange(begin, end, streams.period(motors.time)), _mean_about
+        # Loggers pick samples of a faster loop at uneven steps; rows lie at even ones about them.
+        step = streams.period(motors.time)
+        since = np.unique(np.round((motors.time - motors.time[0]) / step))
+        at, sensed = motors.time[0] + step * since, _mean_about
     wanted, notes = kept(at)
     at = at[wanted]
     if len(at) < 2:
