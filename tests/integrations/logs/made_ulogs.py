@@ -136,10 +136,15 @@ def topics_of(flight, order=ORDER, start=10_000_000, state=True, thrust=np.sqrt,
     return topics
 
 
-def by_default_profile(topics, every=10):
+def by_default_profile(topics, motors=10, setpoints=1):
     """The same topics with motors logged rarely, and torque and thrust set-points beside them.
 
     Set-points are solved from the motors, in the quadrotor in X of `placed`.
+
+    Args:
+        topics: see `topics_of`.
+        motors: of so many rows one is logged.
+        setpoints: likewise.
     """
     stamps, control = (values for _, _, values in topics["actuator_motors"])
     half = np.sqrt(0.5)
@@ -147,15 +152,16 @@ def by_default_profile(topics, every=10):
         [[-half, half, 1, -1], [half, -half, 1, -1], [half, half, -1, -1], [-half, -half, -1, -1]]
     )
     asked = np.linalg.solve(by_axis, control.T).T
-    timed = [("timestamp", "uint64_t", stamps + 90), ("timestamp_sample", "uint64_t", stamps)]
     down = np.concatenate([np.zeros((len(asked), 2)), asked[:, 3:]], axis=1)
+
+    def topic(name, values, every):
+        timed = [("timestamp", "uint64_t", stamps + 90), ("timestamp_sample", "uint64_t", stamps)]
+        return [(*one, rows[::every]) for *one, rows in [*timed, (name, "float", values)]]
+
     return topics | {
-        "vehicle_torque_setpoint": [*timed, ("xyz", "float", asked[:, :3])],
-        "vehicle_thrust_setpoint": [*timed, ("xyz", "float", down)],
-        "actuator_motors": [
-            (name, typed, values[::every])
-            for name, typed, values in [*timed, ("control", "float", control)]
-        ],
+        "vehicle_torque_setpoint": topic("xyz", asked[:, :3], setpoints),
+        "vehicle_thrust_setpoint": topic("xyz", down, setpoints),
+        "actuator_motors": topic("control", control, motors),
     }
 
 
