@@ -119,7 +119,7 @@ def start(cluster: ExitStack, place: Path) -> None:
 
 def sweep(study: Path, output: Path, on: str) -> subprocess.Popen[bytes]:
     """Begins the command."""
-    words = ["sweep", str(study), "-o", str(output), "--on", on]
+    words = ["sweep", str(study), "--trust", "-o", str(output), "--on", on]
     return subprocess.Popen([sys.executable, "-m", "maidenflight", *words])
 
 

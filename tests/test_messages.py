@@ -375,8 +375,8 @@ def test_estimates_have_units_to_read_and_say_what_they_rest_on(capsys: Any) -> 
     assert re.search(r"latency +7\.15 +7\.08 \.\. 7\.21 +0\.22 +ms", out)
     assert re.search(r"torque_bias_x +-58\.83 +-97\.05 \.\. -23\.16 +110 +1e-6 N m", out)
     assert "inertia_x 9.3 .. 20 1e-6 kg m2, drag_x 0 .. 0.5 1/s" in " ".join(out.split())
-    assert "kept from crazyflie: mass 28 g and rotors 39.6 mm from the centre" in out
-    assert "noise found: position_walk 0.0924 m/sqrt(s), actuator_noise 0.02\n" in out
+    assert "taken from crazyflie: mass 28 g and rotors 39.6 mm from the centre" in out
+    assert "noise: position_walk 0.0924 m/sqrt(s), actuator_noise 0.02\n" in out
     assert (
         "log-likelihood 14.82 nats a row (13.42 for crazyflie; more is better), after 8 "
         "evaluations of it in 107.2 s" in out
@@ -387,3 +387,11 @@ def test_estimates_have_units_to_read_and_say_what_they_rest_on(capsys: Any) -> 
     out = capsys.readouterr().out
     assert "between trials: standard deviation" in out
     assert re.search(r"torque_bias_x .* -60 +1e-6 N m", out)
+
+
+def test_nothing_foreign_controls_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    name = "\x1b[31mred\x07 \u202eevil [bold]x[/bold] \udcff"
+    shown = r"\u001b[31mred\u0007 \u202eevil [bold]x[/bold] \udcff"
+    show(name, Table("title", {"name": "{name}"}, [{"name": name}]))
+    assert capsys.readouterr().out.count(shown) == 2
+    assert str(InputError(name)) == shown

@@ -33,6 +33,11 @@ def test_a_policy_is_affine_layers_with_relu_between_them():
     np.testing.assert_allclose(made(jnp.asarray(seen)), values, rtol=1e-5, atol=1e-6)
 
 
+def test_a_policy_prints_its_kind_and_sizes_alone():
+    assert repr(untrained(KEY)) == "Policy(pwm, 100 Hz, layers 40-50-50-4)"
+    assert repr(untrained(KEY, spec=PolicySpec(memory=16))).endswith("memory of 16)")
+
+
 def test_an_untrained_policy_has_the_papers_layers_and_bounded_weights():
     made = untrained(KEY)
     assert [weight.shape for weight in made.weights] == [(50, 40), (50, 50), (4, 50)]

@@ -5,7 +5,7 @@ import sys
 
 
 def main() -> None:
-    """Runs the command line; once it has told how it ended, Ctrl-C changes nothing.
+    """Runs the command line; once it has reported its end, Ctrl-C changes nothing.
 
     A process that was interrupted leaves at once, since Python's own end would crash where threads
     of XLA are still compiling.

@@ -60,16 +60,18 @@ def set_flags(flags: str) -> None:
     """
     if os.environ.get("XLA_FLAGS") in (None, QUICK, FUSED):
         os.environ["XLA_FLAGS"] = flags
+    # On a busy machine XLA asks to file a bug of its slow compilation; what fails is an exception.
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 
 def prepare_jax(number: int | None = None, *, fused: bool = False) -> None:
-    """Has JAX run here as the command line does: on all cores, and compiled programs are kept.
+    """Has JAX run here as the command line does: on all cores, and compiled programs are stored.
 
     To be called before JAX does anything; where it runs already, as in a notebook that has used it,
     its devices and flags stay. Other programs of JAX in this process are compiled alike.
 
     Args:
-        number: cores to use; all unless given.
+        number: cores to use; all by default.
         fused: compile by `FUSED`, in a process that trains or identifies.
     """
     if fused:

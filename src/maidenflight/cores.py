@@ -18,7 +18,7 @@ def as_devices(number: int | None = None) -> None:
     what they are.
 
     Args:
-        number: cores to use; all unless given.
+        number: cores to use; all by default.
     """
     import jax
 

@@ -1,12 +1,22 @@
 """The exceptions that a user's mistake and a full disk raise."""
 
 import errno
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from os import PathLike
 
 LONGEST = 1500
 """Characters of a message; what a file holds in a number's place may be a book."""
+_UNPRINTABLE = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]"
+)
+"""Controls of terminals and of the direction of writing, and bytes of names that are no UTF-8."""
+
+
+def printable(text: str) -> str:
+    """Replaces what would control a terminal by its code in hexadecimal digits."""
+    return _UNPRINTABLE.sub(lambda match: f"\\u{ord(match[0]):04x}", text)
 
 
 class InputError(ValueError):
@@ -18,7 +28,7 @@ class InputError(ValueError):
     """
 
     def __init__(self, message: str) -> None:
-        line = " ".join(message.splitlines())
+        line = printable(" ".join(message.splitlines()))
         super().__init__(
             line if len(line) <= LONGEST else f"{line[: LONGEST - 400]} ... {line[-390:]}"
         )
@@ -48,7 +58,7 @@ def optional(package: str, extra: str, what: str, remark: str = "") -> Iterator[
 
 
 class WriteError(InputError):
-    """A file cannot be written, as on a full disk; what it held before is kept."""
+    """A file cannot be written, as on a full disk; its former content stays."""
 
     def __init__(self, path: str | PathLike[str], error: OSError) -> None:
         self.wrong = f"{path}: cannot be written ({error.strerror})."

@@ -52,7 +52,7 @@ class Entry:
 
     verb: str
     output: str
-    """The file or folder that the verb was given to write to."""
+    """The file or folder that the verb writes to."""
     written: Mapping[str, Sequence[str]]
     """Files by `Kind`."""
     inputs: Mapping[str, Sequence[str]]
@@ -97,7 +97,7 @@ def append(
     Call it once all files are written, so that a damaged manifest costs no results.
 
     Args:
-        output: the file or folder that the verb was given to write to.
+        output: the file or folder that the verb writes to.
         verb: the command's name.
         written: the files by kind; those outside the run folder and those that are not there are
             left out.

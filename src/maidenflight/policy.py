@@ -64,6 +64,12 @@ class Policy:
         output = self.weights[-1] @ values + self.biases[-1]
         return jnp.concatenate([form.action_of(output), memory])
 
+    def __repr__(self) -> str:
+        """Returns its kind and sizes; its numbers would fill a screen."""
+        memory = "" if self.gru is None else f", memory of {self.gru.size}"
+        layers = "-".join(map(str, self.layer_sizes))
+        return f"Policy({self.interface.name}, {self.interface.rate} Hz, layers {layers}{memory})"
+
     @property
     def multiplications(self) -> int:
         """Of one action."""
@@ -115,7 +121,7 @@ def untrained(
 
     Args:
         key: random key.
-        interface: what its actions command; PWM at 100 Hz unless given.
+        interface: what its actions command; PWM at 100 Hz by default.
         spec: what it sees and remembers, and its hidden layers.
 
     Raises:
@@ -193,10 +199,10 @@ class Actor:
             measurement: what is known of the drone now.
             setpoint: where it shall be now [m], world, (3,).
             ahead: where it shall be at the K instants that the policy looks ahead at [m], world,
-                (K, 3); to be given where it looks ahead, and only there.
+                (K, 3); required where it looks ahead, and only there.
 
         Raises:
-            InputError: a number that is given, or an action, is not finite, or there are not K
+            InputError: an argument, or an action, is not finite, or there are not K
                 points ahead. What is remembered stays as it was.
         """
         points = np.zeros((0, 3), np.float32) if ahead is None else np.asarray(ahead, np.float32)

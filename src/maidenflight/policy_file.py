@@ -38,7 +38,7 @@ class PolicyFormat(NamedTuple):
     keys: AbstractSet[str]
     """What all of its files have, and ours have not."""
     read: Callable[[Mapping[str, Any], str, str | None], Policy]
-    """Of the content, the file that errors name, and what the policy commands if that is given."""
+    """Of the content, the file that errors name, and what the policy commands if known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,13 +157,13 @@ def _describe_gru(gru: Gru | None) -> dict[str, Any]:
 
 
 def from_json(text: str, where: str = "policy", control: str | None = None) -> PolicyFile:
-    """Reads the text of a policy file, ours or the authors', told apart by content.
+    """Reads the text of a policy file, ours or the authors', recognised by content.
 
     Args:
         text: content of the file.
         where: what errors name, usually the file.
         control: what the authors' policy commands, one of `interface.CONTROLS`, which also sets the
-            rate; unless given, what `where` begins with or its folder is called. Ours say it
+            rate; by default, what `where` begins with or its folder is called. Ours say it
             themselves.
 
     Raises:
@@ -269,11 +269,11 @@ def write_policy(path: StrPath, policy: Policy, record: Mapping[str, Any] | None
 
 
 def read_policy(path: StrPath, control: str | None = None) -> PolicyFile:
-    """Reads a policy file, ours or the authors', told apart by content.
+    """Reads a policy file, ours or the authors', recognised by content.
 
     Args:
         path: the file.
-        control: what the authors' policy commands; unless given, the control structure that the
+        control: what the authors' policy commands; by default, the control structure that the
             file's name begins with, such as `attitude_rate_066.json`, or that its folder is called.
             Ours say it themselves.
 

@@ -34,7 +34,7 @@ class Registry:
         yield from (name for name in _installed(self.group).entries if name not in self.own)
 
     def __contains__(self, name: object) -> bool:
-        """Returns whether a name is known; installed packages are asked where it is not ours."""
+        """Returns whether a name is known; installed packages are searched where it is not ours."""
         return name in self.own or name in _installed(self.group).entries
 
     def __getitem__(self, name: str) -> Any:

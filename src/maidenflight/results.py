@@ -28,13 +28,13 @@ def write(path: StrPath, content: str | bytes) -> Path:
 
     Args:
         path: where to write; missing folders are made.
-        content: text (UTF-8, newlines kept) or bytes.
+        content: text (UTF-8, newlines as they are) or bytes.
 
     Returns:
         The path.
 
     Raises:
-        WriteError: the folder or the file cannot be written; what the file held is kept.
+        WriteError: the folder or the file cannot be written; its former content stays.
     """
     path = Path(path)
     payload = content.encode() if isinstance(content, str) else content

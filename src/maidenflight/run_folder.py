@@ -55,7 +55,7 @@ class Table:
     """What the file is, on its first line as a comment, above its record; a file without it begins
     with the column names."""
     digits: int | None = None
-    """Decimals of numbers; as many as they have unless given."""
+    """Decimals of numbers; as many as they have by default."""
     times: tuple[str, ...] = field(default=("duration", "horizon", "time"), kw_only=True)
     """Columns that are times from 0 on [s]."""
 
@@ -171,7 +171,7 @@ ENVELOPE = Table(
 PREDICTION = Table(
     "prediction.csv",
     {"policy": str, "control": str, "trial": int, "duration": float, "end_reason": str},
-    "maidenflight prediction 1: simulated flights of given policies as the authors' drone ran "
+    "maidenflight prediction 1: simulated flights of policies as the authors' drone ran "
     "them, a row a flight; duration s",
     digits=2,
 )
@@ -213,11 +213,11 @@ WINDOWS = Table(
 STUDY = Table(
     "study.csv",
     {"task": str, "kind": str},
-    "maidenflight study 1: what each task of a study found, a row of each after the other; what is "
+    "maidenflight study 1: results of each task of a study, a row of each after the other; what is "
     "swept as ENTRY.SETTING, SI units",
     times=(),
 )
-"""What the tasks of a study found."""
+"""Results of the tasks of a study."""
 
 
 @dataclass(frozen=True)

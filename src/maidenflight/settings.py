@@ -16,7 +16,7 @@ from maidenflight.inputs import is_number
 from maidenflight.registry import Registry
 
 REQUIRED: Any = object()
-"""Default of a setting that must be given."""
+"""Default of a setting that is required."""
 PENDING: Any = object()
 """Value of a setting that another task of a study has yet to make."""
 
@@ -203,7 +203,7 @@ class Setting:
     """As users write it, where the field's own name would be a keyword of Python."""
     group: str = ""
     """Heading of the command line's help under which it stands; that of the setting before it
-    unless given."""
+    by default."""
     usual: str = ""
     """What help shows as its default, where that depends on others."""
     argument: bool = False

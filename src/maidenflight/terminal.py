@@ -8,10 +8,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
+from maidenflight.errors import printable
+
 _WIDE = 110
 """Columns of a terminal from which a bar may be long."""
 _PER_SI = {"cm": 100.0, "g": 1e3, "deg": math.degrees(1.0), "deg/s": math.degrees(1.0)}
-"""Shown value per value in SI units, of the units that are none."""
+"""Displayed value per value in SI units, of the units that are none."""
 _NUMBER = re.compile(r"[-+*]? ?\d|-?$|- |unknown$")
 """How cells begin that are aligned right."""
 
@@ -83,13 +85,13 @@ class Bar(Progress):
     def log(self, line: str, always: bool = False) -> None:
         """Writes a line where standard error is a file or pipe and so shows no bar, or always."""
         if always or not sys.stderr.isatty():
-            print(line, file=sys.stderr, flush=True)
+            print(printable(line), file=sys.stderr, flush=True)
 
     def note(self, text: str) -> None:
         """Writes a note, once."""
         if text not in self._noted:
             self._noted.add(text)
-            print(f"note: {text}", file=sys.stderr, flush=True)
+            print(f"note: {printable(text)}", file=sys.stderr, flush=True)
 
 
 @dataclass(frozen=True)
@@ -121,7 +123,7 @@ def show(*parts: Table | str) -> None:
     """Prints tables and lines."""
     for part in parts:
         if isinstance(part, str):
-            print(part)
+            print(printable(part))
         else:
             print_table(part.title, list(part.columns), part.cells)
 
@@ -131,6 +133,7 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table as Grid
+    from rich.text import Text
 
     grid = Grid(title=title, box=SIMPLE_HEAD, title_justify="left", title_style="bold")
     for number, column in enumerate(columns):
@@ -143,7 +146,7 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
             overflow="fold",
         )
     for row in rows:
-        grid.add_row(*row)
+        grid.add_row(*(Text(printable(cell)) for cell in row))
     console = Console()
     # Into a file or a pipe a table is as wide as it needs to be; on a terminal it must fit.
     (console if console.is_terminal else Console(width=200)).print(grid)

@@ -59,7 +59,7 @@ class Output:
     """Where a verb writes."""
 
     default: str | None
-    """Path unless given; `None`: nothing is written, or the verb chooses."""
+    """Path by default; `None`: nothing is written, or the verb chooses."""
     help: str
 
 
@@ -72,7 +72,7 @@ class Verb:
 
     output: ClassVar[Output] = Output("output", "Folder for the results.")
     name: ClassVar[str]
-    """Of its command; the class's own in lower case unless given."""
+    """Of its command; the class's own in lower case by default."""
     fused: ClassVar[bool] = False
     """Whether its programs are compiled by `compiler.FUSED`: those that train or identify are."""
     parallel: ClassVar[bool] = False
@@ -155,7 +155,7 @@ class Verb:
         """Returns where to write: a path, or an address such as s3://BUCKET; None: nowhere.
 
         Args:
-            output: as given.
+            output: the path.
         """
         place = self.output.default if output is None else output
         return place if place is None or "://" in str(place) else Path(place)
@@ -176,7 +176,7 @@ class Verb:
 
         Args:
             output: what `choose_output` returned.
-            progress: told how far it is.
+            progress: called with its progress.
         """
         raise NotImplementedError
 
@@ -187,8 +187,8 @@ class Verb:
         """Does the stage: checks the settings, computes, and writes the files.
 
         Args:
-            output: where to write; the verb's own default unless given.
-            progress: told how far it is.
+            output: where to write; the verb's own default by default.
+            progress: called with its progress.
 
         Raises:
             InputError: the settings do not go together, or an input is wrong.

@@ -243,7 +243,7 @@ def test_a_whole_run_shows_every_part(run, tmp_path):
     assert "22.0 <small>(command + sensors)" in content
     assert "87.12 .. 88.88" not in content
     assert "87.1 .. 88.9" in content
-    assert "no real drone has flown" in content
+    assert "no real drone flew" in content
     assert "<span class=badge>simulated</span>" in content
 
 
@@ -808,3 +808,8 @@ def test_243_flights_are_drawn_by_a_page_of_less_than_six_megabytes(tmp_path):
     made = report(Transfer(table, (one,) * 243), tmp_path / "page.html")
     assert made.stat().st_size < 6e6
     assert re.findall(r'data-drawn="\d+"', browsed(made, tmp_path, "", "--timeout=60000"))
+
+
+def test_a_name_that_is_no_utf8_is_shown_by_its_bytes() -> None:
+    run = runs.Run(policies=1, records={"policies/\udcff.json": {"seed": 1}})
+    assert r"policies/\udcff.json" in page_module.to_html(run).encode().decode()

@@ -64,7 +64,18 @@ def kill_one(cluster: subprocess.Popen[str]) -> None:
 def begun(folder: Path, on: str) -> subprocess.Popen[bytes]:
     """The command, in a process group of its own."""
     return subprocess.Popen(
-        [sys.executable, "-m", "maidenflight", "sweep", "study.toml", "-o", "out", "--on", on],
+        [
+            sys.executable,
+            "-m",
+            "maidenflight",
+            "sweep",
+            "study.toml",
+            "--trust",
+            "-o",
+            "out",
+            "--on",
+            on,
+        ],
         cwd=folder,
         env=environment(),
         stdout=subprocess.DEVNULL,
@@ -90,7 +101,7 @@ def wait_for(count: int, folder: Path, driver: subprocess.Popen[bytes]) -> None:
 def prepared(folder: Path, **settings: Any) -> bytes:
     """Writes a study, and gives the table that is expected of it."""
     (folder / "study.toml").write_text(tomlkit.dumps({"task": toy_kinds.study(**settings)}))
-    mf.sweep(folder / "study.toml", folder / "expected", Here())
+    mf.sweep(folder / "study.toml", folder / "expected", Here(), trust=True)
     (folder / "ran").unlink(missing_ok=True)
     return (folder / "expected" / "study.csv").read_bytes()
 
@@ -142,7 +153,7 @@ def test_a_driver_of_this_machine_that_is_killed_or_interrupted_goes_on(tmp_path
     os.killpg(driver.pid, signal.SIGINT)
     _, said = driver.communicate(timeout=20)
     assert driver.returncode == 130
-    again = "maidenflight sweep study.toml -o out --on local"
+    again = "maidenflight sweep study.toml --trust -o out --on local"
     assert said.decode().splitlines()[-1].endswith(again)
     driver = begun(tmp_path, "local")
     assert driver.wait(60) == 0

@@ -13,7 +13,7 @@ def kept(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.Mon
     if request.param == "folder":
         return store.opened(tmp_path / "study")
     pytest.importorskip("fsspec")
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr("maidenflight.cache.folder", lambda: tmp_path / "cache")
     place = "memory://study" if request.param == "memory" else f"file://{tmp_path}/study"
     return store.opened(f"{place}/{os.urandom(4).hex()}")
 
@@ -41,6 +41,20 @@ def test_a_result_is_there_once_it_is_whole(kept: Store) -> None:
     kept.remove("a")
     assert kept.keys() == set()
     assert not kept.has("a")
+
+
+def test_a_result_of_an_address_is_fetched_anew_into_a_private_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("fsspec")
+    monkeypatch.setattr("maidenflight.cache.folder", lambda: tmp_path / "cache")
+    remote = store.opened(f"memory://study/{os.urandom(4).hex()}")
+    for text in ('{"rows": [1]}', '{"rows": [2]}'):
+        make(remote, "a", text)
+        fetched = remote.folder("a")
+        assert (fetched / "part" / "policy.json").read_text() == text
+        remote.remove("a")
+    assert fetched.parents[1].stat().st_mode & 0o077 == 0
 
 
 def test_who_comes_second_with_a_result_leaves_the_first(tmp_path: Path) -> None:

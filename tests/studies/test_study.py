@@ -1,5 +1,6 @@
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -89,6 +90,28 @@ def test_a_study_is_read_from_toml(tmp_path: Path) -> None:
     assert json.dumps(found.entries)
 
 
+@pytest.mark.parametrize(
+    ("setting", "code"),
+    [
+        ('kind = "evil:Verb"', "evil:Verb"),
+        ('kind = "transfer"\nsettings = { reality = ["virtual:7", "evil:f+10ms"] }', "evil:f+10ms"),
+        ('kind = "transfer"\ngrid = { reality = ["evil:f"] }', "evil:f"),
+    ],
+    ids=["verb", "reality", "grid"],
+)
+def test_code_that_a_file_names_is_imported_with_trust_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, setting: str, code: str
+) -> None:
+    (tmp_path / "evil.py").write_text("raise SystemExit('imported')")
+    (tmp_path / "study.toml").write_text(f'[[task]]\nname = "a"\n{setting}\n')
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(InputError, match=re.escape(code)):
+        study.read_study(tmp_path / "study.toml")
+    with pytest.raises((SystemExit, InputError)) as raised:
+        study.read_study(tmp_path / "study.toml", trust=True)
+    assert "trust" not in str(raised.value)
+
+
 GOOD: dict[str, Any] = {"name": "a", "kind": "train", "settings": {"drone": "crazyflie"}}
 
 
@@ -127,7 +150,7 @@ GOOD: dict[str, Any] = {"name": "a", "kind": "train", "settings": {"drone": "cra
             "bbb",
         ),
         ([{**GOOD, "settings": {"drone": "my.toml"}}], "no file my.toml"),
-        ([{**GOOD, "grid": {"drone": ["crazyflie"]}}], "drone is given twice"),
+        ([{**GOOD, "grid": {"drone": ["crazyflie"]}}], "drone is set twice"),
         ([{**GOOD, "grid": {"seed": []}}], "grid seed"),
         ([{**GOOD, "grid": {"seed": [1, 1]}}], "twice"),
         ([{**GOOD, "grid": {"seed": {"first": 0}}}], "grid seed"),

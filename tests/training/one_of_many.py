@@ -44,6 +44,6 @@ if __name__ == "__main__":
         policies = train(
             *(tasks.circle(), control.pwm(), relative_box(crazyflie()), keys, settings),
             PolicySpec(hidden=(8,)),
-            saved=saved,
+            checkpoint=saved,
         )
         np.savez(f"{sys.argv[5]}/{name}.npz", *map(np.asarray, jax.tree.leaves(policies)))

@@ -91,7 +91,7 @@ def test_interrupted_training_goes_on_to_the_same_policies(tmp_path: Path) -> No
         return train(
             *(SIMULATED.task, SIMULATED.controller, BOX, KEYS, TINY, PolicySpec(hidden=(8,))),
             on_progress=hear,
-            saved=saved,
+            checkpoint=saved,
         )
 
     def interrupt(_: Progress) -> None:

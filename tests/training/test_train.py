@@ -26,7 +26,8 @@ from maidenflight.simulator.randomization import relative_box, stacked
 from maidenflight.simulator.realities.virtual_drone import virtual_drone
 from maidenflight.simulator.tasks import tasks
 from maidenflight.simulator.tasks.look_ahead import LookAhead
-from maidenflight.training import analytic_gradient, checkpoint, defaults
+from maidenflight.training import analytic_gradient, defaults
+from maidenflight.training import checkpoint as checkpoints
 from maidenflight.training import train as module
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.checkpoint import Checkpoint
@@ -50,7 +51,7 @@ def learn(
     saved: Path | None = None, hear: Any = None, settings: AnalyticGradient = TINY, box: Any = BOX
 ) -> tuple[Policy, ...]:
     spec = PolicySpec() if settings is SMALL else SPEC
-    return train(TASK, CONTROLLER, box, KEYS, settings, spec, on_progress=hear, saved=saved)
+    return train(TASK, CONTROLLER, box, KEYS, settings, spec, on_progress=hear, checkpoint=saved)
 
 
 def assert_same(one: Any, other: Any) -> None:
@@ -125,7 +126,7 @@ def test_training_from_a_policy_begins_with_its_score_and_ends_no_worse(
     saved = tmp_path / "training.npz"
 
     def tuned(hear: Any, from_: Policy = initial) -> tuple[Policy, ...]:
-        return train(*asked, policy=from_, on_progress=hear, saved=saved)
+        return train(*asked, policy=from_, on_progress=hear, checkpoint=saved)
 
     def interrupt(progress: Progress) -> None:
         if progress.update == 2:
@@ -221,7 +222,7 @@ def test_training_that_has_ended_is_extended_and_an_extension_is_resumed(tmp_pat
     assert_same(extended("killed"), policies)
     whole, killed = (tmp_path / folder / "training.npz" for folder in ("whole", "killed"))
     assert whole.read_bytes() == killed.read_bytes()
-    assert checkpoint.stages(whole) == (4, 6)
+    assert checkpoints.stages(whole) == (4, 6)
     with pytest.raises(InputError, match=r"updates was 6 and is 4\. Give 6, or more"):
         learn(whole)
 
@@ -240,9 +241,9 @@ def test_an_extension_is_recorded(tmp_path: Path, monkeypatch: Any) -> None:
     made = policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
     stub = training_that_gives(made)
 
-    def extended(*arguments: Any, saved: Checkpoint, **further: Any) -> tuple[Policy, ...]:
-        given = stub(*arguments, saved=saved, **further)
-        checkpoint.save(saved.path, (), "", (600, 700))
+    def extended(*arguments: Any, checkpoint: Checkpoint, **further: Any) -> tuple[Policy, ...]:
+        given = stub(*arguments, checkpoint=checkpoint, **further)
+        checkpoints.save(checkpoint.path, (), "", (600, 700))
         return given
 
     monkeypatch.setattr("maidenflight.training.train.train", stub)
@@ -357,10 +358,12 @@ def test_a_full_disk_is_said_in_a_line_and_training_goes_on_when_there_is_space(
 def training_that_gives(*policies: Policy) -> Any:
     """In place of `train`: one evaluation, a checkpoint, and these policies."""
 
-    def given(*arguments: Any, on_progress: Any, saved: Checkpoint, **_: Any) -> tuple[Policy, ...]:
+    def given(
+        *arguments: Any, on_progress: Any, checkpoint: Checkpoint, **_: Any
+    ) -> tuple[Policy, ...]:
         score = Evaluation(*(jnp.zeros(len(arguments[3])) for _ in Evaluation._fields))
         on_progress(Progress(1, 1, score))
-        checkpoint.save(saved.path, (), "", (1,))
+        checkpoints.save(checkpoint.path, (), "", (1,))
         return policies
 
     return given
@@ -401,8 +404,8 @@ def test_policies_of_an_earlier_training_of_more_go(tmp_path: Path, monkeypatch:
 def test_an_earlier_training_stays_until_the_first_checkpoint_of_the_one_in_its_place(
     tmp_path: Path, monkeypatch: Any
 ) -> None:
-    def interrupted(*_: Any, saved: Checkpoint, **__: Any) -> Any:
-        assert saved.restart
+    def interrupted(*_: Any, checkpoint: Checkpoint, **__: Any) -> Any:
+        assert checkpoint.restart
         raise KeyboardInterrupt
 
     monkeypatch.setattr(
@@ -492,7 +495,7 @@ def test_a_policy_sees_and_remembers_as_much_as_asked_and_else_it_is_another_tra
     )
     asked = tasks.circle(), control.pwm(), BOX, KEYS[:1], settings
     spec = PolicySpec(history=3, look_ahead=LookAhead(2, 0.2), memory=4, hidden=(8,))
-    (policy,) = train(*asked, spec, saved=saved)
+    (policy,) = train(*asked, spec, checkpoint=saved)
     assert (policy.spec, policy.layer_sizes) == (spec, (66, 8, 4))
     policy.check()
     for other, words in (
@@ -504,7 +507,7 @@ def test_a_policy_sees_and_remembers_as_much_as_asked_and_else_it_is_another_tra
         ({"hidden": (9,)}, r"hidden was \[8\] and is \[9\]"),
     ):
         with pytest.raises(InputError, match=f"a checkpoint of another training: {words}"):
-            train(*asked, changed(spec, **other), saved=saved)
+            train(*asked, changed(spec, **other), checkpoint=saved)
 
 
 def test_settings_of_no_method_are_refused() -> None:

@@ -26,7 +26,7 @@ INITIAL = untrained(KEYS[0], spec=PolicySpec(history=3, memory=4, hidden=(8,)))
 USUAL: dict[str, Any] = {
     "task": tasks.circle(),
     "controller": control.pwm(),
-    "box": BOX,
+    "distribution": BOX,
     "keys": KEYS,
     "settings": AnalyticGradient(updates=4, num_envs=4, horizon=4, evaluations=4, episodes=4),
     "policy": PolicySpec(hidden=(8,)),
@@ -38,7 +38,7 @@ def asked(**others: Any) -> TrainingSpec:
 
 
 @pytest.mark.parametrize(
-    ("box", "words"),
+    ("distribution", "words"),
     [
         ([BOX], "1 distributions of drones for 2 keys"),
         ([BOX, "crazyflie"], "str is no distribution"),
@@ -50,10 +50,10 @@ def asked(**others: Any) -> TrainingSpec:
     ],
 )
 def test_distributions_that_cannot_be_trained_over_together_are_refused(
-    box: Any, words: str
+    distribution: Any, words: str
 ) -> None:
     with pytest.raises(InputError, match=words):
-        train(**USUAL | {"box": box})
+        train(**USUAL | {"distribution": distribution})
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_distributions_that_cannot_be_trained_over_together_are_refused(
             r"pwm is no Controller; expected what mf\.simulator\.pwm\(\) gives",
         ),
         ({"controller": position_pid()}, "position_pid cannot be trained for"),
-        ({"box": crazyflie()}, "Parameters is no distribution of drones"),
+        ({"distribution": crazyflie()}, "Parameters is no distribution of drones"),
         ({"keys": jax.random.key(0)}, "keys must be random keys, one a policy"),
         ({"keys": 0}, "keys must be random keys, one a policy"),
         ({"settings": AnalyticGradient(updates=0)}, "updates = 0; expected 1 or more"),
@@ -91,12 +91,12 @@ def test_more_updates_are_the_same_training_and_all_else_is_another() -> None:
     usual, settings = asked().fingerprint(), USUAL["settings"]
     assert asked().fingerprint() == usual
     assert asked(settings=changed(settings, updates=9)).fingerprint() == usual
-    assert asked(box=[BOX, BOX]).fingerprint() == usual
+    assert asked(distribution=[BOX, BOX]).fingerprint() == usual
     others = [
         {"task": tasks.hover()},
         {"controller": control.pwm(50)},
-        {"box": relative_box(crazyflie(), 0.11)},
-        {"box": [BOX, relative_box(crazyflie(), 0.11)]},
+        {"distribution": relative_box(crazyflie(), 0.11)},
+        {"distribution": [BOX, relative_box(crazyflie(), 0.11)]},
         {"keys": KEYS[::-1]},
         {"settings": changed(settings, tilt_penalty=3.0)},
         {"settings": PPO()},

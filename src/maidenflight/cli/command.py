@@ -158,7 +158,7 @@ def _common_options(verb: type[Verb], rare: bool) -> list[click.Parameter]:
 
 
 class Commands(click.Group):
-    """All verbs, each imported when it is asked for."""
+    """All verbs, each imported at its first use."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Returns the names of the verbs in the order of the flow."""

@@ -63,7 +63,7 @@ def export_c(
         policy: the policy, of any control interface.
         directory: where to write; made if missing.
         hover: share of full thrust at which the drone hovers, 1 / thrust_to_weight, for
-            `MF_HOVER`; not written unless given.
+            `MF_HOVER`; not written by default.
         seed: random seed of the golden vectors.
         record: how the policy was made, for the header's comment.
         reentrant: whether several tasks may compute at the same time, each with two layers on its

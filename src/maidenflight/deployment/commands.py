@@ -13,7 +13,7 @@ _FOLLOWED = (
 )
 _NOTES = {
     "pwm": "Motors: 0 front right, 1 back right, 2 back left, 3 front left (the firmware's M1 to "
-    "M4); the first and the third turn counter-clockwise, seen from above.",
+    "M4); the first and the third turn counter-clockwise from above.",
     "attitude_rate": "Command 0 is collective thrust; 1 to 3 are roll, pitch and yaw rate, body. "
     + _FOLLOWED,
     "attitude": f"Command 0 is collective thrust; 1 to 3 are roll, pitch and yaw. {_FOLLOWED}",

@@ -1,1 +1,1 @@
-"""Transfer: policies in realities that they have never seen."""
+"""Transfer: policies in unseen realities."""

@@ -64,7 +64,7 @@ def distribution_of(
 
 
 def read_drone(drone: StrPath, accept_bounds: bool = False) -> DroneFile:
-    """Reads a drone that is to be flown or trained for.
+    """Reads a drone to fly or to train for.
 
     Args:
         drone: TOML file or name.

@@ -1,7 +1,7 @@
 """`envelope`: how far policies fly as a flight becomes harder.
 
 Along each axis a flight grows harder, in speed or in what the drone is made to bear, until it is
-not flown any more: a guard trips, or the mean distance from the set-point exceeds `WITHIN_M`. What
+lost: a guard trips, or the mean distance from the set-point exceeds `WITHIN_M`. What
 a flight reaches is the hardest that it still flew. What 95 % of flights reach is the envelope.
 """
 
@@ -36,7 +36,7 @@ from maidenflight.simulator.tasks.failures import LOST, TIME_LIMIT
 from maidenflight.simulator.tasks.tasks import Task
 
 WITHIN_M = 0.10
-"""Mean distance from the set-point [m] up to which a flight is flown."""
+"""Mean distance from the set-point [m] up to which a flight succeeds."""
 WINDOW_S = 1.0
 """Time over which that mean is taken where a flight grows faster [s]."""
 SHARE = 0.95
@@ -48,7 +48,7 @@ _RESAMPLINGS = 1000
 
 
 class SpeedRamp(NamedTuple):
-    """A reference that is flown faster and faster within one flight."""
+    """A reference whose speed grows within one flight."""
 
     unit: str
     of: Callable[[float], trajectories.Trajectory]
@@ -56,7 +56,7 @@ class SpeedRamp(NamedTuple):
     fastest: float
     """Top speed to which it grows in `trajectories.QUICKENING` [m/s]."""
     tightest: float
-    """Least radius of curvature of the path [m], where it is flown fastest."""
+    """Least radius of curvature of the path [m], where it is fastest."""
 
 
 class Condition(NamedTuple):
@@ -160,13 +160,13 @@ def envelope(
         reality: where to fly; other than a virtual drone, only axes of speed.
         axis: a name of `AXES`.
         flights: of each policy, along the whole axis each.
-        key: random key; `jax.random.key(0)` unless given. Flights of the same number have the same
+        key: random key; `jax.random.key(0)` by default. Flights of the same number have the same
             noise for each policy and grade.
-        task: what is flown under a condition; the paper's circle unless given.
-        names: what the table calls the policies; policy_1, policy_2, ... unless given.
+        task: the task under a condition; the paper's circle by default.
+        names: what the table calls the policies; policy_1, policy_2, ... by default.
 
     Returns:
-        One row a flight: policy, reality, axis, flight, reached (the hardest that was flown, in
+        One row a flight: policy, reality, axis, flight, reached (the hardest success, in
         `unit`; NaN if nothing was), unit, hardest (the end of the axis) and limit (of `limit`).
 
     Raises:
@@ -228,7 +228,7 @@ def steps_done(rows: Rows, rate: int) -> int:
         rate: its rows a second.
     """
     steps, reason = rows.end(LOST)
-    # The row in which it is lost is not flown; the tilt that speed takes trips no guard here.
+    # The row in which it is lost does not count; the tilt that speed takes trips no guard here.
     end = int(steps) - (reason != TIME_LIMIT)
     distance = rows.distance[:end]
     window = round(WINDOW_S * rate)
@@ -236,7 +236,7 @@ def steps_done(rows: Rows, rate: int) -> int:
         return 0
     means = np.convolve(distance, np.ones(window), "valid") / window
     far = means > WITHIN_M
-    # The flight was flown up to where the first window that strayed began.
+    # The flight succeeded up to the first window that strayed.
     return int(np.argmax(far)) if far.any() else end
 
 

@@ -83,8 +83,8 @@ def predict_flight_times(
         start: spread of first states.
         controller_for: the controller of a policy's interface: that of the authors' drone unless
             given. `control.controller_for` makes those that ours are trained with by default.
-        names: what table and errors call the policies; policy_1, policy_2, ... unless given.
-        on_policy: called with (policies flown, policies).
+        names: what table and errors call the policies; policy_1, policy_2, ... by default.
+        on_policy: called with (policies done, policies).
 
     Returns:
         One row a flight: policy, control, trial, duration [s], end_reason.

@@ -71,7 +71,7 @@ class Policies:
         """Returns what they fly, and notes for the user.
 
         Args:
-            task: name of a task; unless given, the one that all the files that say so were trained
+            task: name of a task; by default, the one that all the files that say so were trained
                 for.
 
         Returns:
@@ -117,7 +117,7 @@ def read_policies(places: Sequence[StrPath], control: str | None = None) -> Poli
 
     Args:
         places: files and folders of policies, and policies by others.
-        control: what the authors' policies command; what their files' names say unless given.
+        control: what the authors' policies command; what their files' names say by default.
 
     Raises:
         InputError: one is no policy, or commands something else; or one by others needs a package

@@ -46,7 +46,7 @@ _AT_LIMIT = 0.001
 
 
 def activity(flight: Flight) -> dict[str, float]:
-    """Returns how much the motors are asked to do.
+    """Returns how much the motors work.
 
     Returns:
         `command_change`, the mean |u_t - u_(t-1)| of the logged commands in 10 ms [-], and
@@ -77,19 +77,19 @@ def transfer(
     """Flies every policy in every reality.
 
     Each flight starts from hover within 2 cm of the reference's start, as when a drone hands over
-    from its PID. Virtual drones are flown all at once; other realities one flight after another.
+    from its PID. Virtual drones fly all at once; other realities one flight after another.
 
     Args:
         policies: policies of one control structure and layer sizes, policies by others beside them,
             or one of either.
         realities: where to fly them; one or more.
         trials: flights of each policy in each reality.
-        key: random key; `jax.random.key(0)` unless given.
-        task: the circle of the paper unless given.
+        key: random key; `jax.random.key(0)` by default.
+        task: the circle of the paper by default.
         controller: what carries out their commands; `control.controller_for` their interface
-            unless given.
+            by default.
         duration: longest flight [s].
-        names: what the table calls the policies; policy_1, policy_2, ... unless given.
+        names: what the table calls the policies; policy_1, policy_2, ... by default.
 
     Raises:
         InputError: no policy, no reality, policies of different kinds, a controller of another

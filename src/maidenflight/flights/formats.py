@@ -4,6 +4,7 @@ Tables are known by their columns, recordings of several signals by their first 
 there are `registry.LOG_FORMATS` says.
 """
 
+import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
@@ -20,6 +21,11 @@ from maidenflight.flights.maps import column_map, proposal
 from maidenflight.flights.tables import Table
 from maidenflight.registry import LOG_FORMATS
 
+_NEEDED = {
+    "motors": re.compile(r"mot|pwm|esc|thrott|command|cmd|act", re.IGNORECASE),
+    "body rates": re.compile(r"gyro|rate|omega|ang|wx|\bp\b", re.IGNORECASE),
+}
+"""How columns of signals that every log needs are called, more or less."""
 TABLES = (".csv", ".csv.gz", ".parquet")
 """Endings of files with tables."""
 HEAD = 64
@@ -150,9 +156,12 @@ def logged(file: Path, battery_law: str | None = None) -> Logged | Table:
 def unknown(table: Table) -> str:
     """What is wrong with a table in no known format."""
     columns = ",".join(table.frame.columns)
+    lacking = [what for what, words in _NEEDED.items() if not words.search(columns)]
+    lack = f" It seems to hold no {' and no '.join(lacking)}, without which" if lacking else ""
+    lack += " no drone can be identified." if lacking else ""
     known = [kind.what for kind in map(_imported, LOG_FORMATS) if not isinstance(kind, str)]
     return (
-        f"{table.name}: unknown format; its columns are {columns[:60]!r}. Known are "
+        f"{table.name}: unknown format; its columns are {columns[:60]!r}.{lack} Known are "
         f"{'; '.join(known)}.{_unusable()} {_help(table)}"
     )
 

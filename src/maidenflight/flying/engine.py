@@ -56,7 +56,7 @@ def simulate(
         key: random key.
         steps: control periods, static.
         start: the reference's clock at the start [s].
-        during: what changes of the drone in the course of the flight; nothing unless given.
+        during: what changes of the drone in the course of the flight; nothing by default.
     """
     offset, begin_key, key = near_reference(key)
     state = dynamics.at_hover(env.task.reference(jnp.asarray(start)) + offset, parameters)
@@ -99,12 +99,12 @@ def fly_all(
 ) -> list[SimulatedFlight]:
     """Flies a flight for each key.
 
-    Virtual drones are flown all at once where pilots can; all else one flight after another.
+    Virtual drones fly all at once where pilots can; all else flies one flight after another.
 
     Args:
         reality: where.
         pilots: one for all flights, or one for each: of one kind those that fly many drones.
-        scenario: what is flown.
+        scenario: the task, its duration and the initial states.
         keys: random keys.
         guard: what ends a flight before its time.
 
@@ -215,9 +215,9 @@ def fly(
     """Flies a reality one command at a time, and logs as `simulate` does with the same key.
 
     Args:
-        reality: what is flown; it is reset first.
+        reality: the drone or simulator; it is reset first.
         pilot: what flies it.
-        scenario: what is flown.
+        scenario: the task, its duration and the initial states.
         key: random key.
         guard: what ends the flight before its time.
 

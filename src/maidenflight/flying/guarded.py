@@ -35,7 +35,7 @@ class Trials(NamedTuple):
     keys: Array
     """Of each trial."""
     wanted: Bool[Any, "policies lanes"]
-    """Whether a trial is flown at all; the others end at once."""
+    """Whether a trial is simulated; the others end at once."""
 
 
 class Limits(NamedTuple):
@@ -88,9 +88,9 @@ def fly_together(
     """Flies until the last flight has ended, on each device for itself.
 
     Args:
-        env: what is simulated; its actions are held for a row of 10 ms.
+        env: what is simulated; its actions last for a row of 10 ms.
         every: rows from one action of the policies to the next.
-        trials: what is flown.
+        trials: drones and initial states to simulate.
         limits: of each flight.
         start: spread of first states.
     """

@@ -196,7 +196,7 @@ def _controller_of(policies: Sequence[Policy], controller: Controller | None) ->
     controller = controller or control.controller_for(interface)
     if interface != controller.interface:
         raise InputError(
-            f"policies for {interface}, but the controller given obeys {controller.interface}. "
+            f"policies for {interface}, but the controller obeys {controller.interface}. "
             "Give the one that they were trained for."
         )
     return controller
@@ -208,7 +208,7 @@ def cascade(
     """Returns the motors' commands that a controller makes of actions.
 
     Args:
-        controller: the control structure; its memory is kept here, for one flight.
+        controller: the control structure; its memory stays here, for one flight.
         act: measurement and set-point to action, called at the rate of the controller's interface.
     """
     compiled, every = _compiled(controller), controller.command_rate // controller.interface.rate

@@ -37,7 +37,7 @@ def record(
     positions flies its own controller instead, at 100 Hz. `engine.fly_all` flies other tasks.
 
     Args:
-        reality: what is flown.
+        reality: the drone or simulator.
         key: random key.
         flights: how many.
         duration: of each [s].
@@ -74,7 +74,7 @@ def record_plan(
     """Lets the firmware's position PID fly a plan in a reality and logs it.
 
     Args:
-        reality: what is flown; see `record`.
+        reality: the drone or simulator; see `record`.
         plan: what to fly.
         key: random key.
         flights: how often.

@@ -62,7 +62,7 @@ class SimulatedFlight:
     supply: Supply
     """What became of thrust commands before the motors."""
     reality: str
-    """Name of what was flown."""
+    """Name of the reality."""
     reason: int = TIME_LIMIT
     """Why it ended, an index of `END_REASONS`."""
     drone: Parameters | None = None

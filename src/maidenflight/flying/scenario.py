@@ -1,4 +1,4 @@
-"""What is flown: task, duration, drones, and the states in which flights begin."""
+"""Defines a scenario: task, duration, drones, and the states in which flights begin."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -131,7 +131,7 @@ def check(drone: "Parameters", where: str) -> "Parameters":
     if not np.all(np.abs(direction) == 1.0):
         raise InputError(
             f"{where}: rotor_direction = {direction.tolist()}, expected 1 or -1 for each rotor: 1 "
-            "where it turns clockwise seen from above, and so turns the body to the left."
+            "where it turns clockwise from above, and so turns the body to the left."
         )
     works = effectiveness(drone)
     steered = np.linalg.cond(works) < 1e3

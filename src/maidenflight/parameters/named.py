@@ -283,10 +283,10 @@ def named_drone(name: str, mass: float | None = None) -> Parameters:
 
     Args:
         name: of `DRONES`.
-        mass: of what flies [kg], batteries and decks included; its own unless given.
+        mass: of what flies [kg], batteries and decks included; its own by default.
 
     Raises:
-        InputError: the drone has no mass of its own, or cannot lift the one that is given.
+        InputError: the drone has no mass of its own, or cannot lift that mass.
     """
     drone = DRONES[name]
     if mass is not None:

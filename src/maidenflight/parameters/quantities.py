@@ -204,7 +204,7 @@ class Parameters:
         "N m s",
         (0.0, 1.0),
         "torque against roll and pitch rate per rate; 0 in the paper's model",
-        "not found in flights",
+        "not identified from flights",
     )
     torque_bias: Any = quantity(
         "body",
@@ -380,7 +380,7 @@ class Parameters:
     )
 
     def __post_init__(self) -> None:
-        # Numbers given by people become float32 once, here, so that every compiled function sees
+        # Numbers of people become float32 once, here, so that every compiled function sees
         # one dtype.
         for name in QUANTITIES:
             value = getattr(self, name)

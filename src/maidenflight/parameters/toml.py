@@ -34,7 +34,7 @@ def to_toml(
         parameters: a point, without batch axes.
         name: what to call the drone.
         extra: further tables for the end of the file, such as `identification` or `record`.
-        sources: of values, by field; the paper's where they are its values, unless given.
+        sources: of values, by field; the paper's where they are its values, by default.
 
     Returns:
         Text that `from_toml` reads back to the same float32 values.
@@ -203,7 +203,7 @@ def read_drone(drone: StrPath, mass: float | None = None) -> Parameters:
 
     Args:
         drone: TOML file, or a name in `DRONES`.
-        mass: of what flies [kg]; the drone's own unless given. Inertia and thrust-to-weight ratio
+        mass: of what flies [kg]; the drone's own by default. Inertia and thrust-to-weight ratio
             follow it.
 
     Raises:

@@ -65,7 +65,7 @@ def report(source: StrPath | Transfer | None, path: StrPath, **files: Unpack[Fil
 
     Args:
         source: the folder of a run, a file or folder that its `run.json` lists, test flights, or
-            nothing where files are given.
+            nothing where options name files.
         path: the HTML file.
         **files: files of any name and place, in place of those of the run: `logs` (one or several,
             of any format that `identify` reads), `drone`, `truth`, `policies`, `flights`,
@@ -109,7 +109,8 @@ def to_html(run: Run) -> str:
         logs=embedded(logs) if logs else "",
         scripts=scripts,
     )
-    return f"{page}\n"
+    # A file's name may hold bytes that are no UTF-8.
+    return f"{page}\n".encode(errors="backslashreplace").decode()
 
 
 def vega() -> list[Markup]:

@@ -38,7 +38,7 @@ page heavy."""
 
 
 BRIEF_S = 2.0
-"""A log shorter than this is shown although the drone hardly flies in it [s]."""
+"""A log shorter than this counts although the drone hardly flies in it [s]."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Run:
     prediction: polars.DataFrame | None = None
     """One row a predicted flight; see `predict_flight_times`."""
     study: polars.DataFrame | None = None
-    """What the tasks of a study found, a row of each after the other."""
+    """Results of the tasks of a study, a row of each after the other."""
     records: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """How each file was made, by the file's name."""
     seconds: Mapping[str, float] = field(default_factory=dict)
@@ -207,7 +207,7 @@ def read_flights_of(source: StrPath | None, options: FileOptions) -> Sequence[Fl
         InputError: nothing is there, or a log cannot be used.
     """
     if source is not None and manifest.find_manifest(source) is None:
-        return read_flights(source).flights
+        return read_flights(source, faulty="use").flights
     return flights_to_show(read_run(source, options))
 
 
@@ -250,10 +250,10 @@ def _recorded(
 ) -> tuple[list[tuple[Path, Flight]], list[str]]:
     """The flights in logs of any format, and why others cannot be used.
 
-    Our own logs are shown whole, of others the gapless pieces in which the drone flies, if any.
+    Our own logs count whole, of others the gapless pieces in which the drone flies, if any.
 
     Raises:
-        InputError: a log of ours, or one that was itself given, cannot be used.
+        InputError: a log of ours, or one that an option names, cannot be used.
     """
     flights: list[tuple[Path, Flight]] = []
     refused = []
@@ -275,7 +275,7 @@ def _pieces(path: Path) -> Sequence[Flight]:
         InputError: there is not even that.
     """
     try:
-        return read_flights(path).flights
+        return read_flights(path, faulty="use").flights
     except InputError:
         whole = whole_flights(path)
         pieces = [one for one in whole if one.duration < BRIEF_S and usable(one).stop > 1]
@@ -364,7 +364,7 @@ def usable(flight: Flight) -> slice:
 
 
 def viewable(run: Run) -> list[int]:
-    """Returns places among those `shown` of the flights that the viewer holds.
+    """Returns places of the viewer's flights among `flights_to_show`.
 
     The first with two rows.
     """

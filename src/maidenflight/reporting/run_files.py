@@ -16,8 +16,8 @@ from maidenflight.manifest import Entry, Kind, Manifest
 class FileOptions(TypedDict, total=False):
     """Files that a user gives in place of a run's; `maidenflight report --help` says what each is.
 
-    What commands write beside such files is shown too: windows beside a validation, `training.csv`
-    beside policies, and logs `flight_*.csv` beside test flights.
+    The report shows what commands write beside such files too: windows beside a validation,
+    `training.csv` beside policies, and logs `flight_*.csv` beside test flights.
     """
 
     logs: StrPath | Sequence[StrPath]
@@ -40,7 +40,7 @@ _GROUPS: tuple[tuple[Kind, ...], ...] = (
     ("study",),
     ("stages",),
 )
-"""Kinds of files that are shown together, of one entry, the main one first."""
+"""Kinds of files that stand together, of one entry, the main one first."""
 _USUAL = {
     *(run_folder.DRONE, run_folder.POLICIES, run_folder.TRANSFER, *run_folder.RECORDED),
     *(run_folder.VALIDATION.name, run_folder.PREDICTION.name),
@@ -77,7 +77,7 @@ class RunFiles:
 def find_files(source: StrPath | None, options: FileOptions) -> RunFiles:
     """Finds the files that a report shows.
 
-    Of several entries of a kind the one with the command's usual output is shown, else the latest.
+    Of several entries of a kind the command's usual output counts, else the latest.
 
     Args:
         source: a run folder, or a file or folder that its manifest lists.

@@ -70,7 +70,7 @@ def sortable(
     Args:
         name: of the table, and of the file.
         rows: what the file holds, in SI units.
-        columns: what is shown of them, in this order; the first heads the rows. A label alone shows
+        columns: their display, in this order; the first heads the rows. A label alone shows
             values as they are.
         viewed: places of rows that are flights in the viewer; `None` where rows are no flights.
     """

@@ -14,7 +14,7 @@ NOTHING = "\N{EN DASH}"
 
 
 class DisplayFormat(NamedTuple):
-    """How a quantity is shown: its name, shown value per SI value, and unit."""
+    """Display of a quantity: its name, displayed value per SI value, and unit."""
 
     name: str
     scale: float
@@ -27,7 +27,7 @@ ERRORS = {
     "attitude": DisplayFormat("attitude", math.degrees(1.0), "°"),
     "body_rates": DisplayFormat("body rates", 1.0, "rad/s"),
 }
-"""How prediction errors are shown, in tables, pictures and terminals."""
+"""Display of prediction errors, in tables, pictures and terminals."""
 
 _GREEK = {
     "Delta": "Δ",
@@ -84,7 +84,7 @@ def factor(name: str) -> float:
 
 
 def unit(name: str) -> str:
-    """Returns the unit in which a parameter is shown; empty for a pure number."""
+    """Returns the display unit of a parameter; empty for a pure number."""
     if factor(name) != 1.0:
         return "ms"
     unit_text = quantity(name).unit.replace("sqrt(Hz)", "√Hz")

@@ -78,9 +78,9 @@ class Environment:
 
         Args:
             parameters: one drone; its `time_step` must divide the period between two commands.
-            task: the paper's circle unless given.
-            controller: PWM unless given; the firmware's PIDs mix for the drone's frame.
-            settings: further fields. The thrust law is today's firmware's, unless given, where a
+            task: the paper's circle by default.
+            controller: PWM by default; the firmware's PIDs mix for the drone's frame.
+            settings: further fields. The thrust law is today's firmware's, by default, where a
                 command of 1 is full PWM, and else none.
 
         Raises:
@@ -201,7 +201,7 @@ def begin(
     parameters: Parameters,
     key: Array,
 ) -> EnvState:
-    """Returns an episode that starts in a given state.
+    """Returns an episode that starts in some state.
 
     Its delay line holds the task's first command.
 
@@ -213,7 +213,7 @@ def begin(
         key: random key for bias and sensor noise.
 
     Raises:
-        InputError: the state holds a number that is not finite (told outside compiled functions
+        InputError: the state holds a number that is not finite (raised outside compiled functions
             only).
     """
     state = dynamics.check_state(state)

@@ -27,9 +27,9 @@ class PolicyForm:
     settled: Mapping[str, Any] = field(default_factory=dict)
     """Fields of a `PolicySpec` that the form settles."""
     inputs: int | None = None
-    """Numbers that the network sees; those of an observation unless given."""
+    """Numbers that the network sees; those of an observation by default."""
     scaling: tuple[Float[np.ndarray, "inputs"], Float[np.ndarray, "inputs"]] | None = None
-    """Means and deviations by which a new policy scales them; those of its spec unless given."""
+    """Means and deviations by which a new policy scales them; those of its spec by default."""
     through_memory: bool = False
     """Whether the second layer sees the memory alone."""
     first_bias: float = 0.0

@@ -58,7 +58,7 @@ _DEVIATION = (
 class PolicySpec:
     """Describes a kind of policies; hashable, for use as a static argument.
 
-    Fields that its form settles are as the form says, whatever is given.
+    Fields that its form settles are as the form says, whatever the arguments.
 
     Raises:
         InputError: a field is out of range, or there is a memory without a hidden layer.

@@ -267,7 +267,7 @@ def wide_box(
 
 
 def ensemble(drones: Sequence[Parameters]) -> Ensemble:
-    """Returns an ensemble of given drones.
+    """Returns an ensemble of drones.
 
     Raises:
         InputError: no drone.

@@ -1,4 +1,4 @@
-"""A step of an episode: an action is held for one control period.
+"""A step of an episode: an action lasts one control period.
 
 Within it the controller commands the motors, the physics goes on and the sensors are read.
 """
@@ -255,7 +255,7 @@ def spin(
     """Returns the rotor speeds after one command period, without the rest of the drone.
 
     Args:
-        speed: of the rotors when the newest command is given.
+        speed: of the rotors at the newest command.
         line: rotor speed commands.
         steps: physics steps in the period.
         parameters: the drone.
@@ -280,7 +280,7 @@ def drive(
 
     Args:
         integrator: `dynamics.midpoint`, `dynamics.euler` or `dynamics.rk4`.
-        state: the drone when the newest command is given.
+        state: the drone at the newest command.
         line: rotor speed commands.
         steps: physics steps in the period.
         parameters: the drone.
@@ -312,7 +312,7 @@ def drive_entries(
 
     Args:
         integrator: as of `drive`.
-        state: the drone when the newest command is given, as `vectors.entries` gives it.
+        state: the drone at the newest command, as `vectors.entries` gives it.
         line: as of `drive`; of `Entries` it is faster.
         steps: as of `drive`, or an argument of the program.
         parameters: the drone.

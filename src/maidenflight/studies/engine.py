@@ -29,7 +29,7 @@ class Engine(Protocol):
         ...
 
     def close(self) -> None:
-        """Returns ends what is still under way, and gives back what it held."""
+        """Returns ends what is still under way, and frees its resources."""
         ...
 
 
@@ -38,7 +38,7 @@ class Resources:
     """What a run may use."""
 
     workers: int | None = None
-    """Tasks at once at most; as many as there is room for unless given."""
+    """Tasks at once at most; as many as there is room for by default."""
     cpus: int = 1
     """Of a task."""
     gpus: int = 0

@@ -1,8 +1,9 @@
-"""Where the results of a study are: a folder each, named by its key, seen whole or not at all.
+"""Where the results of a study are: a folder each, named by its key, whole or not at all.
 
 A store is a folder, which machines share, or an address of fsspec such as s3://BUCKET/STUDY.
 """
 
+import hashlib
 import json
 import os
 import re
@@ -14,7 +15,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
-from maidenflight import inputs, results
+from maidenflight import cache, inputs, results
 from maidenflight.errors import InputError, WriteError, optional
 
 RESULT = "result.json"
@@ -205,8 +206,12 @@ class Address:
 
     def folder(self, key: str) -> Path:
         """See `Store`."""
-        user = os.getuid() if hasattr(os, "getuid") else 0
-        fetched = Folder(Path(tempfile.gettempdir(), f"maidenflight-{user}-results"))
+        # In the user's own cache, which nobody else may write to; anew where it was computed again.
+        place = cache.folder() / "results" / hashlib.sha256(self._address.encode()).hexdigest()[:16]
+        place.mkdir(mode=0o700, parents=True, exist_ok=True)
+        fetched = Folder(place)
+        if fetched.has(key) and fetched.result(key) != self.result(key):
+            fetched.remove(key)
         if not fetched.has(key):
             with fetched.making(key) as place:
                 self._files.get(f"{self._at(_RESULTS, key)}/", f"{place}/", recursive=True)

@@ -23,7 +23,7 @@ import itertools
 import json
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import chdir
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,6 +33,7 @@ from maidenflight import __version__, inputs, results
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.settings import PENDING, REQUIRED, Setting, plain
+from maidenflight.simulator.realities.reality import imports_code
 from maidenflight.verb import Verb, find_verb
 
 MAX_TASKS = 1_000_000
@@ -71,7 +72,7 @@ class Study:
     home: Path
     """The folder that paths are relative to."""
     entries: tuple[Mapping[str, Any], ...]
-    """As they were given."""
+    """As the study has them."""
     cpus: int = 1
     gpus: int = 0
 
@@ -100,7 +101,7 @@ def settings_of(verb: type[Verb]) -> dict[str, Setting]:
     return {name: one for name, (_, one) in verb.settings().items() if one.recorded}
 
 
-def read_study(path: StrPath, cpus: int = 1, gpus: int = 0) -> Study:
+def read_study(path: StrPath, cpus: int = 1, gpus: int = 0, *, trust: bool = False) -> Study:
     """Reads a study.
 
     Args:
@@ -108,9 +109,10 @@ def read_study(path: StrPath, cpus: int = 1, gpus: int = 0) -> Study:
         cpus: cores of each task. They are part of what names a result: sums over more devices are
             rounded differently.
         gpus: GPUs of each task, likewise.
+        trust: whether the file may name Python code, `MODULE:NAME`, which is then imported.
 
     Raises:
-        InputError: it is missing or no TOML, or see `of`.
+        InputError: it is missing or no TOML, it names code without trust, or see `of`.
     """
     try:
         content = inputs.from_toml(inputs.text(path))
@@ -124,7 +126,26 @@ def read_study(path: StrPath, cpus: int = 1, gpus: int = 0) -> Study:
         raise InputError(
             f"{path}: {min(unknown)} is unknown. Expected tables [[task]]; see docs/clusters.md."
         )
+    if not trust and (code := next(_code_in(content), None)):
+        raise InputError(
+            f"{path}: {code} is Python code, which anybody may have written. Look at it, then add "
+            "--trust (in Python trust=True)."
+        )
     return of(content.get("task"), Path(path).resolve().parent, str(path), cpus, gpus)
+
+
+def _code_in(content: Any, setting: str = "") -> Iterator[str]:
+    """Yields the names of Python code among the verbs and realities of a study's tables."""
+    if isinstance(content, dict):
+        for name, value in content.items():
+            yield from _code_in(value, name)
+    elif isinstance(content, list):
+        for value in content:
+            yield from _code_in(value, setting)
+    elif isinstance(content, str) and (
+        (setting == "kind" and ":" in content) or (setting == "reality" and imports_code(content))
+    ):
+        yield content
 
 
 def of(
@@ -187,7 +208,7 @@ def _entry(content: Any, where: str, known: Mapping[str, _Entry]) -> _Entry:
             expected = ", ".join(settings)
             raise InputError(f"{label}: {name} is no setting of {kind}. Expected {expected}.")
         if names.count(name) > 1:
-            raise InputError(f"{label}: {name} is given twice. Give it in one place.")
+            raise InputError(f"{label}: {name} is set twice. Set it in one place.")
     for name, setting in settings.items():
         if name not in names:
             setting.check(setting.default, f"{label}: {name}")
@@ -341,7 +362,7 @@ def _digests(value: str, label: str, known: dict[str, list[str]]) -> list[str]:
             if os.path.isdir(part):
                 files += sorted(path for path in part.rglob("*") if path.is_file())
             elif os.path.isfile(part):
-                # A policy by others is described by one file and held by another beside it.
+                # A policy by others is described by one file and stored in another beside it.
                 neighbours = part.parent.iterdir() if part.suffix == ".toml" else ()
                 files += [
                     part,

@@ -37,6 +37,7 @@ def sweep(
     resources: Resources | None = None,
     retries: int = 1,
     on_progress: Callable[[Progress], None] | None = None,
+    trust: bool = False,
 ) -> polars.DataFrame:
     """Computes a study: what is not there yet, on one machine or many.
 
@@ -51,10 +52,11 @@ def sweep(
             given.
         retries: how often a task that fails is begun again.
         on_progress: called with how far it is, about each second.
+        trust: whether a TOML file may name Python code, `MODULE:NAME`, which is then imported.
 
     Returns:
         A row a row of each task, in the order of the study: `task`, `kind`, what is swept as
-        `ENTRY.SETTING`, and what the task found.
+        `ENTRY.SETTING`, and the task's results.
 
     Raises:
         InputError: the study is wrong (see `study.of`) or the engine cannot be used, before any
@@ -64,7 +66,7 @@ def sweep(
     resources = resources or Resources()
     cpus, gpus = resources.cpus, resources.gpus
     study = (
-        read_study(tasks, cpus, gpus)
+        read_study(tasks, cpus, gpus, trust=trust)
         if isinstance(tasks, str | os.PathLike)
         else of(list(tasks), cpus=cpus, gpus=gpus)
     )
@@ -121,7 +123,7 @@ def compute(
         on_progress: called with how far it is.
 
     Returns:
-        By its key, what each task said that failed as often as it may.
+        By its key, the message of each task that failed as often as it may.
 
     Raises:
         InputError: the engine cannot be used.

@@ -86,7 +86,7 @@ class AnalyticGradient:
     """Share of the environments that are reset after each update: initial states are the hard
     part of an episode."""
     evaluations: int = 15
-    """How often the policy is evaluated; the best one is kept."""
+    """How often the policy is evaluated; the best one counts."""
     episodes: int = 128
     """Episodes per evaluation."""
 
@@ -106,7 +106,7 @@ Segment = Callable[[Any, EnvInstance, Array], tuple[Float[Array, ""], tuple[EnvS
 
 NEWTON_SCHULZ = ((3.4445, -4.7750, 2.0315),) * 5
 """Coefficients of Muon's five iterations (Jordan et al. 2024). By a row each optax loops over them;
-given one row for all it writes them out, which takes a tenth of what training has to compile."""
+with one row for all it writes them out, which takes a tenth of what training has to compile."""
 _MATRIX = optax.contrib.MuonDimensionNumbers()
 
 

@@ -42,7 +42,7 @@ _DAMAGED = (
 
 
 class Checkpoint(NamedTuple):
-    """Where the state of a training is kept."""
+    """Place of a training's state."""
 
     path: StrPath
     restart: bool = False
@@ -100,7 +100,7 @@ def save(path: str | PathLike[str], state: Any, fingerprint: str, stages: Sequen
             was extended from there.
 
     Raises:
-        WriteError: the file cannot be written; what was there before is kept.
+        WriteError: the file cannot be written; its former content stays.
     """
     leaves = {f"leaf {number}": _whole(leaf) for number, leaf in enumerate(tree.leaves(state))}
     if jax.process_index() > 0:
@@ -153,7 +153,7 @@ def _read(path: str | PathLike[str]) -> _Saved:
 
 
 def stages(path: str | PathLike[str]) -> tuple[int, ...]:
-    """Numbers of updates that `save` was given, or none if there is no such file.
+    """Numbers of updates that `save` wrote, or none if there is no such file.
 
     Raises:
         InputError: the file is damaged, or of another version.
@@ -167,7 +167,7 @@ def restored(
     """Returns the state in a file and its stages, or a new one and none if there is no such file.
 
     Args:
-        path: as given to `save`.
+        path: of `save`.
         start: (stages) to a new state; the file's arrays must have its shapes.
         expected: fingerprint of this training.
 

@@ -169,9 +169,9 @@ def choose_controller(
         structure: a name in `names.CONTROLS`.
         drone: to train for.
         full_scale_counts: of the drone; see `ControlInterface`.
-        initial: where training starts, if given; the range of thrust is then its own.
+        initial: where training starts, if set; the range of thrust is then its own.
         paper_scales: whether all actions are scaled as the paper does.
-        rate: actions a second [Hz]; the structure's own unless given.
+        rate: actions a second [Hz]; the structure's own by default.
     """
     at: dict[str, Any] = {} if rate is None else {"action_rate": rate}
     papers = control.CONTROLLERS[structure](full_scale_counts=full_scale_counts, **at)

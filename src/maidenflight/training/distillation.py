@@ -1,4 +1,4 @@
-"""Distillation: a policy with a memory learns from a teacher that is told what it flies.
+"""Distillation: a policy with a memory learns from a teacher that knows the drone.
 
 Three like shares of the updates. In the first a teacher, a network without a memory that also sees
 what the drone is, learns by analytic gradients. In the second the policy imitates it, in the states
@@ -77,7 +77,7 @@ def phase(update: int, updates: int) -> str:
 
 
 def known(drone: Parameters) -> Float[Array, "19"]:
-    """Returns what a teacher is told of a drone, in numbers that do not depend on its size.
+    """Returns a teacher's input about a drone, in numbers that do not depend on its size.
 
     Logarithms of thrust-to-weight ratio, lag and what the rotors can turn the body by; delays;
     trims and wind; thrust of each rotor; drag.
@@ -163,7 +163,7 @@ def begin(env: Environment, settings: Distillation, boxes: Distribution, keys: A
 def _teacher(
     env: Environment, settings: Distillation, box: Distribution, drones: EnvInstance, key: Array
 ) -> Teacher:
-    """An untrained teacher, which does not heed yet what it is told."""
+    """An untrained teacher, which does not heed its extra input yet."""
     drawn = jax.vmap(lambda key: known(box.draw(key)))(jax.random.split(key, _DRAWN))
     spec = dataclasses.replace(env.spec, memory=0, hidden=settings.teacher_hidden, form=INSTANTS)
     policy = untrained(key, env.controller.interface, spec)

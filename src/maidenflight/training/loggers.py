@@ -26,7 +26,7 @@ def opened(
         names: of `registry.LOGGERS`.
         folder: of the policies.
         policies: how many learn.
-        settings: plain values that are kept with the scores.
+        settings: plain values to store with the scores.
 
     Raises:
         InputError: a logger's package is not installed, or it cannot be opened.

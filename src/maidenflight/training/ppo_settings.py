@@ -56,7 +56,7 @@ class PPO:
     final_noise_std: float = 0.15
     """Standard deviation in the last update; it decays linearly."""
     evaluations: int = 15
-    """How often the policy is evaluated; the best one is kept."""
+    """How often the policy is evaluated; the best one counts."""
     episodes: int = 128
     """Episodes per evaluation."""
 

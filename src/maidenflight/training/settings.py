@@ -19,7 +19,7 @@ class Settings(Protocol):
 
     @property
     def evaluations(self) -> int:
-        """How often the policy is evaluated; the best one is kept."""
+        """How often the policy is evaluated; the best one counts."""
         ...
 
     @property

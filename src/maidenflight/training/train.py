@@ -28,7 +28,8 @@ from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.tasks.tasks import Task
-from maidenflight.training import analytic_gradient, checkpoint, distillation, ppo
+from maidenflight.training import analytic_gradient, distillation, ppo
+from maidenflight.training import checkpoint as checkpoints
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.checkpoint import Checkpoint
 from maidenflight.training.devices import placed
@@ -92,31 +93,31 @@ class _State(NamedTuple):
 def train(
     task: Task,
     controller: Controller,
-    box: Distribution | Sequence[Distribution],
+    distribution: Distribution | Sequence[Distribution],
     keys: Array,
     settings: Settings | None = None,
     policy: PolicySpec | Policy = PolicySpec(),
     *,
     on_progress: Callable[[Progress], None] | None = None,
-    saved: StrPath | Checkpoint | None = None,
+    checkpoint: StrPath | Checkpoint | None = None,
 ) -> tuple[Policy, ...]:
     """Trains one policy per key, all in one call.
 
     Args:
         task: the task to fly.
         controller: control structure that the policy commands.
-        box: distribution of drones to train over; or one for each key, of one kind, whose drones
+        distribution: the drones to train over; or one for each key, of one kind, whose drones
             have the same frame and time step.
         keys: random keys, one per policy.
         settings: of the method, which is chosen by their class; default `AnalyticGradient()`.
         policy: what the policies see and remember, and their hidden layers, to train from random
             weights; or a policy from which training starts, and whose score is the first.
         on_progress: called after each evaluation; first with those of the checkpoint.
-        saved: checkpoint, written after each evaluation. If it exists, training resumes from it and
-            ends with the same policies as without the interruption, unless a `Checkpoint` says
-            `anew`. If it is of a training that has ended and `settings.updates` is larger than its
-            number, training is extended: its further updates have the learning rates that they have
-            in a training of that many.
+        checkpoint: file, written after each evaluation. If it exists, training resumes from it and
+            ends with the same policies as without the interruption, unless `Checkpoint.restart`.
+            If it is of a training that has ended and `settings.updates` is larger than its number,
+            training is extended: its further updates have the learning rates that they have in a
+            training of that many.
 
     Returns:
         For each key, in order, the policy at its best evaluation (`Evaluation.beats`). Time grows
@@ -131,15 +132,15 @@ def train(
     """
     settings = AnalyticGradient() if settings is None else settings
     method = _method_of(settings)
-    spec = validate(task, controller, box, keys, settings, policy)
+    spec = validate(task, controller, distribution, keys, settings, policy)
     env, drones, from_zero = spec.env, spec.drones, spec.initial is not None
-    place = saved if isinstance(saved, Checkpoint | None) else Checkpoint(saved)
+    place = checkpoint if isinstance(checkpoint, Checkpoint | None) else Checkpoint(checkpoint)
     path, fingerprint = None if place is None else place.path, spec.fingerprint()
     state, stages, starts = _begin(method, spec, place, fingerprint)
-    stages = checkpoint.extended(
+    stages = checkpoints.extended(
         path, stages, settings.updates, settings.evaluations, int(state.scored), from_zero
     )
-    ends = checkpoint.ends(stages, settings.evaluations, from_zero)
+    ends = checkpoints.ends(stages, settings.evaluations, from_zero)
     if to_come := len(ends) - len(state.scores.survival):
         more = jnp.full((to_come, len(keys)), jnp.nan)
         state = state._replace(
@@ -174,7 +175,7 @@ def train(
             )
         state = _advanced(state, learners, scores)
         if path is not None:
-            checkpoint.save(path, state, fingerprint, stages)
+            checkpoints.save(path, state, fingerprint, stages)
         report(state, number)
     return tuple(_one_of(state.best, number) for number in range(len(keys)))
 
@@ -190,32 +191,34 @@ def _method_of(settings: Settings) -> Method:
 
 
 def _begin(
-    method: Method, spec: TrainingSpec, saved: Checkpoint | None, fingerprint: str
+    method: Method, spec: TrainingSpec, checkpoint: Checkpoint | None, fingerprint: str
 ) -> tuple[_State, tuple[int, ...], Starts]:
     """The state in which training begins, the stages that it has behind it, and its episodes."""
     env, settings, drones, keys = spec.env, spec.settings, spec.drones, spec.keys
 
     def start(stages: tuple[int, ...]) -> _State:
-        # Of a checkpoint, which has stages, shapes alone are asked for.
+        # Of a checkpoint, which has stages, only shapes count.
         begin = method.begin if stages else partial(_begun, method.begin)
         learners = begin(env, settings, drones, keys)
         if spec.initial is not None:
             learners = learners._replace(policy=_repeated(spec.initial, len(keys)))
         every = stages or (settings.updates,)
-        count = len(checkpoint.ends(every, settings.evaluations, spec.initial is not None))
+        count = len(checkpoints.ends(every, settings.evaluations, spec.initial is not None))
         nothing = Evaluation(*(jnp.full((count, len(keys)), jnp.nan) for _ in Evaluation._fields))
         worst = Evaluation(*(jnp.full(len(keys), -jnp.inf) for _ in Evaluation._fields))
         return _State(learners, learners.policy, worst, nothing, jnp.zeros((), jnp.int32))
 
     with ThreadPoolExecutor(1) as executor:
-        earlier = None if saved is None or saved.restart else saved.path
+        earlier = None if checkpoint is None or checkpoint.restart else checkpoint.path
         if earlier is None or not os.path.lexists(earlier):
             # Meanwhile XLA compiles what makes learners and starts, which takes as long.
             shapes = jax.eval_shape(partial(method.begin, env), settings, drones, keys)
             shapes = placed(shapes, method.sharding, settings.num_envs)
             executor.submit(method.learn.trace, env, settings, drones, shapes, keys, 0, 1)
         state, stages = (
-            (start(()), ()) if earlier is None else checkpoint.restored(earlier, start, fingerprint)
+            (start(()), ())
+            if earlier is None
+            else checkpoints.restored(earlier, start, fingerprint)
         )
         starts = starts_of(env, settings.episodes, drones)
     learners = placed(state.learners, method.sharding, settings.num_envs)
@@ -231,7 +234,7 @@ def _begun(
 
 
 def _advanced(state: _State, learners: Any, scores: Evaluation) -> _State:
-    """The state after one more evaluation; of each policy the better one is kept."""
+    """The state after one more evaluation; of each policy the better one counts."""
     better = scores.beats(state.best_score)
 
     def chosen(new: Array, old: Array) -> Array:

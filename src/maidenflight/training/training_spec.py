@@ -1,4 +1,4 @@
-"""What a training is asked for: checked, with a fingerprint that tells it from others."""
+"""Validates the arguments of a training, and makes the fingerprint of it."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -61,12 +61,12 @@ class TrainingSpec(NamedTuple):
 def validate(
     task: Task,
     controller: Controller,
-    box: Distribution | Sequence[Distribution],
+    distribution: Distribution | Sequence[Distribution],
     keys: Array,
     settings: Settings,
     policy: PolicySpec | Policy,
 ) -> TrainingSpec:
-    """Returns what `train` is asked for by its arguments of these names.
+    """Validates the arguments of `train` of these names.
 
     Raises:
         InputError: see `train`; not for settings of no known method.
@@ -90,7 +90,7 @@ def validate(
         raise InputError(
             "keys must be random keys, one a policy: jax.random.split(jax.random.key(0), 3)."
         )
-    boxes = _one_each(box, len(keys))
+    boxes = _one_each(distribution, len(keys))
     if controller.interface.name == EXCITATION.name:
         raise InputError(
             f"control structure {EXCITATION.name} cannot be trained for: it flies by itself. Give "

@@ -71,6 +71,7 @@ if TYPE_CHECKING:
     from maidenflight.studies.status import clock
     from maidenflight.studies.status import read_status as read_status
     from maidenflight.studies.store import opened as open_store
+    from maidenflight.studies.study import Study
     from maidenflight.studies.study import read_study as read_study
     from maidenflight.training import checkpoint, defaults, folder, loggers
     from maidenflight.training.checkpoint import Checkpoint

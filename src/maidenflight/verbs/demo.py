@@ -45,13 +45,13 @@ class Demo(Verb):
     the best one and writes a report.
     """
 
-    output = Output(None, "Folder; the first free of run, run-2, ... unless given.")
+    output = Output(None, "Folder; the first free of run, run-2, ... by default.")
     fused, parallel, steady, in_studies = True, True, False, False
 
     seed: int = shared.seed(7)
 
     def choose_output(self, output: StrPath | None) -> Path:
-        """Returns the folder; the first that is free unless given."""
+        """Returns the folder; the first that is free by default."""
         if output is not None:
             return Path(output)
         names = (Path("run" if number == 1 else f"run-{number}") for number in range(1, 10**6))
@@ -105,7 +105,7 @@ class Demo(Verb):
             transfer,
             run_folder.TRANSFER,
             f"{train.policies * transfer.trials} zero-shot flights in the virtual reality they "
-            "have not seen",
+            "did not train on",
         )
         best = Path(stage_results["transfer"].content["best"])
         run(configure(Export(policy=best)), run_folder.FIRMWARE, "the best policy to C99")

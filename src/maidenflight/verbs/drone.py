@@ -17,7 +17,7 @@ class Drone(Verb):
     """
 
     in_studies = False
-    output = Output(None, "File to write; standard output unless given.")
+    output = Output(None, "File to write; standard output by default.")
 
     drone: str = shared.drone("crazyflie", argument=True)
     list_names: bool = setting(
@@ -26,7 +26,7 @@ class Drone(Verb):
     mass: float | None = shared.mass()
 
     def compute(self, output: Path | None, progress: Progress) -> Result:
-        """Reads and checks the drone; writes it where an output is given."""
+        """Reads and checks the drone; writes it where there is an output."""
         if self.list_names:
             return _list()
         kilograms = None if self.mass is None else self.mass / 1e3

@@ -1,4 +1,4 @@
-"""`Envelope`: how hard a flight may be before policies do not fly it."""
+"""`Envelope`: how hard a flight may be before policies fail."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 
 class Envelope(InRealities):
-    """Find how hard a flight may be before POLICIES do not fly it.
+    """Find how hard a flight may be before POLICIES fail.
 
-    A flight is all_rows while its mean distance from the set-point is at most 10 cm and no guard
+    A flight succeeds while its mean distance from the set-point is at most 10 cm and no guard
     trips; the envelope is what 95 % of flights reach. Speed grows within a flight, on a reference
     that gets faster; each grade of another condition is a flight of 20 s of what the policies were
     trained for. raptor and policies by others fly as in transfer. All of it is simulated.
@@ -107,6 +107,6 @@ def _tabulate(summary: list[Row]) -> Table:
         **{"envelope": "{envelope:.3g}", "95 %": "{low:.3g} to {high:.3g}"},
         **{"median": "{median:.3g}", "physics": "{limit:.3g}", "unit": "{unit}"},
     }
-    title = "SimulatedFlight within 10 cm by 95 % of flights, simulated; -: not even the easiest"
+    title = "95 % of simulated flights stay within 10 cm; -: not even at the easiest"
     rows = [{**row, "limit": row["limit"] if row["limit"] > 0 else None} for row in summary]
     return Table(title, columns, rows)

@@ -21,7 +21,7 @@ def tabulate_estimates(
 
     Args:
         result: the result.
-        truth: by parameter, in SI units, or as text in the unit that is shown.
+        truth: by parameter, in SI units, or as text in the display unit.
     """
     replayed = result.objective == "replay"
     rows: list[dict[str, Any]] = []
@@ -68,7 +68,7 @@ def describe_unidentifiable(result: Identification) -> list[str]:
         ranges.append(f"{name} {low * scale:.3g} .. {high * scale:.3g} {unit}".strip())
     text = (
         f"not identifiable from these flights: {', '.join(ranges)}. That is what is plausible; "
-        "start values are kept, and training with --randomize posterior covers these ranges."
+        "start values stay, and training with --randomize posterior covers these ranges."
     )
     return [fill(text, _WIDTH)] if ranges else []
 
@@ -98,7 +98,7 @@ def describe_fit(result: Identification, start: str) -> list[str]:
     if not {"mass", *GEOMETRY} & {COMPONENTS[name][0] for name in result.estimates}:
         mass, arm = float(result.parameters.mass), arm_length(result.parameters)
         lines += [
-            f"kept from {start}: mass {mass * 1e3:.4g} g and rotors {arm * 1e3:.4g} mm from the "
+            f"taken from {start}: mass {mass * 1e3:.4g} g and rotors {arm * 1e3:.4g} mm from the "
             "centre, on which inertias and torques depend;",
             "if yours differ, give --mass, or your drone with --start.",
         ]
@@ -108,7 +108,7 @@ def describe_fit(result: Identification, start: str) -> list[str]:
             for name, value in result.noise.items()
             if value
         )
-        lines.append(fill(f"noise found: {', '.join(levels)}", _WIDTH))
+        lines.append(fill(f"noise: {', '.join(levels)}", _WIDTH))
     fit = (
         f"mean error of a replayed window {result.value:.4g} ({result.start_value:.4g} for {start})"
         if result.objective == "replay"

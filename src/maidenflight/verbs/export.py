@@ -24,7 +24,7 @@ class Export(Verb):
         None,
         "Folder; "
         + ", ".join(f"{choose_folder(to)} for {to}" for to in EXPORTERS.own)
-        + " unless given.",
+        + " by default.",
     )
 
     policy: Path = setting(path("a policy file"), REQUIRED, argument=True, files=True)
@@ -46,7 +46,7 @@ class Export(Verb):
     seed: int = shared.seed()
 
     def choose_output(self, output: StrPath | None) -> Path:
-        """Returns the folder; the exporter's own unless given."""
+        """Returns the folder; the exporter's own by default."""
         return Path(choose_folder(self.to) if output is None else output)
 
     def check_early(self) -> None:

@@ -40,7 +40,7 @@ class Identify(Verb):
     logs: Path = shared.logs()
     start: str = shared.drone(
         "crazyflie",
-        "Drone whose other parameters are kept: a name, of which maidenflight drone --list prints "
+        "Drone with the other parameters: a name, of which maidenflight drone --list prints "
         "all, or a TOML file.",
     )
     mass: float | None = shared.mass()
@@ -73,7 +73,7 @@ class Identify(Verb):
     length: int | None = setting(
         whole(1, 500),
         None,
-        "T, rows of a replayed window; 30 unless given.",
+        "T, rows of a replayed window; 30 by default.",
         group=_SEARCH,
         rare=True,
     )
@@ -83,7 +83,7 @@ class Identify(Verb):
     method: str | None = setting(
         choice("gradient", "bayesian"),
         None,
-        "Optimiser of a replay; gradient unless given.",
+        "Optimiser of a replay; gradient by default.",
         group=_SEARCH,
         rare=True,
     )
@@ -91,7 +91,7 @@ class Identify(Verb):
     ignore: tuple[str, ...] = setting(
         several(choice(*names.OPTIONAL_SIGNALS), empty=True),
         (),
-        "Signal to pass over as if it had not been logged, to judge what is found without it; may "
+        "Signal to pass over as if it had not been logged, to judge the estimates without it; may "
         "be repeated.",
         group=shared.LOGS,
         rare=True,
@@ -130,9 +130,7 @@ class Identify(Verb):
             show(*overall.reach(now))
             if now.untold:
                 unidentifiable = ", ".join(now.untold)
-                progress.note(
-                    f"these flights cannot tell {unidentifiable}; plausible ranges are kept"
-                )
+                progress.note(f"these flights cannot tell {unidentifiable}; plausible ranges stay")
 
         flights = core.read_flights(
             *(self.logs, lambda done, of: show(*overall.read(done, of)), self.most_seconds),

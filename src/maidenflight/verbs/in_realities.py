@@ -28,7 +28,7 @@ class FliesPolicies(Verb):
         return core.read_policies(self.policies, getattr(self, "control", None))
 
     def choose_task(self, task: str | None, progress: Progress) -> tuple[str, list[str]]:
-        """Returns what is flown, and notes on policies that were trained for another task."""
+        """Returns the task, and notes on policies that were trained for another task."""
         chosen, notes = self.fleet.choose_task(task)
         for note in notes:
             progress.note(note)
@@ -81,7 +81,7 @@ class InRealities(FliesPolicies):
     reality: tuple[str, ...] = shared.realities(
         (),
         f"Where: {shared.REALITIES}, or from 5 s on as +yaw6000@5, +weak10@5, +payload15@5; may be "
-        "repeated (virtual:7 unless given, about --drone).",
+        "repeated (virtual:7 by default, about --drone).",
     )
     drone: str | None = shared.drone(
         None,
@@ -91,7 +91,7 @@ class InRealities(FliesPolicies):
     task: str | None = setting(
         choice(*names.TASKS),
         None,
-        "What they fly (what they were trained for unless given).",
+        "What they fly (what they were trained for by default).",
         group=shared.FLIGHTS,
     )
 

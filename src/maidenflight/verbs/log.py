@@ -26,7 +26,7 @@ class Log(Verb):
     """
 
     output = Output(
-        None, "Folder for the logs in our format, a CSV a piece; nothing is written unless given."
+        None, "Folder for the logs in our format, a CSV a piece; nothing is written by default."
     )
 
     logs: Path = shared.logs()
@@ -41,7 +41,7 @@ class Log(Verb):
     )
 
     def compute(self, output: Path | None, progress: Progress) -> Result:
-        """Reads the logs; writes the usable pieces where an output is given."""
+        """Reads the logs; writes the usable pieces where there is an output."""
         maps = core.logs.write_maps(self.logs) if self.map_columns else []
         flights = core.read_flights(
             *(self.logs, core.logs.count_files(progress), math.inf),

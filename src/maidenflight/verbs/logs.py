@@ -14,7 +14,7 @@ from maidenflight.terminal import Progress
 _OTHER_THRUST = 1.35
 """Ratio of full thrust to weight of logs, by that of a start, beyond which a note is made."""
 _FEW_NOTES, _FEW_REFUSED = 6, 3
-"""Lines on files that people are shown."""
+"""Lines on files for people."""
 
 
 def count_files(progress: Progress) -> Callable[[int, int], None]:
@@ -99,7 +99,7 @@ def _first(lines: Sequence[str], count: int) -> list[str]:
 
 
 def scale_of(name: str, value: float) -> tuple[float, str]:
-    """Returns the shown value per SI value of a parameter, and the unit in which it is shown."""
+    """Returns the displayed value per SI value of a parameter, and its unit."""
     unit = QUANTITIES[COMPONENTS[name][0]].unit
     unit = "" if unit == "-" else unit
     if unit == "s":

@@ -18,7 +18,7 @@ class Match(Verb):
 
     Parameters are changed until the policies behave in simulation as they did in the logs. LOGS is
     a flight log or a folder of them, POLICIES files or folders of the policies that flew them,
-    among others. Begin with a drone that identify found.
+    among others. Begin with a drone that identify estimated.
     """
 
     output = Output(run_folder.DRONE, "TOML file for the drone.")
@@ -49,7 +49,7 @@ class Match(Verb):
         return core.read_start(self.start, self.mass)
 
     def compute(self, output: Path, progress: Progress) -> Result:
-        """Matches; writes the start with what was found in place."""
+        """Matches; writes the start with the estimates in place."""
         progress.move(0, None, "compiling")
         loaded, loop = core.read_policies(self.policies), core.ClosedLoop()
         policies = dict(zip(loaded.own_names, loaded.own, strict=True))
@@ -116,7 +116,7 @@ class Match(Verb):
 
 
 def _tabulate(match: "core.Match") -> list[Table]:
-    """Returns what a comparison of closed loops found."""
+    """Tabulates a match of closed loops."""
     rows = []
     for name, (value, error) in match.found.items():
         scale, unit = core.logs.scale_of(name, value)

@@ -29,7 +29,7 @@ class Plan(Verb):
         dataclasses.replace(_ROOM, accepts=lambda room: _ROOM.accepts(room) and len(room) == 3),
         (2.0, 2.0, 1.5),
         "Width x depth x height in metres; the drone takes off in the middle of the floor, and 0.2 "
-        "m at walls and ceiling are kept free.",
+        "m at walls and ceiling stay free.",
         "Flight",
     )
     seconds: float = setting(

@@ -26,7 +26,7 @@ class Record(Verb):
         files=True,
     )
     flights: int | None = setting(
-        whole(1, 999), None, "How many flights; 4 unless given, 1 of a plan."
+        whole(1, 999), None, "How many flights; 4 by default, 1 of a plan."
     )
     duration: float = setting(number(2.0, 600.0), 30.0, "Seconds of each, but of a plan.")
     excitation: float = setting(
@@ -52,7 +52,7 @@ class Record(Verb):
     def check_early(self) -> None:
         """Refuses what a plan settles."""
         settled = ("duration", "controller", "excitation") if self.plan else ()
-        shared.must_be_default(self, settled, "the plan says what is flown")
+        shared.must_be_default(self, settled, "the plan defines the flight")
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Flies; writes a CSV a flight, and the true parameters where they are known."""

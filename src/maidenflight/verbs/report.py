@@ -23,12 +23,12 @@ class Report(Verb):
     """Make one self-contained HTML page of a RUN.
 
     RUN is a folder with run.json, which commands write beside their output, or a file or folder
-    that it lists; this folder unless given. Files that are renamed, moved or by others are given by
+    that it lists; this folder by default. Files that are renamed, moved or by others are named by
     options, with or without a RUN.
     """
 
     in_studies = False
-    output = Output(None, "HTML file; report.html unless given, in the folder where RUN is one.")
+    output = Output(None, "HTML file; report.html by default, in the folder where RUN is one.")
 
     source: Path | None = setting(path("a run"), None, argument=True, files=True, name="run")
     view: str | None = setting(
@@ -49,9 +49,7 @@ class Report(Verb):
     drone: Path | None = _file("Identified drone (TOML).")
     truth: Path | None = _file("Parameters of the virtual drone that was recorded (TOML).")
     policies: Path | None = _file("Policy or folder of policies.")
-    flights: Path | None = _file(
-        "Table of test flights; logs flight_*.csv beside it are shown too."
-    )
+    flights: Path | None = _file("Table of test flights; logs flight_*.csv beside it count too.")
     validation: Path | None = _file("Table of prediction errors.")
     prediction: Path | None = _file("Table of predicted flights.")
     study: Path | None = _file("Table of a study.")
@@ -73,7 +71,7 @@ class Report(Verb):
 
     @property
     def _files(self) -> Any:
-        """Returns the files that are given."""
+        """Returns the files that options name."""
         names = ("logs", "drone", "truth", "policies", "flights", "validation", "prediction")
         options = {name: getattr(self, name) for name in (*names, "study")}
         return {name: value for name, value in options.items() if value}

@@ -34,7 +34,7 @@ PARAMETERS = listed(text(metavar="NAME"), "names of parameters, such as latency,
 DRONES = "Drone"
 """Heading of settings that say which drone it is."""
 FLIGHTS = "Flights"
-"""Heading of settings that say how flights are flown."""
+"""Heading of settings of flights."""
 LOGS = "Logs"
 """Heading of settings that say how logs are read."""
 
@@ -92,7 +92,7 @@ def mass() -> Any:
     return setting(
         number(5.0, 5000.0),
         None,
-        "Mass of what flies [g], battery and decks included; that of the drone unless given. "
+        "Mass of what flies [g], battery and decks included; that of the drone by default. "
         "Inertia and thrust-to-weight ratio follow it.",
         group=DRONES,
     )
@@ -115,7 +115,7 @@ def commands() -> Any:
         None,
         "What commands stand for in logs that do not say it: each acts until the next row, as a "
         "policy's, or the log is subsampled from the firmware's faster PID, which is assumed "
-        "unless given. Taken the wrong way, latency is half a row off.",
+        "by default. Taken the wrong way, latency is half a row off.",
         group=LOGS,
         rare=True,
     )
@@ -128,7 +128,7 @@ def battery_law() -> Any:
         text("a battery law", "NAME"),
         None,
         f"Battery compensation by which logged PWM is read as thrust: {laws}. The logs decide "
-        "unless given.",
+        "by default.",
         group=LOGS,
         rare=True,
     )
@@ -167,7 +167,7 @@ def control_of_authors() -> Any:
     return setting(
         choice(*names.CONTROLS),
         None,
-        "What the authors' policies command; unless given, what their files' names begin with or "
+        "What the authors' policies command; by default, what their files' names begin with or "
         "their folder is called. Ours say it.",
         rare=True,
     )

@@ -35,7 +35,7 @@ class Sweep(Verb):
         "Machines",
     )
     workers: int | None = setting(
-        whole(1, 100_000), None, "Tasks at once at most; as many as there is room for unless given."
+        whole(1, 100_000), None, "Tasks at once at most; as many as there is room for by default."
     )
     cpus: int = setting(
         whole(1, 1024), 1, "Cores of each task. Results of another number are others."
@@ -51,6 +51,12 @@ class Sweep(Verb):
         {},
         "Option of sbatch, such as account=lab or time=120; may be repeated.",
     )
+    trust: bool = setting(
+        flag(),
+        False,
+        "Import the Python code, MODULE:NAME, that the study names as a kind or a reality.",
+        recorded=False,
+    )
     status: bool = setting(flag(), False, "Only print how far the study is.", recorded=False)
 
     def places(self, output: Any) -> list[Path]:
@@ -64,12 +70,15 @@ class Sweep(Verb):
     def discard(self, output: Any) -> None:
         """Removes the results that the study would find there."""
         store = core.open_store(str(output))
-        for task in core.read_study(self.study, self.cpus, self.gpus).tasks:
+        for task in self._read_study().tasks:
             store.remove(task.key)
+
+    def _read_study(self) -> "core.Study":
+        return core.read_study(self.study, self.cpus, self.gpus, trust=self.trust)
 
     def compute(self, output: Any, progress: Progress) -> Result:
         """Computes what is not there; gathers one table."""
-        study, address = core.read_study(self.study, self.cpus, self.gpus), str(output)
+        study, address = self._read_study(), str(output)
         store = core.open_store(address)
         if self.status:
             state = core.read_status(store, study)

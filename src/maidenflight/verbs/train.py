@@ -34,7 +34,7 @@ _OF_RAPTOR = ("control", "history", "look_ahead", "look_ahead_spacing", "memory"
 _OF_A_POLICY = (*_OF_RAPTOR, "paper_scales", "form")
 """Settings that the policy settles from which training starts."""
 WATCHED_DURATION_S = 10.0
-"""Longest flight that is shown of a policy in training [s]."""
+"""Longest flight of a policy in the view of training [s]."""
 LEAST_SURVIVAL = 0.1
 """Survival below which a policy is reported as not flying."""
 
@@ -86,7 +86,7 @@ class Train(Verb):
     rate: int | None = setting(
         whole(1, 1000),
         None,
-        "Actions a second in training [Hz]; the control structure's own unless given.",
+        "Actions a second in training [Hz]; the control structure's own by default.",
         rare=True,
     )
     target: str | None = setting(
@@ -328,7 +328,7 @@ class Train(Verb):
             learner,
             policy=self.spec if start is None else start,
             on_progress=on_progress,
-            saved=core.Checkpoint(saved, restart=not self.resume),
+            checkpoint=core.Checkpoint(saved, restart=not self.resume),
         )
 
     @contextmanager

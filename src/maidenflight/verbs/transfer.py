@@ -1,4 +1,4 @@
-"""`Transfer`: policies in realities that they have not seen."""
+"""`Transfer`: policies in unseen realities."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +15,7 @@ _FEW = 12
 
 
 class Transfer(InRealities):
-    """Fly POLICIES in simulated realities that they have not seen.
+    """Fly POLICIES in unseen simulated realities.
 
     POLICIES are files or folders, ours or the authors' in files whose names begin with a control
     structure; all of one call are of one kind. Beside them fly raptor, raptor:500hz, pid and

@@ -152,6 +152,14 @@ def test_other_firmware_airframes_and_modes_are_named(
         read_flights(tmp_path / "log.bbl")
 
 
+def test_rotor_speeds_that_are_zero_are_passed_over(tmp_path: Path) -> None:
+    fields = made.fields_of(sensed())
+    fields |= {f"eRPM[{motor}]": np.zeros(600, int) for motor in range(4)}
+    flights = read(tmp_path, made.blackbox(fields))
+    assert flights.flights[0].rotor_speed is None
+    assert any("rotor_speed_4 never change" in note for note in flights.notes)
+
+
 @pytest.mark.parametrize("said", ["0", "x"])
 def test_without_acc_1g_gravity_shows_the_scale(said: str, tmp_path: Path) -> None:
     flight = sensed()

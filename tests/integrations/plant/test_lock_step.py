@@ -104,6 +104,12 @@ def test_by_datagrams_a_lost_answer_is_asked_for_again_and_a_late_one_passed_ove
         while (step := heard()) == 1:
             pass
         assert step == 2
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+            stranger.sendto(lock_step.MOTORS.pack(lock_step.HELLO, *OFF), address)
+            stranger.settimeout(0.5)
+            with pytest.raises(TimeoutError):
+                stranger.recv(200)
+        assert ended == []
         assert hello() in (0, 2)  # Another flight; a repetition may be on its way.
         for step in range(3):
             line.send(answers([step]))

@@ -312,7 +312,8 @@ def _without_constants(kept: list[Flight], name: str) -> tuple[list[Flight], lis
         if not all((getattr(piece, group) == first).all() for piece in kept):
             continue
         told = f"{name}: {', '.join(_COLUMNS[group])} never change in {sum(map(len, kept))} rows; "
-        if group not in OPTIONAL or not np.isfinite(kept[0].position).any():
+        alone = not np.isfinite(kept[0].position).any()
+        if group not in OPTIONAL or (group == "accelerometer" and alone):
             raise InputError(f"{told}nothing was measured. Leave it out.")
         notes.append(f"{told}nothing was measured, and they are passed over")
         kept = [replace(piece, **{group: None}) for piece in kept]

@@ -25,8 +25,8 @@ from maidenflight.flights.checkup.relations import (
     Samples,
     best_reading,
     sample_spans,
-    slow_down,
     span_mean,
+    take_enough,
 )
 from maidenflight.flights.checkup.result import FAILS, PASSES, WARNS, CheckResult, unknown
 from maidenflight.flights.log import Flight
@@ -187,7 +187,7 @@ def _drag(axes: Float[np.ndarray, "3 3"] | None, piece: Flight, rows: int) -> Sa
 
 def _check_by_velocity(pieces: Sequence[Flight]) -> CheckResult | None:
     """Checks the frame of the accelerometer by the drag against a known velocity."""
-    pieces = [slow_down(piece) for piece in pieces]
+    pieces = take_enough(pieces)
     ways: dict[str, Float[np.ndarray, "3 3"] | None] = {"": np.eye(3), **AXES}
     ways["turned from world to body axes"] = None
     readings = {

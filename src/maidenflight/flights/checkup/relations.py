@@ -21,6 +21,8 @@ SPANS_S = (0.1, 0.3, 1.0)
 """Times over which signals are averaged [s]."""
 RATE_HZ = 100.0
 """Rows a second that are enough to look at [Hz]."""
+ENOUGH_S = 300.0
+"""Flight that is enough to look at [s]."""
 FEWEST = 100
 """Samples below which nothing is concluded."""
 LASTING = 8.0
@@ -49,6 +51,17 @@ class Match(NamedTuple):
         """Returns the least and the largest scale that noise in either signal allows."""
         own = np.maximum(self.correlation, 1e-3)
         return np.stack([self.ratio * own, self.ratio / own], axis=1)
+
+
+def take_enough(pieces: Sequence[Flight]) -> list[Flight]:
+    """Returns the longest pieces, `ENOUGH_S` of them at most, at about `RATE_HZ` rows a second."""
+    taken, left = [], ENOUGH_S
+    for piece in sorted(pieces, key=len, reverse=True):
+        rows = min(len(piece), round(left / piece.period))
+        if rows > 2:
+            taken.append(slow_down(piece.part(0, rows)))
+            left -= rows * piece.period
+    return taken
 
 
 def slow_down(piece: Flight) -> Flight:

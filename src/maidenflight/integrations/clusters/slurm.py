@@ -14,9 +14,9 @@ from maidenflight.studies.engine import Resources
 from maidenflight.studies.worker import FAILED, LOST, Order, TaskResult
 
 _MOST = 200
-"""Jobs in the queue at once unless told otherwise; many clusters allow a few hundred a user."""
+"""Jobs in the queue at once by default; many clusters allow a few hundred a user."""
 _MINUTES = 24 * 60
-"""Longest time of a task unless told otherwise [min]."""
+"""Longest time of a task by default [min]."""
 _POLLED = 0.2
 """Time between two looks for the files of jobs [s]."""
 _LISTED_S = 10.0
@@ -29,7 +29,7 @@ _UNDER_WAY = {
 
 
 def in_job(order: Order) -> TaskResult:
-    """Does a task in a job; JAX sees no GPU where none was asked for."""
+    """Does a task in a job; JAX sees no GPU without a request for one."""
     if not order.gpus:
         os.environ["CUDA_VISIBLE_DEVICES"] = ""
     return worker.perform(order)
@@ -43,7 +43,7 @@ class Slurm:
 
         Args:
             resources: what tasks may use.
-            partition: of the cluster; its default unless given.
+            partition: of the cluster; its default by default.
             cluster: `slurm`, or `local` for jobs that are processes of this machine, to try it.
 
         Raises:
@@ -56,7 +56,7 @@ class Slurm:
             self._executor = submitit.AutoExecutor(folder=resources.logs, cluster=cluster)
         except RuntimeError as error:
             raise InputError(
-                f"no SLURM here ({error}). Run the study on a login node, where sbatch is found."
+                f"no SLURM here ({error}). Run the study on a login node, which has sbatch."
             ) from error
         options: dict[str, Any] = {
             "name": "maidenflight",
@@ -117,7 +117,7 @@ class Slurm:
     def _lost(self) -> set[str]:
         """Keys of jobs that left the queue without a result, as when they are killed.
 
-        A job counts once two looks at the queue do not find it: a file may be seen late.
+        A job counts once two looks at the queue do not find it: a file may appear late.
         """
         if not self._queued or not self._busy or time.monotonic() - self._listed < _LISTED_S:
             return set()

@@ -79,7 +79,7 @@ def export_crazyflie(
     interface = policy.interface
     if interface.name not in drives():
         raise InputError(
-            f"policy: control = {interface.name!r}; a Crazyflie can be given {', '.join(drives())}."
+            f"policy: control = {interface.name!r}; a Crazyflie takes {', '.join(drives())}."
         )
     if MAIN_LOOP % interface.rate:
         raise InputError(

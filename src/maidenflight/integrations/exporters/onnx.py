@@ -45,7 +45,7 @@ def to_onnx(
         policy: the policy.
         record: how the policy was made, for the metadata.
         hover: share of full thrust at which the drone hovers, 1 / thrust_to_weight, for the
-            metadata; not there unless given.
+            metadata; not there by default.
 
     Raises:
         InputError: the `onnx` package is not installed, the policy or the share makes no sense, or
@@ -166,7 +166,7 @@ _RECURRENT: list[tuple[str, str, str, dict[str, Any]]] = [
 
 
 def _steps(layers: int, remembers: bool) -> list[tuple[str, str, str, dict[str, Any]]]:
-    """The graph of a network: operator, what it is given, what it makes, its attributes."""
+    """The graph of a network: operator, inputs, outputs, its attributes."""
     steps: list[tuple[str, str, str, dict[str, Any]]] = [
         ("Sub", "observation mean", "centred", {}),
         ("Div", "centred deviation", "scaled", {}),

@@ -1,4 +1,4 @@
-"""What `gymnasium.make` is given, checked, as an `Environment` and the drones to draw from."""
+"""Checks `gymnasium.make`'s arguments, and makes an `Environment` and a distribution of drones."""
 
 import os
 from collections.abc import Callable

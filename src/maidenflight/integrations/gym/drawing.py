@@ -29,7 +29,7 @@ _CIRCLE = np.stack([np.cos(_TURN), np.sin(_TURN), np.zeros(48)], axis=1)
 
 
 class View(NamedTuple):
-    """What is seen of a drone."""
+    """Picture of a drone."""
 
     position: Float[np.ndarray, "3"]
     """[m]."""
@@ -42,14 +42,14 @@ class View(NamedTuple):
 
 
 class Scene:
-    """A task seen by a camera that stands still."""
+    """A task before a camera that stands still."""
 
     def __init__(self, task: Task, drone: Parameters) -> None:
         """Places the camera so that the whole reference and the floor under it are in view.
 
         Args:
             task: whose reference is drawn.
-            drone: whose rotors are drawn where they are, at a size that is seen.
+            drone: whose rotors are drawn where they are, at a visible size.
         """
         self._hubs = rotors(drone) / arm_length(drone)
         times = jnp.linspace(0.0, task.duration, 240)

@@ -38,7 +38,7 @@ def check_reward(reward: str) -> str:
 
 @cache
 def shaped(task: Task) -> Task:
-    """Returns the task with a reward of 0 to 1 for each control period flown, whatever the rate.
+    """Returns the task with a reward of 0 to 1 for each control period, whatever the rate.
 
     max(0, 0.1 m / (0.1 m + |e|) - 0.01 s |omega| - 0.02 |a - a_previous|), and nothing for a
     failure: it costs the rewards that would have followed.

@@ -17,7 +17,7 @@ from maidenflight.simulator.policy_spec import ACTION_SIZE, PolicySpec
 from maidenflight.simulator.tasks.failures import TIME_LIMIT
 
 # A step takes less time than to hand it to another thread, which JAX does on a CPU unless it is
-# told not to before its first use.
+# configured before its first use.
 if "JAX_CPU_ENABLE_ASYNC_DISPATCH" not in os.environ:
     jax.config.update("jax_cpu_enable_async_dispatch", False)
 
@@ -165,7 +165,7 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Returns a picture of the drone and its reference, (480, 640, 3) uint8.
 
-        `None` where no `render_mode` was given.
+        `None` without a `render_mode`.
         """
         if self.render_mode is None:
             return None

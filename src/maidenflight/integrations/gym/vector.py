@@ -181,7 +181,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             )
             self._ready[:] = True
         new, observations = self._ahead
-        # Those that are prepared are kept, since a step takes over the arrays that it is commands.
+        # Prepared ones stay, since a step takes over its arguments' arrays.
         old = jax.tree.map(jnp.copy, new) if groups is None else groups
         self._groups = self._program.choose(whose, new, old)
         self._numbers += whose

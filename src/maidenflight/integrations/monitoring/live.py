@@ -36,8 +36,8 @@ TIME = "time"
 STEPS = "simulated steps"
 """Timeline of training."""
 _REACH = 0.06
-"""From the drawn drone's centre to a rotor [m], about half as much again as a Crazyflie's, so that
-it is viewer_open."""
+"""From the drawn drone's centre to a rotor [m], half as much again as a Crazyflie's, to be
+visible."""
 _BLUE, _ORANGE, _GREEN, _PURPLE, _GREY, _INK = (
     (0, 103, 165),
     (194, 77, 0),
@@ -61,7 +61,7 @@ def show_flights(flights: Sequence[Flight], path: Path | None = None) -> None:
 
     Args:
         flights: one or more, of any source.
-        path: an .rrd file for rerun; the viewer is started unless given.
+        path: an .rrd file for rerun; the viewer is started by default.
 
     Raises:
         InputError: rerun is not installed, or there is no row to show.
@@ -148,7 +148,7 @@ def training(
 def _training_view(blueprint: Any, flight: Flight | None = None) -> Any:
     """Scores beside the best policy's flight.
 
-    Seen from where a flight like the first one is in view, once there is one.
+    Viewed from where a flight like the first one is in view, once there is one.
     """
     titles = {
         "episode_return": "Return",
@@ -242,7 +242,7 @@ def _layout(blueprint: Any, views: Any) -> Any:
 def _flight_view(blueprint: Any, entity: str, flight: Flight | None = None) -> Any:
     """A flight in space beside its time series.
 
-    Seen from where all of it is in view, if it is known.
+    Viewed from where all of it is in view, if it is known.
     """
     lines = [
         blueprint.TimeSeriesView(name=title, origin=f"{entity}/{series}")

@@ -32,7 +32,7 @@ def tensorboard(
     Args:
         folder: event files go to `tensorboard/policy_1`, `policy_2` and so on in it.
         policies: how many learn.
-        settings: plain values that are shown beside the scores.
+        settings: plain values beside the scores.
 
     Raises:
         InputError: tensorboardX is not installed.
@@ -101,6 +101,6 @@ class _Events:
         self._file.flush()
 
     def close(self) -> None:
-        # What cannot be written has been told by `flush`.
+        # `flush` has warned of what cannot be written.
         with suppress(OSError):
             self._file.close()

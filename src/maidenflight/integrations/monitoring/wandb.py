@@ -30,7 +30,7 @@ def wandb(
     Args:
         folder: of the policies.
         policies: how many learn.
-        settings: plain values that are kept with each run.
+        settings: plain values to store with each run.
 
     Raises:
         InputError: wandb is not installed, or a run cannot be begun, as without an account.

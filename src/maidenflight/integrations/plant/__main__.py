@@ -15,7 +15,7 @@ from maidenflight.integrations.plant import crazysim, lock_step
 from maidenflight.integrations.plant.running_plant import RunningPlant, find_plant
 
 ADDRESS = "127.0.0.1:19960"
-"""Where datagrams are served unless another way is options."""
+"""Where datagrams are served by default."""
 
 
 def _address(text: str) -> tuple[str, int]:
@@ -40,7 +40,7 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("drone", help="a drone's TOML file or name, or near:, virtual: or far:SEED")
     way = parser.add_mutually_exclusive_group()
     way.add_argument("--pipe", action="store_true", help="one flight by standard input and output")
-    udp = f"flights by datagrams at HOST:PORT; {ADDRESS} unless another way is options"
+    udp = f"flights by datagrams at HOST:PORT; {ADDRESS} by default"
     way.add_argument("--udp", type=_address, metavar="HOST:PORT", help=udp)
     way.add_argument(
         "--crazysim", action="store_true", help="CrazySim's own messages, as fast as the clock goes"
@@ -76,6 +76,8 @@ def _serve(
     else:
         host, port = options.udp or _address(ADDRESS)
         say(f"waiting for a firmware at {host}:{port}; Ctrl-C ends")
+        if host in ("", "0.0.0.0"):
+            say("note: any machine of the network may fly this drone")
         for flight in lock_step.by_udp(begin, (host, port), steps):
             end(flight.steps)
             began = time.monotonic()

@@ -59,12 +59,12 @@ def serve(
 
     Args:
         plant: what flies; a drone without a thrust law.
-        steps: most milliseconds; any number unless given.
+        steps: most milliseconds; any number by default.
         ports: where the firmware and the ground send to, on this machine.
         clock: seconds.
 
     Returns:
-        Milliseconds flown.
+        Milliseconds of flight.
 
     Raises:
         InputError: a port is taken.

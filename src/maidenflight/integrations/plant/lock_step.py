@@ -17,6 +17,7 @@ it answers.
 
 import socket
 import struct
+import time
 from collections.abc import Callable, Iterator
 from typing import BinaryIO, NamedTuple
 
@@ -32,13 +33,16 @@ HELLO = 0xFFFFFFFF
 """Step of the message by which a firmware begins a flight by UDP; the drone is put on the floor."""
 ANSWER_TIMEOUT_S = 0.2
 """Time after which a message that was not answered is sent again [s]."""
+PEER_TIMEOUT_S = 5.0
+"""Time without an answer after which nothing is sent any more [s], and another sender may begin a
+flight; the firmware itself may still go on, as behind a debugger's break."""
 
 
 class Served(NamedTuple):
     """How a flight went."""
 
     steps: int
-    """Milliseconds flown."""
+    """Milliseconds of flight."""
     position: tuple[float, float, float]
     """Where it ended [m]."""
 
@@ -74,7 +78,7 @@ def by_pipe(plant: RunningPlant, reader: BinaryIO, writer: BinaryIO, steps: int 
         plant: what flies.
         reader: of the firmware's answers.
         writer: to the firmware.
-        steps: most milliseconds; any number unless given.
+        steps: most milliseconds; any number by default.
 
     Raises:
         InputError: an answer is none, or of another step.
@@ -102,13 +106,14 @@ def by_udp(
     """Serves flights by datagrams, one after the other.
 
     A flight begins with a message of step `HELLO` from the firmware and ends with the next one, or
-    after so many steps. A message without an answer is sent again; late answers and what is no
+    after so many steps. Other senders are passed over until the firmware is silent for
+    `PEER_TIMEOUT_S`. A message without an answer is sent again; late answers and what is no
     message are passed over.
 
     Args:
         begin: makes the plant of a flight.
         address: where to listen: host and port.
-        steps: most milliseconds of a flight; any number unless given.
+        steps: most milliseconds of a flight; any number by default.
 
     Yields:
         Each flight that ended.
@@ -119,22 +124,31 @@ def by_udp(
     with _bound(address) as line:
         plant: RunningPlant | None = None
         peer: tuple[str, int] | None = None
+        heard_at = time.monotonic()
+
+        def silent() -> bool:
+            return time.monotonic() - heard_at > PEER_TIMEOUT_S
+
         while True:
             try:
                 answer, sender = line.recvfrom(4 * MOTORS.size)
             except TimeoutError:
-                if plant is not None and peer is not None:
+                if plant is not None and peer is not None and not silent():
                     line.sendto(sensors(plant), peer)
                 continue
             if len(answer) != MOTORS.size:
                 continue
-            if MOTORS.unpack(answer)[0] == HELLO:
+            is_hello = MOTORS.unpack(answer)[0] == HELLO
+            if plant is not None and sender != peer and not (is_hello and silent()):
+                continue
+            heard_at = time.monotonic()
+            if is_hello:
                 if plant is not None and plant.number:
                     yield _served(plant)
                 if plant is None or plant.number:
                     plant = begin()
                 peer = sender
-            elif plant is None or sender != peer or not step_once(plant, answer):
+            elif plant is None or not step_once(plant, answer):
                 continue
             if steps is not None and plant.number >= steps:
                 yield _served(plant)

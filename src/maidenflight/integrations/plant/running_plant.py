@@ -215,7 +215,7 @@ def _read(
     uniform: Float[Array, "6"],
     posed: bool,
 ) -> tuple[Float[Array, "2 3"], Readings]:
-    """The filter's memory, and the readings; those of the pose are kept unless it is read."""
+    """The filter's memory, and the readings; those of the pose stay unless it is read."""
     shaken = force + sensors.ACCELEROMETER_NOISE * np.float32(np.sqrt(2)) * normal[3:6]
     next_filter, smooth = _filtered(now.filter, shaken)
     rates = now.gyro + now.gyro_bias + now.gyro_noise

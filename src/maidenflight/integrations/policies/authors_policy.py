@@ -51,7 +51,7 @@ def read_authors_policy(content: Mapping[str, Any], where: str, control: str | N
     Args:
         content: the object in the file, with all of `MARKS`.
         where: what errors name, usually the file.
-        control: what it commands; what `where` says unless given.
+        control: what it commands; what `where` says by default.
 
     Raises:
         InputError: it is damaged, or what it commands is not known.

@@ -9,12 +9,12 @@ commands = "rotor_speed" # or "thrust", its square
 motors = [1, 2, 3, 4]    # the motor of each output: front right, back right, back left, front left
 ```
 
-`history` (1 unless given) joins so many instants, the oldest first; `mean` and `std` scale one
+`history` (1 by default) joins so many instants, the oldest first; `mean` and `std` scale one
 instant; `look_ahead = {points = 5, spacing = 0.1}` puts so many points of the reference to come, so
 many seconds apart and relative to the position, behind the newest instant; `output` names the
-output of an ONNX file that commands the motors, the first one unless given. What commands the
+output of an ONNX file that commands the motors, the first one by default. What commands the
 motors is what the next instant holds as `last_action`, not clipped. Of a `model.zip`, `range` is
-that of its action space unless given, and `normalization` names the file of its `VecNormalize`.
+that of its action space by default, and `normalization` names the file of its `VecNormalize`.
 """
 
 from collections import deque

@@ -1,7 +1,7 @@
 """`FirmwareController`: the controllers of the Crazyflie's firmware as rivals of policies.
 
-`pid` is the cascaded PID, given positions alone, as it ignores all else where a position is asked
-for. `mellinger` is given the full state of the reference; `mellinger:positions` its positions
+`pid` is the cascaded PID with positions alone, as it ignores all else where a position is
+commanded. `mellinger` takes the full state of the reference; `mellinger:positions` its positions
 alone. All mix for the firmware's X, and none knows the drone that it flies.
 """
 

@@ -18,7 +18,7 @@ def network(path: Path, output: str | None, where: str) -> Network:
 
     Args:
         path: the ONNX file.
-        output: name of the output that commands the motors; the first one unless given.
+        output: name of the output that commands the motors; the first one by default.
         where: the file that named the output.
 
     Raises:

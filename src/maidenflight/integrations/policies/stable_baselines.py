@@ -1,8 +1,8 @@
-"""Policies of Stable-Baselines3, read and flown by its own code (extra `sb3`).
+"""Policies of Stable-Baselines3, run by its own code (extra `sb3`).
 
 `model.zip`, as `model.save` writes it, of PPO, A2C, SAC, TD3 and DDPG with an `MlpPolicy`; the
 action is `model.predict(..., deterministic=True)`, of observations scaled by `VecNormalize` if its
-file is given. These files hold pickled Python objects, which may run any code when they are read.
+file is named. These files hold pickled Python objects, which may run any code when they are read.
 
 What trained in `maidenflight.integrations.gym` needs no description: the environment notes in its
 space of observations, which the file holds, what an observation is (`interface.NOTE`).

@@ -97,7 +97,7 @@ CAN_BE_ARMED, ARMED, AUTO_ARMED, CAN_FLY, FLYING, TUMBLED, LOCKED, CRASHED = (
 
 
 class Reading(NamedTuple):
-    """What a drone told last, in SI units and our signs."""
+    """The last telemetry of a drone, in SI units and our signs."""
 
     received: float
     """When the last state came [s], on the program's clock."""

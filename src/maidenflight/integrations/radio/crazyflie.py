@@ -62,7 +62,7 @@ class Crazyflie:
         Args:
             uri: such as `radio://0/80/2M/E7E7E7E7E7`, or `udp://127.0.0.1:19850` for a simulation.
             clock: the program's.
-            cache: folder in which the drone's tables of contents are kept, so that the next
+            cache: folder in which the drone's tables of contents lie, so that the next
                 connection is quick.
             patience: longest wait for a connection with all its tables [s].
 
@@ -84,7 +84,7 @@ class Crazyflie:
         self._closed = False
         self._types = {name: code for code, (name, _) in ParamTocElement.types.items()}
         self._config = LogConfig
-        # What goes wrong comes back to us, and is told once.
+        # What goes wrong comes back to us, and is reported once.
         logging.getLogger("cflib").setLevel(logging.CRITICAL)
         if not cflib.crtp.CLASSES:
             cflib.crtp.init_drivers()
@@ -112,11 +112,11 @@ class Crazyflie:
         ready, why = threading.Event(), []
 
         def failed(_: str, message: str) -> None:
-            why.append(message.strip().splitlines()[0] if message.strip() else "no reason given")
+            why.append(message.strip().splitlines()[0] if message.strip() else "no reason")
             ready.set()
 
         def lost(_: str, message: str) -> None:
-            self.lost = message.strip().splitlines()[0] if message.strip() else "no reason given"
+            self.lost = message.strip().splitlines()[0] if message.strip() else "no reason"
             failed(_, message)
 
         self._cf.fully_connected.add_callback(lambda _: ready.set())
@@ -254,7 +254,7 @@ class Crazyflie:
     def arm(self, armed: bool) -> None:
         """Arms or disarms."""
         with warnings.catch_warnings():
-            # Firmware before the supervisor's own port is asked in the old way; there is nothing to
+            # Firmware before the supervisor's own port answers in the old way; there is nothing to
             # warn of.
             warnings.simplefilter("ignore")
             self._cf.supervisor.send_arming_request(armed)

@@ -1,6 +1,6 @@
 """One flight: up, the reference, perhaps a policy, and down again, whatever happens.
 
-The drone is flown by position set-points all the time, never by the firmware's high-level
+The drone flies by position set-points all the time, never by the firmware's high-level
 commander: that one flies on when the link is lost, while set-points that no longer come make the
 firmware level the drone after 0.5 s and stop its motors after 2 s.
 """
@@ -34,7 +34,7 @@ CLIMB = 0.4
 APPROACH = 0.3
 """Speed at which the drone is led to the reference's start [m/s]."""
 HOVER = 1.0
-"""Time at rest that is asked for before the reference, and given after it [s]."""
+"""Time at rest before the reference, and stays after it [s]."""
 NEAR, SLOW = 0.1, 0.15
 """Distance [m] and speed [m/s] that count as being there and at rest."""
 HANDOVER = 0.3
@@ -50,9 +50,9 @@ TOUCHED = 0.04
 UNDER = 0.1
 """How far below the ground a landing aims [m], so that the drone touches it."""
 LAGGING = 1.0
-"""By how much the drone may come down later than asked for [s]."""
+"""By how much the drone may come down later than commanded [s]."""
 STOPPING = 0.5
-"""Time over which the motors are told to stop [s]."""
+"""Time over which the motors receive stop commands [s]."""
 PROMISED = 7.0
 """Time from the cause of an ending to motors off [s], with the link up; see docs/real-drones.md."""
 FIRMWARE_STOPS = 2.0
@@ -95,7 +95,7 @@ class Plan:
     """Counts of a thrust command of 1, if not those of the policy's own interface, which the app
     has from its export."""
     yaw: Float[np.ndarray, "N"] | None = None
-    """Yaw, one each 10 ms [rad]; zero unless given. The policy on board has none."""
+    """Yaw, one each 10 ms [rad]; zero by default. The policy on board has none."""
 
 
 class Ending(NamedTuple):
@@ -133,13 +133,13 @@ def fly(
     An error of this program lands the drone too; one in the landing itself stops the motors.
 
     Args:
-        drone: connected, on the ground, found fit to fly.
+        drone: connected, on the ground, fit to fly.
         plan: what to fly.
         limits: where to break off.
         clock: the program's.
-        rows: where rows go, asked only whether they still do.
-        stops: how often somebody has asked to stop: once lands, twice stops the motors.
-        say: told what happens.
+        rows: where rows go; only its health is read.
+        stops: number of requests to stop: once lands, twice stops the motors.
+        say: called with messages.
     """
     watch = Watch(limits)
     ending = Trip("this program failed", cut=False)
@@ -193,7 +193,7 @@ def _lead(
     stops: Callable[[], int],
     say: Callable[[str], None],
 ) -> None:
-    """From the ground through the plan, until it is flown or a guard trips."""
+    """From the ground through the plan, until its end or a guard's trip."""
     assert drone.latest is not None
     ground = drone.latest.position
     reference = plan.reference + np.array([ground[0], ground[1], 0.0])

@@ -35,14 +35,14 @@ class Fly(Verb):
         "What flies: the policy on board, or the firmware's PID, whose logs are for identify.",
     )
     flights: int | None = setting(
-        whole(1, 999), None, "How many flights; 1 unless given, 4 by the PID."
+        whole(1, 999), None, "How many flights; 1 by default, 4 by the PID."
     )
     duration: float | None = setting(
         number(1.0, 600.0),
         None,
-        "Seconds of each; 10 unless given, 30 by the PID.",
+        "Seconds of each; 10 by default, 30 by the PID.",
     )
-    task: str = setting(choice(*names.REAL_TASKS), "circle", "What is flown.")
+    task: str = setting(choice(*names.REAL_TASKS), "circle", "Task to fly.")
     height: float = setting(
         number(0.3, 1.6),
         1.0,
@@ -52,7 +52,7 @@ class Fly(Verb):
         number(0.0, 0.2),
         None,
         "Random steps of the PID's set-point, in metres, twice a second, which make lag and "
-        "latency visible; 0.1 unless given, 0: the plain reference.",
+        "latency visible; 0.1 by default, 0: the plain reference.",
     )
     plan: Path | None = setting(
         path("a plan", "FILE"), None, "Fly this plan of maidenflight plan by the PID.", files=True
@@ -78,7 +78,7 @@ class Fly(Verb):
     def check_early(self) -> None:
         """Refuses settings that mean nothing for what flies."""
         by_plan = ("pilot", "duration", "task", "height", "steps", "full_scale_counts", "recover")
-        shared.must_be_default(self, by_plan if self.plan else (), "the plan says what is flown")
+        shared.must_be_default(self, by_plan if self.plan else (), "the plan defines the flight")
         by_policy = ("steps",) if self.pilot == "policy" else ("full_scale_counts",)
         shared.must_be_default(self, by_policy, f"it means nothing for --pilot {self.pilot}")
         if self.uri is None and not self.recover:

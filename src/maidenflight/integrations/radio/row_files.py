@@ -1,7 +1,7 @@
 """Rows on disk: every packet of a flight, and the flight log made of them afterwards.
 
 In flight each packet is one line, handed to the operating system before it is used. A program that
-is killed loses nothing received; a computer without power loses the last second. The file is kept
+is killed loses nothing received; a computer without power loses the last second. The file stays
 beside the flight log.
 """
 
@@ -32,7 +32,7 @@ _LEGEND = (
 _WRAP = 1 << 24
 """A packet's time stamp has 24 bits [ms]."""
 _LONGEST = 900_000
-"""Longest flight [ms]: more than can be asked for, with take-off and landing."""
+"""Longest flight [ms]: more than can be set, with take-off and landing."""
 _WIDEST = 15
 """Distance of two packets of a block [ms] over which the other block's instant may be
 interpolated."""
@@ -43,7 +43,7 @@ _SYNC = 1.0
 class RowFile:
     """An append-only file of rows.
 
-    Writing never raises: what goes wrong is kept in `error`, for the drone must be landed first.
+    Writing never raises: what goes wrong stands in `error`, for the drone must be landed first.
     """
 
     def __init__(

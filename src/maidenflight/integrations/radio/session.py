@@ -28,7 +28,7 @@ from maidenflight.simulator.tasks.trajectories import Trajectory
 SETTLING = 10.0
 """Longest wait for the estimator [s]."""
 RESET = 0.1
-"""How long the estimator is held at its start [s]. Source: cflib 0.1.34,
+"""How long the estimator stays at its start [s]. Source: cflib 0.1.34,
 utils/reset_estimator.py."""
 LASTING = 0.5
 """Time that a step of the set-point lasts [s]."""
@@ -38,10 +38,10 @@ PAUSE = 3.0
 
 @dataclass(frozen=True)
 class Course:
-    """What is flown of a task."""
+    """A task of a real flight."""
 
     task: str = "circle"
-    """Whose reference is flown, a name of `tasks.TASKS`."""
+    """Task of the reference, a name of `tasks.TASKS`."""
     duration: float = 30.0
     """Of the reference [s]."""
     height: float = 1.0
@@ -109,7 +109,7 @@ def reference(
 
 
 def of_flight_plan(plan: FlightPlan) -> Plan:
-    """Returns what of a flight plan a real drone is asked for: positions and yaw.
+    """Returns a flight plan's commands for a real drone: positions and yaw.
 
     Raises:
         InputError: it excites the motors, which no set-point can ask for.
@@ -156,7 +156,7 @@ def stop_requests() -> Iterator[Callable[[], int]]:
     """Counts Ctrl-C, hang-ups and requests to terminate: the drone must land first.
 
     Yields:
-        How often somebody has asked to stop.
+        number of requests to stop.
     """
     count_so_far = 0
 
@@ -242,8 +242,8 @@ def flights(
         record: how they are made, as `results.record` gives it; each flight adds its own.
         limits: where to break off.
         clock: the program's.
-        stops: how often somebody has asked to stop.
-        say: told what happens.
+        stops: number of requests to stop.
+        say: called with messages.
 
     Raises:
         InputError: the drone is not fit for the first flight, or rows can no longer be written; the
@@ -309,8 +309,8 @@ def record(
         count: flights.
         seed: of the steps.
         limits: where to break off.
-        clock: the computer's unless given.
-        say: told what happens.
+        clock: the computer's by default.
+        say: called with messages.
 
     Raises:
         InputError: no connection, an unfit drone, or a reference beyond the limits.

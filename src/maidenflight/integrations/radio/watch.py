@@ -68,7 +68,7 @@ class FlightStatus(NamedTuple):
     broken: str
     """Why rows can no longer be written; empty while they can."""
     stops: int
-    """How often somebody asked to stop."""
+    """Number of requests to stop."""
 
 
 class Trip(NamedTuple):

@@ -1,1 +1,1 @@
-"""Simulators by others, in which drones are flown: PyBullet, l2f and crazyflow."""
+"""Simulators by others, of drones: PyBullet, l2f and crazyflow."""

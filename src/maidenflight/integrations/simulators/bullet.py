@@ -1,8 +1,8 @@
-"""`Bullet`, PyBullet as an `Integrator`, and `bullet_drone`, a virtual drone flown in it.
+"""`Bullet`, PyBullet as an `Integrator`, and `bullet_drone`, a virtual drone that it simulates.
 
 It checks our rigid body independently and serves as an evaluation drone that none of our equations
 integrate. The body is made in code, without a mesh or URDF: mass, diagonal inertia, and a force at
-the place of each rotor, so that Bullet works out the torques of the lever arms. Bullet is given the
+the place of each rotor, so that Bullet works out the torques of the lever arms. Bullet takes the
 motors (`dynamics.motor_derivative`, `dynamics.rotor_forces`), their reaction torque about the body
 z axis and the rotor drag; weight, gyroscopic torque, damping and the step are Bullet's own.
 

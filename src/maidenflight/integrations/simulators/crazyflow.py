@@ -130,7 +130,7 @@ class Crazyflow:
         self.close()
         return InputError(
             f"{self.name}: crazyflow's process ended "
-            f"({output[-1] if output else 'it said nothing'}). "
+            f"({output[-1] if output else 'no output'}). "
             "Try it alone with: SCIPY_ARRAY_API=1 python -c 'import crazyflow'."
         )
 

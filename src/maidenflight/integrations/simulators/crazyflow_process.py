@@ -3,8 +3,8 @@
 crazyflow needs `SCIPY_ARRAY_API=1` before SciPy is first imported, which would change SciPy for
 the whole program. So it runs apart, and here alone it is imported.
 
-On standard input come frames of `ASKED` numbers in float64, on standard output go a line of JSON
-and a frame of `TOLD` for each: what was asked is either four rotor speeds to hold for a step, or
+On standard input come frames of `REQUEST_SIZE` numbers in float64, on standard output go a line of
+JSON and a frame of `ANSWER_SIZE` for each: a request is either four rotor speeds for a step, or
 the state to begin with. The process ends with its input.
 """
 

@@ -2,7 +2,7 @@
 
 l2f is installed from PyPI (extra `l2f`) and imported when first needed; nothing of it is here but
 the numbers of its drones. Its package is built with one drone and takes others as JSON, in whose
-own output numbers have six decimals, so all that fly here are given in full.
+own output numbers have six decimals, so all that fly here are in full.
 
 World, body and motors have our axes, order and units; its quaternion begins with w, and its motors
 are commanded by rotor speed in [-1, 1]: 2 sqrt(u) - 1 of a thrust command u. Each step is one of

@@ -155,7 +155,7 @@ def layer(where: str, mark: Spec, **encoding: Any) -> Spec:
 
 
 def tooltip(fields: Mapping[str, str]) -> list[Spec]:
-    """Returns what is told of a mark under the pointer: labels by the field.
+    """Returns the tooltip of a mark under the pointer: labels by the field.
 
     Numbers in four digits.
     """

@@ -31,13 +31,13 @@ def corner(
 ) -> Figure:
     """Draws posterior samples of each pair of parameters, with distributions on the diagonal.
 
-    Where there are more than `MOST`, those with the strongest correlations are shown, and the title
+    Where there are more than `MOST`, those with the strongest correlations stand, and the title
     says so.
 
     Args:
         draws: N values by parameter [SI], names as in `parameters.COMPONENTS`; an entry of each
             belongs together.
-        optimum: the point that is marked; none unless given.
+        optimum: the point that is marked; none by default.
         level: share of the draws in the central interval that is marked.
 
     Raises:
@@ -86,7 +86,7 @@ def corner(
 
 
 class _Marginal(NamedTuple):
-    """One parameter of a corner plot, in the unit in which it is shown."""
+    """One parameter of a corner plot, in its display unit."""
 
     name: str
     label: tuple[str, ...]

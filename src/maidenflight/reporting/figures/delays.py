@@ -45,7 +45,7 @@ def delay_posterior(
     sides = np.array([1e3 * np.array(estimates[name].interval) for name in DELAYS]).T
     near = np.concatenate([points, sides, [best], box, *curves.values()])
     middle, reach = (near.max(axis=0) + near.min(axis=0)) / 2, np.ptp(near, axis=0)
-    # The samples are to be seen, though the paper's drone may be far from it.
+    # The samples must be in view, though the paper's drone may be far from it.
     inside = bool((np.abs(paper - middle) < 1.5 * reach).all())
     in_view = np.concatenate([near, [paper]]) if inside else near
     drawn: list[Spec] = [{"series": "sample", "x": x, "y": y} for x, y in points]
@@ -137,9 +137,9 @@ def plane(
     Args:
         title: of the figure.
         drawn: rows: those of `curve` and `marks`, and dots with `series`, `x` and `y` [ms].
-        in_view: points that are to be seen [ms].
+        in_view: points in view [ms].
         legend: an entry for each series.
-        tooltip: labels of what else is told of dots, by column.
+        tooltip: further labels of dots, by column.
     """
     ends = [
         (min(0.98 * low, low - 0.5), max(1.02 * high, high + 0.5))

@@ -26,7 +26,7 @@ def envelope(summary: polars.DataFrame) -> Figure:
         summary: what `experiments.envelope.summary` gives.
     """
     legend = [
-        Entry("flown by 95 % of flights, simulated", "blue", "thick"),
+        Entry("95 % of flights succeed, simulated", "blue", "thick"),
         Entry("95 % interval of that", "orange", "interval"),
         Entry("limit of physics", "purple", "tick"),
     ]

@@ -30,9 +30,9 @@ def flight_times(
     Args:
         rows: a row a flight: `row`, `colour` (a name in `colours.css`), `panel`, `duration` [s] and
             `end_reason`. Where it has `group`, rows of a group stand together. Of a row's name only
-            what follows a tab is shown.
+            only what follows a tab is displayed.
         title: of the picture.
-        labels: what colours stand for, by colour; no legend of colours unless given.
+        labels: what colours stand for, by colour; no legend of colours by default.
 
     Raises:
         InputError: no flights, or a column is missing.

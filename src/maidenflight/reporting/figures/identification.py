@@ -1,4 +1,4 @@
-"""What an identification found and how sure it is: the picture beside the drone file."""
+"""Draws estimates and their intervals: the picture beside the drone file."""
 
 from collections.abc import Mapping, Sequence
 

@@ -18,7 +18,7 @@ from markupsafe import escape
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec
 
 WIDTH = 920
-"""Of a picture, unless it is said [px]."""
+"""Of a picture, by default [px]."""
 _VEGA_LITE = "6.4"
 """The version that the page draws with."""
 _FONT = "Liberation Sans, Arial, Helvetica, sans-serif"

@@ -12,7 +12,7 @@ SCORES = {
     "survival": ("episodes survived [%]", 100.0),
     "position_error": ("position error [cm]", 100.0),
 }
-"""Label and shown value per SI value of a policy's scores."""
+"""Label and displayed value per SI value of a policy's scores."""
 _OVER = {"steps": ("simulated steps [million]", 1e-6), "seconds": ("time [s]", 1.0)}
 """The same of what they are drawn over."""
 
@@ -91,7 +91,7 @@ def panel(scores: polars.DataFrame, score: str, title: str, over: str = "steps")
 
 
 def _by_policy(scores: polars.DataFrame, score: str, over: str) -> tuple[np.ndarray, np.ndarray]:
-    """E places, as they are shown, and a score of P policies there, (E, P); NaN if not known."""
+    """E places, as displayed, and a score of P policies there, (E, P); NaN if not known."""
     numbers = scores.with_columns(polars.col(over, score).cast(polars.Float64)).filter(
         polars.col(over).is_finite()
     )

@@ -16,7 +16,7 @@ _DISPLAY_FORMATS = {
     "torque_bias_z": ("yaw trim [10⁻⁶ N m]", 1e6),
     "battery": ("battery [V]", 1.0),
 }
-"""Label and shown value per SI value."""
+"""Label and displayed value per SI value."""
 
 
 def trims(flights: polars.DataFrame, estimates: Mapping[str, Estimate] | None = None) -> Figure:

@@ -42,7 +42,7 @@ def kind(run: Run) -> str:
 
 
 def _kinds_of_tests(run: Run) -> Kinds:
-    """Kinds of the flights that are shown."""
+    """Kinds of the flights of the page."""
     kinds = {bool(flight.simulated) for flight in (*run.recorded, *run.flights)}
     simulated = run.reality is not None or run.prediction is not None
     return frozenset(kinds | ({True} if simulated else set()))
@@ -113,7 +113,7 @@ def summarize(run: Run) -> str:
     if differs:
         sentences.append(f"These flights are simulated: {listed(lines)}.")
     elif _kinds_of_tests(run) | _drawn_from(run) == {True}:
-        sentences.append("Everything here is simulated: no real drone has flown.")
+        sentences.append("Everything here is simulated: no real drone flew.")
     return " ".join(sentences) or "The parameters of a drone."
 
 
@@ -225,7 +225,7 @@ def _of_parameters(run: Run) -> list[KeyFigure]:
 
 
 def _of_training(run: Run) -> list[KeyFigure]:
-    """Where nothing has flown yet, what training ended with."""
+    """Summarizes training where there is no flight yet."""
     if run.training is None or run.table is not None:
         return []
     last = run.training.filter(polars.col("steps") == polars.col("steps").max())

@@ -227,7 +227,7 @@ def _missed(run: Run) -> ParameterErrors | None:
 
 
 def _left_out(run: Run, reality: Parameters) -> list[str]:
-    """Effects in which the virtual drone differs, and that were not sought or not found."""
+    """Effects in which the virtual drone differs, and that were not sought or not identified."""
     drone = crazyflie() if run.drone is None else run.drone.parameters
     return [
         effect

@@ -1,4 +1,4 @@
-"""Tables of a study: one for each of its entries, with what is swept and what was found."""
+"""Tables of a study: one for each of its entries, with what is swept and the results."""
 
 from collections.abc import Mapping
 from typing import Any

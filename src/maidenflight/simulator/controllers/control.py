@@ -46,7 +46,7 @@ Drive = Callable[
 ]
 """(memory, command or action, measurement, setpoint [m]) to (memory, thrust commands u)."""
 Heading = Callable[[Int[Array, ""]], Float[Array, ""]]
-"""(number of the command) to the yaw that is asked for [rad]. It may hold traced arrays, so that
+"""(number of the command) to the commanded yaw [rad]. It may hold traced arrays, so that
 flights with other headings are one compiled program."""
 
 
@@ -100,7 +100,7 @@ def driven(
         interface: what actions mean.
         drive: (memory, command in the interface's units, measurement, setpoint [m]) to (memory, the
             motors' thrust commands u from 0); the firmware's PIDs may ask for more than 1.
-        command_rate: thrust commands a second [Hz]; 100 unless given, or the rate of actions where
+        command_rate: thrust commands a second [Hz]; 100 by default, or the rate of actions where
             that does not divide 100.
         init: memory at switch-on.
         factors: from the interface's units to those that `drive` takes.

@@ -64,7 +64,7 @@ class StateEstimate(NamedTuple):
 
 
 class Setpoint(NamedTuple):
-    """What is asked of the PIDs."""
+    """Set-point of the PIDs."""
 
     position: Float[Array, "3"]
     velocity: Float[Array, "3"]
@@ -252,7 +252,7 @@ def tick(
 
     Args:
         memory: of the tick before.
-        setpoint: what is asked.
+        setpoint: the set-point.
         state: what is measured.
         firmware: generation; static.
         position_due: whether position and velocity PIDs run, as they do at 100 Hz.
@@ -308,7 +308,7 @@ def balancing(motors: Float[Array, "4"], mixer: Mixer | None = None) -> PIDMemor
 
 
 class RateMemory(NamedTuple):
-    """Of the loops that run where body rates are asked for."""
+    """Of the loops that run where body rates are commanded."""
 
     yaw: PIDMemory
     rate: PIDMemory
@@ -337,8 +337,8 @@ def rate_tick(
 
     Args:
         memory: of the tick before.
-        thrust: asked for [counts].
-        wanted: body rates asked for [deg/s]; the third moves the desired yaw.
+        thrust: commanded [counts].
+        wanted: commanded body rates [deg/s]; the third moves the desired yaw.
         yaw: measured [deg].
         body_rates: measured [deg/s]; `vectors.Entries`, where the memory's vectors are.
         firmware: generation; static.

@@ -59,7 +59,7 @@ PERIOD = 1.0 / ATTITUDE_RATE
 
 
 class FullState(NamedTuple):
-    """What is asked for; yaw is zero."""
+    """Set-point; yaw is zero."""
 
     position: Vector
     velocity: Vector
@@ -130,7 +130,7 @@ def tick(
 
     Args:
         memory: of the tick before.
-        wanted: what is asked for.
+        wanted: the set-point.
         state: what is measured.
         firmware: generation of the mixer; static.
         mixer: of another frame than the firmware's X; static.
@@ -178,7 +178,7 @@ def mellinger(
 
     Args:
         reference: of the time since the flight began [s] to position [m], as a task's, for
-            velocity, acceleration and body rates; unless given they are zero, as in a set-point of
+            velocity, acceleration and body rates; by default they are zero, as in a set-point of
             position alone.
         firmware: generation of the mixer, `"2021.10"` or `"2026.08"`.
         full_scale_counts: see `ControlInterface`.

@@ -27,7 +27,7 @@ class CascadeMemory(NamedTuple):
 
     firmware: Memory
     step: Int[Array, ""]
-    """Commands given so far."""
+    """Commands so far."""
 
 
 _ADDED = "added share of full thrust"
@@ -47,7 +47,7 @@ def position_pid(firmware: str = "2021.10", full_scale_counts: float = COUNTS) -
     Position and velocity loops run at 100 Hz, attitude and rate loops at 500 Hz.
 
     The action is added to the four commands, so that flights can be excited for identification;
-    zero is the plain PID. Yaw is held at zero, but by its `turning`.
+    zero is the plain PID. Yaw stays at zero, but by its `turning`.
 
     Args:
         firmware: `"2021.10"`, which the paper's flights had, or `"2026.08"`.

@@ -1,6 +1,6 @@
 """The rigid body and its four motors: one derivative and three integrators.
 
-A `State` is one drone's. Where its rotors are and which way they turn is told by its parameters; in
+A `State` is one drone's. Where its rotors are and which way they turn are parameters; in
 the X of a Crazyflie they are front right, back right, back left, front left, and 1 and 3 turn
 counter-clockwise. Inside this module a *command* is a rotor speed command sqrt(u), already
 delayed, noisy and averaged over the step. Vectors are arrays or, all of them, `vectors.Entries`.

@@ -31,7 +31,7 @@ class DelayLine:
     """
 
     commands: Float[Array, "slots 4"]
-    """Held commands, or `vectors.Entries` of each rotor's."""
+    """Constant commands, or `vectors.Entries` of each rotor's."""
     newest: Int[Array, ""] | int = 0
     """Place of the newest command."""
     ring: bool = field(default=False, metadata={"static": True})

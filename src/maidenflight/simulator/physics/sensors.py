@@ -30,7 +30,7 @@ ACCELEROMETER_CUTOFF = 30.0
 sensors_bmi088_bmp3xx.c)."""
 ACCELEROMETER_NOISE = 0.5
 """Standard deviation of a reading before the filter, at 500 Hz [m/s2]: motors' vibration, of the
-size seen between 20 and 40 Hz in logs of a brushed Crazyflie (IMRCLab 2026)."""
+size between 20 and 40 Hz in logs of a brushed Crazyflie (IMRCLab 2026)."""
 DRIFT_TIME = 1.0
 """Correlation time of the error of the estimated velocity [s]; a flight log of seconds cannot
 distinguish it from a pure random walk."""
@@ -79,7 +79,7 @@ def walk_estimate(
 
     The position error integrates the velocity error. The error of an estimator without a position
     sensor, such as that of optical flow, is a random walk, which a policy follows. White noise of
-    the size seen between two rows of a log averages out within a few rows and does not model this.
+    the size between two rows of a log averages out within a few rows and does not model this.
 
     Args:
         drift: errors of position and velocity before.
@@ -225,7 +225,7 @@ def delayed(
 
     Args:
         past: memory, newest first, one row an estimate; row 0 is the present.
-        state: the present; its body rates are kept, because the gyro is read afresh.
+        state: the present; its body rates stay, because the gyro is read afresh.
         period: time between two estimates [s].
         parameters: uses `estimator_delay` [s], at most (memory - 1) periods.
     """

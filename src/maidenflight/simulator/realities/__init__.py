@@ -1,1 +1,1 @@
-"""What policies are flown on: virtual drones, wrappers around them, and foreign simulators."""
+"""Realities for policies: virtual drones, wrappers around them, and foreign simulators."""

@@ -81,7 +81,7 @@ def with_additions(drone: Any, added: list[str]) -> Any:
 
     Raises:
         InputError: the same twice; a latency that is no whole number of the reality's steps or
-            longer than a drone's may be; a trim or weak motor of a reality that is not given
+            longer than a drone's may be; a trim or weak motor of a reality that does not take
             commands of its motors; a payload of a reality that is no virtual drone, or one with
             which the drone cannot hover; or a change in the course of a flight of a reality that is
             no virtual drone, of what cannot change so, or at two times.

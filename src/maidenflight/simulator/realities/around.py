@@ -65,7 +65,7 @@ class _Wrapper:
 
 
 class DelayWrapper(_Wrapper):
-    """A reality whose commands act later; its truth and its log hold those that were given."""
+    """A reality whose commands act later; its truth and its log hold the original ones."""
 
     def __init__(self, inner: Any, seconds: float) -> None:
         """Wraps it.
@@ -96,18 +96,18 @@ class DelayWrapper(_Wrapper):
         self._line = deque([self._given] * self._steps)
 
     def step(self, command: Float[np.ndarray, "4"]) -> None:
-        """Gives a command, and holds the one that was given so long ago."""
+        """Sends the command of so long ago."""
         self._given = np.array(command, np.float64)
         self._line.append(self._given)
         super().step(self._line.popleft())
 
     def truth(self) -> Any:
-        """Returns the true state, and the command given last."""
+        """Returns the true state, and the last command."""
         return super().truth()._replace(command=self._given)
 
 
 class MotorBiasWrapper(_Wrapper):
-    """A reality whose motors differ; its truth and its log hold the commands that were given."""
+    """A reality whose motors differ; its truth and its log hold the original commands."""
 
     def __init__(
         self,
@@ -121,7 +121,7 @@ class MotorBiasWrapper(_Wrapper):
         Args:
             inner: a reality that takes commands of its motors, in the order of a Crazyflie's.
             addition: what its name says.
-            more: thrust commands that are added to those given.
+            more: thrust commands to add.
             shares: of each motor's command that acts.
 
         Raises:
@@ -146,12 +146,12 @@ class MotorBiasWrapper(_Wrapper):
         super().step(np.clip(self._shares * (self._given + self._more), 0.0, 1.0))
 
     def truth(self) -> Any:
-        """Returns the true state, and the command given last."""
+        """Returns the true state, and the last command."""
         return super().truth()._replace(command=self._given)
 
 
 class SensorWrapper(_Wrapper):
-    """A reality seen through the sensors of `SENSORS`, as a virtual drone is.
+    """A reality behind the sensors of `SENSORS`, as a virtual drone is.
 
     Position, velocity and attitude are estimated at 100 Hz and late; the gyro is read afresh,
     behind its filter, with a bias drawn for each flight.

@@ -1,7 +1,7 @@
 """What policies fly in: the `Reality` protocol, and `reality` by name.
 
-A reality is a `VirtualDrone`, of which many are flown at once in JAX, or anything that follows the
-`Reality` protocol: another simulator or a test bench, flown one command at a time.
+A reality is a `VirtualDrone`, of which many fly at once in JAX, or anything that follows the
+`Reality` protocol: another simulator or a test bench, which takes one command at a time.
 """
 
 import dataclasses
@@ -44,7 +44,7 @@ class Truth(NamedTuple):
 
 @runtime_checkable
 class Reality(Protocol):
-    """A drone flown one command at a time; it keeps its own state and needs no JAX.
+    """A drone that takes one command at a time; it keeps its own state and needs no JAX.
 
     Arrays may be of NumPy or lists; axes, units and motors are those of `dynamics.State`.
     """
@@ -153,6 +153,13 @@ def seed_of(name: str) -> int:
 def is_drone(name: str) -> bool:
     """Returns whether a reality's name is that of a drone or of a drone's file."""
     return name in parameters.DRONES or os.path.exists(name)
+
+
+def imports_code(name: str) -> bool:
+    """Tests whether a reality's name stands for Python code: `MODULE:FACTORY`."""
+    kind, _, rest = additions.split(name)[0].partition("@")[0].partition(":")
+    known = kind in VARIANTS or kind in REALITIES or rest.isdecimal()
+    return bool(rest) and not known and not is_drone(name)
 
 
 def _virtual_about(drawn_name: str, centre: str) -> VirtualDrone:

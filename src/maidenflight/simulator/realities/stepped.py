@@ -20,7 +20,7 @@ from maidenflight.simulator.tasks import tasks
 
 
 class Stepped:
-    """A virtual drone with all its effects, flown one command of 2 ms at a time."""
+    """A virtual drone with all its effects, one command of 2 ms at a time."""
 
     rate = 500
     takes = MOTORS

@@ -1,6 +1,6 @@
 """`VirtualDrone`, a simulated drone to fly unseen, and `virtual_drone`, which draws one by seed.
 
-What is made with them is marked as simulated. Constants are drawn from a seed and not shown to
+What is made with them is marked as simulated. Constants are drawn from a seed and hidden from
 identification and training. There are three variants, with growing mismatch to the model that
 policies train on: `near` has other numbers; `virtual` also effects that the paper's model lacks
 (a battery that sags behind 8-bit PWM and the firmware's compensation, motors that slow down more
@@ -64,7 +64,7 @@ class VirtualDrone:
     """By which its firmware compensates for a battery that sags, behind 8-bit PWM; None: it has
     neither."""
     later: ParameterChange | None = None
-    """What it becomes in the course of a flight; it stays as it is unless given."""
+    """What it becomes in the course of a flight; it stays as it is by default."""
 
     def must_not_change(self) -> None:
         """Refuses a drone that changes in the course of a flight, where that is not simulated.
@@ -94,7 +94,7 @@ class VirtualDrone:
         """Returns the environment in which this drone flies a task under a control structure.
 
         Args:
-            task: what is flown.
+            task: the task to fly.
             controller: what carries out the commands.
             spec: what the policy sees.
             changing: whether the caller makes the drone become what `later` says.
@@ -192,7 +192,7 @@ def virtual_drone(
         centre: the drone about which constants are drawn, each in the same proportion as about the
             Crazyflie; what it lacks, such as drag or a battery that sags, is drawn as the
             Crazyflie's. A drone of more than `LARGEST_CRAZYFLIE` has no battery compensation. The
-            published Crazyflies unless given.
+            published Crazyflies by default.
         variant: `near`: the paper's model with other numbers, and the mean motor lag of the virtual
             drone of the same seed. `virtual`: the effects above. `far`: in addition a lower
             thrust-to-weight ratio, motors that slow down half as fast as they speed up, the

@@ -1,6 +1,6 @@
 """Why flights end: guards, the failures of tasks, and the differentiable margins to those.
 
-Guards and reasons are of JAX or NumPy, as the arrays are that they are given.
+Guards and reasons are of JAX or NumPy, as their arguments are.
 """
 
 from functools import reduce
@@ -38,13 +38,13 @@ class End(NamedTuple):
     """How a flight ended, or many did."""
 
     steps: Int[Any, "..."]
-    """Rows flown."""
+    """Rows up to the end."""
     reason: Int[Any, "..."]
     """Index of `END_REASONS`; 0 while it flies."""
 
 
 class Guard(NamedTuple):
-    """Limits at which a flight is ended; what is not given may be anything, but finite."""
+    """Limits at which a flight is ended; what is None may be anything, but finite."""
 
     tilt: Float[Any, ""] = np.inf
     """Roll or pitch [rad]."""

@@ -18,7 +18,7 @@ from maidenflight.simulator.tasks.trajectories import Trajectory
 
 MOST_POINTS = 50
 SPACING = 0.1
-"""Time between two points unless given [s]."""
+"""Time between two points by default [s]."""
 _SHORTEST, _LONGEST = 1e-3, 10.0
 
 
@@ -27,7 +27,7 @@ class LookAhead:
     """K points of the reference, at t + spacing, t + 2 spacing, ..., t + K spacing.
 
     An observation has their positions relative to the drone's measured position, world [m], behind
-    its last instant. Where a trajectory has ended, its last point is seen again. Hashable,
+    its last instant. Where a trajectory has ended, its last point repeats. Hashable,
     for use as a static argument.
 
     Raises:

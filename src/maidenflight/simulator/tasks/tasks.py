@@ -140,7 +140,7 @@ def with_yaw_penalty(task: Task, yaw_penalty: float) -> Task:
     """Returns the task with a cost of yaw.
 
     The paper's rewards do not depend on yaw, and its episodes last 5 s. Constant torques and the
-    gyro's bias turn a drone further than training has seen, where the policy fails.
+    gyro's bias turn a drone further than in training, where the policy fails.
 
     Args:
         task: the task; its failures stay the same.

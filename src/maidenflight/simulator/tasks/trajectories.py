@@ -42,7 +42,7 @@ Result = TypeVar("Result")
 
 
 def cached_by_arguments(make: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Caches a function by its arguments, given by position, by name or by default."""
+    """Caches a function by its arguments, by position, by name or by default."""
     cached, known = cache(make), signature(make)
 
     @wraps(make)
@@ -56,7 +56,7 @@ def cached_by_arguments(make: Callable[Arguments, Result]) -> Callable[Arguments
 
 @cached_by_arguments
 def circle(diameter: float = 0.5, period: float = 3.0, height: float = 1.0) -> Trajectory:
-    """Returns a level circle, clock-wise seen from above, with its centre on the x axis.
+    """Returns a level circle, clock-wise from above, with its centre on the x axis.
 
     It starts at (0, 0, height) towards +y.
 
@@ -131,8 +131,8 @@ def quickening(trajectory: Trajectory, duration: float = RAMP_DURATION_S) -> Tra
     Its speed grows linearly and is the trajectory's own at the end.
 
     Args:
-        trajectory: what is flown, for ever.
-        duration: time until it is flown at its own speed [s].
+        trajectory: the trajectory, for ever.
+        duration: time until it runs at its own speed [s].
     """
 
     def reference(time: Float[Array, ""]) -> Float[Array, "3"]:
@@ -152,14 +152,14 @@ def quickening_circle(fastest: float, diameter: float = 1.0) -> Trajectory:
 def quickening_figure_eight(fastest: float, width: float = 2.0) -> Trajectory:
     """Returns a `figure_eight` whose top speed, at its tips, grows to the fastest [m/s].
 
-    A lemniscate of half width h and period P is flown at 2 pi h / P there.
+    A lemniscate of half width h and period P has a speed of 2 pi h / P there.
     """
     return quickening(figure_eight(pi * width / fastest, width))
 
 
 @cached_by_arguments
 def pentagram(diameter: float = 0.5, period: float = 5.0, height: float = 1.0) -> Trajectory:
-    """Returns a level five-pointed star, flown edge by edge at constant speed.
+    """Returns a level five-pointed star, edge by edge at constant speed.
 
     Its corners lie on `circle`.
 
