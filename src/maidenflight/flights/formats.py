@@ -139,6 +139,8 @@ def logged(file: Path, battery_law: str | None = None) -> Logged | Table:
     table = table or _table(file, name)
     told = column_map.beside(file)
     if told.exists():
+        if battery_law:
+            raise InputError(_no_law(name))
         with np.errstate(over="ignore", invalid="ignore"):
             flight, time, notes = column_map.flight(table, column_map.read(told))
         return Logged(name, [(flight, time)], [*table.notes, *notes])

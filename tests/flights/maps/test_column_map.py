@@ -128,6 +128,8 @@ def test_a_map_stands_beside_any_table(ending: str, tmp_path: Path) -> None:
     assert formats.write_map(path) == tmp_path / "day.1.columns.toml"
     (found,) = read_flights(tmp_path)
     assert_allclose(found.body_rates, flight.body_rates, atol=1e-4)
+    with pytest.raises(InputError, match="battery law"):
+        read_flights(path, battery_law="legacy propellers")
 
 
 def test_known_formats_and_tables_without_motors_get_no_map(tmp_path: Path) -> None:

@@ -22,8 +22,10 @@ from maidenflight.flights.maps.signal_map import COUNTS, Motors
 from maidenflight.flights.tables import Table
 
 _AXES = ("x", "y", "z")
-_CLOCKS = ("time", "timestamp", "t", "ts", "stamp", "times", "timeus", "timems", "timens")
-_CLOCKS = (*_CLOCKS, "sec", "seconds", "timestampus", "timestampms", "timestampns", "elapsed")
+_CLOCKS = (
+    *("time", "timestamp", "t", "ts", "stamp", "times", "timeus", "timems", "timens"),
+    *("sec", "seconds", "timestampus", "timestampms", "timestampns", "elapsed"),
+)
 _UNITS = "rad_?s|deg_?s|dps|rad|deg|m_?s2|mps2|mss|m_?s|mps|mg?|g|m?v"
 """Ends of columns' names that tell units."""
 
