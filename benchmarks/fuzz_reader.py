@@ -45,7 +45,7 @@ class Reader(NamedTuple):
 
 def made(name: str) -> Any:
     """A module of the tests, which know how to make good files."""
-    for folder in ("", "integrations/logs", "reporting"):
+    for folder in ("", "flights/maps", "integrations/logs", "reporting"):
         if str(TESTS / folder) not in sys.path:
             sys.path.append(str(TESTS / folder))
     return importlib.import_module(name)

@@ -1,4 +1,4 @@
-"""Readers of other drones' logs, for the fuzzer: ULog, blackbox, MCAP and rosbag2."""
+"""Readers of other drones' logs, for the fuzzer: ULog, blackbox, MCAP, rosbag2, mapped tables."""
 
 import dataclasses
 import random
@@ -11,6 +11,7 @@ import numpy as np
 from fuzz_damage import ANY, Damaged, Kind
 from fuzz_reader import Good, Reader, made
 
+from maidenflight.flights import formats
 from maidenflight.flights.log import GROUPS, OPTIONAL
 from maidenflight.flights.reading import Flights, read_flights
 from maidenflight.simulator.physics.battery import LARGEST_COMMAND
@@ -40,8 +41,11 @@ def recordings() -> dict[str, tuple[str, list[bytes]]]:
         "ULog": (
             ".ulg",
             [
-                ulogs.ulog(ulogs.topics_of(flight, state=state), ulogs.placed())
-                for state in (True, False)
+                ulogs.ulog(topics, ulogs.placed())
+                for topics in (
+                    ulogs.topics_of(flight),
+                    ulogs.by_default_profile(ulogs.topics_of(flight, state=False)),
+                )
             ],
         ),
         "blackbox": (
@@ -54,6 +58,18 @@ def recordings() -> dict[str, tuple[str, list[bytes]]]:
         "MCAP": (".mcap", bag(".mcap")),
         "rosbag2": (".db3", bag(".db3")),
     }
+
+
+def mapped() -> dict[str, bytes]:
+    """A good table of columns that are not known, and the map beside it."""
+    tables = made("test_column_map")
+    with tempfile.TemporaryDirectory() as folder:
+        path = tables.write(
+            Path(folder, "log.csv"), tables.of_px4(made("made_flights").driven(ROWS))
+        )
+        told_ = formats.write_map(path)
+        assert told_ is not None
+        return {one.name: one.read_bytes() for one in (path, told_)}
 
 
 def _bytes(generator: random.Random, good: bytes, other: bytes) -> Damaged:
@@ -95,15 +111,35 @@ def unsound(read: Flights) -> str:
 def recording_readers() -> list[Reader]:
     """Of logs in each of the formats, alone."""
     read: Callable[[Path, Path], Flights] = lambda _, path: read_flights(path)  # noqa: E731
+    notes: Callable[[Flights], tuple[str, ...]] = lambda one: (*one.notes, *one.refused)  # noqa: E731
+    table, columns = mapped().items()
     return [
-        Reader(
-            f"flight log, {name}",
-            2,
-            tuple(Good(f"log{suffix}", content, _bytes) for content in contents),
-            read,
-            told,
-            unsound,
-            lambda found: (*found.notes, *found.refused),
-        )
-        for name, (suffix, contents) in recordings().items()
+        *(
+            Reader(
+                f"flight log, {name}",
+                2,
+                tuple(Good(f"log{suffix}", content, _bytes) for content in contents),
+                read,
+                told,
+                unsound,
+                notes,
+            )
+            for name, (suffix, contents) in recordings().items()
+        ),
+        *(
+            Reader(
+                f"flight log, {name}",
+                2,
+                (Good(*damaged_one, _bytes),),
+                lambda folder, _: read_flights(folder / "log.csv"),
+                told,
+                unsound,
+                notes,
+                around=dict([other]),
+            )
+            for name, damaged_one, other in (
+                ("other columns", table, columns),
+                ("map of columns", columns, table),
+            )
+        ),
     ]

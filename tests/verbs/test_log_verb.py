@@ -63,3 +63,24 @@ def test_the_check_up_is_shown_and_a_fault_ends_with_an_error(
         one["name"]: one["verdict"] for one in json.loads(out)["checks"][f"{tmp_path.name}/bad.csv"]
     }
     assert verdicts["motor order"] == "fails"
+
+
+def test_tables_of_other_columns_are_read_by_a_map_that_is_written(
+    tmp_path: Path, command: Command
+) -> None:
+    flight = driven()
+    rows = np.column_stack([0.01 * np.arange(len(flight)), flight.body_rates, flight.command])
+    force = np.tile([0.0, 0.0, 9.81], (len(rows), 1)) + np.random.default_rng(0).normal(
+        0, 0.2, (len(rows), 3)
+    )
+    names = "t,wx,wy,wz,m1,m2,m3,m4,ax,ay,az"
+    path = tmp_path / "mine.csv"
+    np.savetxt(path, np.column_stack([rows, force]), delimiter=",", header=names)
+    code, _, err = command(f"log {path}")
+    assert code == 2
+    assert "--map-columns" in err
+    code, out, _ = command(f"log {path} --map-columns --json")
+    assert code == 0
+    told = json.loads(out)
+    assert told["written"] == [str(tmp_path / "mine.columns.toml")]
+    assert told["logs"][0]["rate"] == 100.0

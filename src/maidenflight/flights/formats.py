@@ -13,10 +13,11 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from maidenflight import inputs
+from maidenflight import inputs, results
 from maidenflight.errors import InputError
 from maidenflight.flights import compensation, log, tables
 from maidenflight.flights.log import Flight
+from maidenflight.flights.maps import column_map, proposal
 from maidenflight.flights.tables import Table
 from maidenflight.registry import LOG_FORMATS
 
@@ -136,6 +137,13 @@ def logged(file: Path, battery_law: str | None = None) -> Logged | Table:
             found, notes = recording.flights(file, name)
         return Logged(name, found, notes)
     table = table or _table(file, name)
+    told = column_map.beside(file)
+    if told.exists():
+        if battery_law:
+            raise InputError(_no_law(name))
+        with np.errstate(over="ignore", invalid="ignore"):
+            flight, time, notes = column_map.flight(table, column_map.read(told))
+        return Logged(name, [(flight, time)], [*table.notes, *notes])
     kind = kind or _format_of(table)
     if kind is None:
         return table
@@ -156,8 +164,39 @@ def unknown(table: Table) -> str:
     known = [kind.what for kind in map(_imported, LOG_FORMATS) if not isinstance(kind, str)]
     return (
         f"{table.name}: unknown format; its columns are {columns[:60]!r}.{lack} Known are "
-        f"{'; '.join(known)}.{_unusable()}"
+        f"{'; '.join(known)}.{_unusable()} {_help(table)}"
     )
+
+
+def _help(table: Table) -> str:
+    """What makes a table of unknown columns be read."""
+    if proposal.propose(table) is not None:
+        return (
+            "maidenflight log --map-columns writes a map of its columns beside it, and reads it by "
+            "that."
+        )
+    return (
+        "Say in NAME.columns.toml beside it which columns hold time, body rates and motors; see "
+        "docs/flight-log.md."
+    )
+
+
+def write_map(file: Path) -> Path | None:
+    """Writes a map of the columns of a table in no known format beside it.
+
+    Returns:
+        The map; none where there is one, the format is known, names show too little or the file is
+        damaged.
+    """
+    told, table = column_map.beside(file), None
+    if told.exists() or not file.name.endswith(TABLES):
+        return None
+    with suppress(InputError):
+        table = logged(file)
+    found = proposal.propose(table) if isinstance(table, Table) else None
+    if found is None:
+        return None
+    return results.write(told, column_map.text(found))
 
 
 def _no_law(name: str) -> str:

@@ -121,6 +121,12 @@ def from_text(text: str, name: str) -> Table:
         stop = len(text) if stop < 0 else stop
         comments.append(text[start:stop])
         start = stop + 1
+    first = text[start : text.find("\n", start)].split(",")
+    above = comments[-1].lstrip("# ") if comments else ""
+    if len(above.split(",")) == len(first) > 2 and all(map(_is_number, first)):
+        # numpy.savetxt writes the header as a comment.
+        start -= len(above) + 1
+        comments.pop()
     body = text[start:].rstrip("\n")
     line = len(comments) + 1
     if not body.strip():

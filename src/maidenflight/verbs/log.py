@@ -6,6 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from maidenflight.settings import flag, setting
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row, Verb
 from maidenflight.verbs import core, shared
@@ -31,9 +32,17 @@ class Log(Verb):
     logs: Path = shared.logs()
     commands: str | None = shared.commands()
     battery_law: str | None = shared.battery_law()
+    map_columns: bool = setting(
+        flag(),
+        False,
+        "Of tables in no known format write NAME.columns.toml beside NAME.csv, which says which "
+        "column is which signal, as names and numbers show it; then read them by it.",
+        recorded=False,
+    )
 
     def compute(self, output: Path | None, progress: Progress) -> Result:
         """Reads the logs; writes the usable pieces where there is an output."""
+        maps = core.logs.write_maps(self.logs) if self.map_columns else []
         flights = core.read_flights(
             *(self.logs, core.logs.count_files(progress), math.inf),
             commands=self.commands,
@@ -51,9 +60,10 @@ class Log(Verb):
                     name: [asdict(one) for one in results]
                     for name, results in flights.checks.items()
                 },
-                "written": [str(path) for path in written],
+                "written": [str(path) for path in [*maps, *written]],
             },
             summary=[
+                *(f"columns: {path}; look it through, and mend what is wrong" for path in maps),
                 *_tabulate(logs),
                 *_tabulate_checks(flights),
                 *core.logs.describe_flights(flights),

@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from maidenflight import results
-from maidenflight.flights import log
+from maidenflight.flights import formats, log
 from maidenflight.flights.log import Flight
-from maidenflight.flights.reading import Flights
+from maidenflight.flights.reading import Flights, log_files
 from maidenflight.parameters import COMPONENTS, QUANTITIES
 from maidenflight.terminal import Progress
 
@@ -51,6 +51,12 @@ def write_logs(folder: Path, flights: Mapping[str, Flight], record: dict[str, An
     written = [log.write(folder / f"{name}.csv", one, record) for name, one in flights.items()]
     results.remove_older(written, record)
     return written
+
+
+def write_maps(logs: Path) -> list[Path]:
+    """Writes maps of columns beside tables in no known format, and returns them."""
+    files = [logs] if logs.is_file() else log_files(logs)
+    return [found for file in files if (found := formats.write_map(file)) is not None]
 
 
 def to_content(flights: Flights) -> dict[str, Any]:

@@ -238,6 +238,8 @@ def test_a_weak_battery_is_told_and_kept():
         "calm: 200 rows kept with the battery below 2.8 V, where the firmware can no longer make "
         "up for it"
     ]
+    plain = calm(rows=200, battery=np.full(200, 2.6, np.float32), by_battery_law=False)
+    assert checking.pieces(plain)[1] == []
 
 
 @given(cuts=arrays(bool, 40), rows=arrays(bool, 40))

@@ -136,6 +136,35 @@ def topics_of(flight, order=ORDER, start=10_000_000, state=True, thrust=np.sqrt,
     return topics
 
 
+def by_default_profile(topics, motors=10, setpoints=1):
+    """The same topics with motors logged rarely, and torque and thrust set-points beside them.
+
+    Set-points are solved from the motors, in the quadrotor in X of `placed`.
+
+    Args:
+        topics: see `topics_of`.
+        motors: of so many rows one is logged.
+        setpoints: likewise.
+    """
+    stamps, control = (values for _, _, values in topics["actuator_motors"])
+    half = np.sqrt(0.5)
+    by_axis = np.array(
+        [[-half, half, 1, -1], [half, -half, 1, -1], [half, half, -1, -1], [-half, -half, -1, -1]]
+    )
+    asked = np.linalg.solve(by_axis, control.T).T
+    down = np.concatenate([np.zeros((len(asked), 2)), asked[:, 3:]], axis=1)
+
+    def topic(name, values, every):
+        timed = [("timestamp", "uint64_t", stamps + 90), ("timestamp_sample", "uint64_t", stamps)]
+        return [(*one, rows[::every]) for *one, rows in [*timed, (name, "float", values)]]
+
+    return topics | {
+        "vehicle_torque_setpoint": topic("xyz", asked[:, :3], setpoints),
+        "vehicle_thrust_setpoint": topic("xyz", down, setpoints),
+        "actuator_motors": topic("control", control, motors),
+    }
+
+
 VALID = ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid")
 
 

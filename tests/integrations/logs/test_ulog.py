@@ -2,6 +2,7 @@
 
 import builtins
 import dataclasses
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from numpy.testing import assert_allclose
 import maidenflight as mf
 from made_flights import driven
 from maidenflight.errors import InputError
+from maidenflight.flights import formats
 from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import Flights, read_flights
 from maidenflight.identification.identify import identify
@@ -52,6 +54,57 @@ def test_a_flight_comes_back(state: bool, tmp_path: Path) -> None:
     assert_allclose(found.command, flight.command, atol=1e-5)
     assert_allclose(found.arrays["rotor_speed"], flight.arrays["rotor_speed"], atol=0.11)
     assert not found.zero_order_hold
+
+
+def test_rare_motors_follow_from_set_points(tmp_path: Path) -> None:
+    flight = sensed()
+    made_topics = made.by_default_profile(made.topics_of(flight, state=False))
+    found = read(tmp_path, made_topics)
+    assert_allclose(found.flights[0].command, flight.command, atol=1e-5)
+    assert any("100.00 %" in note or "99.99 %" in note for note in found.notes)
+
+
+def test_old_logs_follow_from_their_controls(tmp_path: Path) -> None:
+    flight = sensed()
+    topics = made.by_default_profile(made.topics_of(flight, state=False))
+    *timed, (_, _, torque) = topics.pop("vehicle_torque_setpoint")
+    thrust = topics.pop("vehicle_thrust_setpoint")[2][2][:, 2:]
+    controls = np.concatenate([torque, -thrust], axis=1)
+    topics["actuator_controls_0"] = [*timed, ("control", "float", controls)]
+    rare, _, (_, _, motors) = topics.pop("actuator_motors")
+    topics["actuator_outputs"] = [rare, ("output", "float", 1000 + 1000 * motors)]
+    (found,) = read(tmp_path, topics, {"MAV_TYPE": 2})
+    assert_allclose(found.command, flight.command, atol=1e-5)
+
+
+def test_motors_that_contradict_set_points_are_refused(tmp_path: Path) -> None:
+    topics = made.by_default_profile(made.topics_of(sensed(), state=False))
+    *timed, (name, typed, control) = topics["actuator_motors"]
+    topics["actuator_motors"] = [*timed, (name, typed, control[:, [1, 0, 2, 3]])]
+    with pytest.raises(InputError, match="SDLOG_PROFILE"):
+        read(tmp_path, topics)
+
+
+def test_rows_of_rare_motors_hold_means_of_the_sensors(tmp_path: Path) -> None:
+    flight = sensed(1200, period=0.005)
+    topics = made.by_default_profile(made.topics_of(flight, state=False), setpoints=4)
+    (found,) = read(tmp_path, topics)
+    assert found.period == pytest.approx(0.02)
+    # The mean of five samples a step about the row, of which the outer two count half.
+    about = np.lib.stride_tricks.sliding_window_view(flight.body_rates, 5, axis=0)[2::4]
+    means = about @ [0.125, 0.25, 0.25, 0.25, 0.125]
+    assert_allclose(found.body_rates, means[: len(found)], atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["quadrotor_local.ulg", "battery_brownout.ulg", "events.ulg"])
+def test_set_points_explain_the_motors_of_real_logs(name: str, shared_data: Path) -> None:
+    path = shared_data / "real" / "px4" / name
+    if not path.is_file():
+        pytest.skip("the logs are not here")
+    notes = formats.logged(path).notes
+    (said,) = (re.search(r"explain ([\d.]+) %", note) for note in notes if "explain" in note)
+    assert said is not None
+    assert float(said[1]) >= 99.98
 
 
 @pytest.mark.parametrize("order", [(0, 3, 1, 2), (1, 2, 0, 3), (3, 2, 1, 0)])
@@ -374,17 +427,24 @@ def test_without_pyulog_it_is_said_how_to_get_it(
 
 
 @pytest.mark.slow
-def test_a_planted_drone_comes_back_through_a_ulog(tmp_path: Path) -> None:
+@pytest.mark.parametrize("default_profile", [False, True])
+def test_a_planted_drone_comes_back_through_a_ulog(default_profile: bool, tmp_path: Path) -> None:
     drone = mf.virtual_drone(1)
     flown = mf.record(drone, jax.random.key(1), flights=2, duration=12.0, excitation=0.05)
     for number, flight in enumerate(flown):
-        topics = filtered(made.topics_of(flight, state=False))
+        topics = made.topics_of(flight, state=False)
+        # Motors at 10 Hz, and set-points at 50 Hz.
+        topics = made.by_default_profile(topics, setpoints=2) if default_profile else topics
+        topics = filtered(topics)
         parameters = made.placed() | {"IMU_ACCEL_CUTOFF": 30.0, "IMU_GYRO_CUTOFF": 80.0}
         (tmp_path / f"log_{number}.ulg").write_bytes(made.ulog(topics, parameters))
     flights = read_flights(tmp_path)
     assert len(flights) == 2
     start = replace(crazyflie(), mass=drone.parameters.mass)
     found = identify(list(flights), Likelihood(trials=1), start=start).parameters
-    for name, error in {"thrust_to_weight": 0.04, "inertia_x": 0.06, "inertia_y": 0.06}.items():
+    errors = {"thrust_to_weight": 0.04, "inertia_x": 0.06, "inertia_y": 0.06}
+    # At 50 Hz so calm a flight shows no inertia.
+    names = ["thrust_to_weight"] if default_profile else list(errors)
+    for name in names:
         value = float(component(drone.parameters, name))
-        assert float(component(found, name)) == pytest.approx(value, rel=error), name
+        assert float(component(found, name)) == pytest.approx(value, rel=errors[name]), name

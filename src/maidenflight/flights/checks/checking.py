@@ -105,7 +105,7 @@ def pieces(
         )
     kept, constant = _without_constants(kept, flight.name)
     notes += constant
-    weak = sum(int((piece.battery < EMPTY).sum()) for piece in kept)
+    weak = sum(int((piece.battery < EMPTY).sum()) for piece in kept if piece.by_battery_law)
     if weak:
         notes.append(
             f"{flight.name}: {weak} rows kept with the battery below {EMPTY:g} V, where the "

@@ -2,7 +2,10 @@
 
 Rows are the samples of the body rates, or of the state estimate where that is rarer. The others are
 joined as physics needs them: what is measured lies on straight lines between its samples, and of
-the motors each row holds what they were told until the next.
+the motors each row holds what they were told until the next. Without a state estimate rows are as
+frequent as the motors where those are rarer, and what is measured is a mean over the step about
+each: more rows would only repeat the commands between which they lie, and single samples alias
+vibration.
 """
 
 from collections.abc import Callable
@@ -18,6 +21,8 @@ from maidenflight.flights.streams import attitudes, rates, streams
 from maidenflight.flights.streams.streams import Stream
 
 ALONE = "read as accelerometer, gyro and motors alone"
+MORE = 1.5
+"""Samples a row from which a signal counts as more frequent than the rows."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +98,12 @@ def flight(
     rates.refuse_too_slow(name, needed, remedy, _list_rates(signals))
     rarer = signals.state is not None and signals.state.step > body_rates.step
     at = signals.state.time if signals.state is not None and rarer else body_rates.time
+    sensed: Callable[[np.ndarray, Stream], np.ndarray] = streams.between
+    if signals.state is None and motors.rate < body_rates.rate / MORE:
+        # Loggers pick samples of a faster loop at uneven steps; rows lie at even ones about them.
+        step = streams.period(motors.time)
+        since = np.unique(np.round((motors.time - motors.time[0]) / step))
+        at, sensed = motors.time[0] + step * since, _mean_about
     wanted, notes = kept(at)
     at = at[wanted]
     if len(at) < 2:
@@ -107,7 +118,7 @@ def flight(
             "attitude": attitudes.wrapped(rows[:, 6:9]),
         }
     if force is not None and force.rate >= 0.97 * rates.LEAST_HZ:
-        found["accelerometer"] = streams.between(at, force)
+        found["accelerometer"] = sensed(at, force)
     turns = signals.rotor_speed
     if turns is not None and turns.rate >= 0.5 / streams.period(at):
         found["rotor_speed"] = streams.between(at, turns)
@@ -124,7 +135,7 @@ def flight(
     logged = flight_of(
         name,
         streams.period(at),
-        body_rates=streams.between(at, body_rates),
+        body_rates=sensed(at, body_rates),
         command=np.square(speed),
         battery=np.where(volts > 0.5, volts, np.nan),
         zero_order_hold=means,
@@ -159,7 +170,16 @@ def _told(
     """
     if whole:
         return streams.mean_until_next(at, speeds), True
-    if speeds.rate > 1.5 / streams.period(at):
+    if speeds.rate > MORE / streams.period(at):
         about = Stream(speeds.time - speeds.step / 2, speeds.values)
         return streams.mean_until_next(at, about), True
     return streams.between(at, speeds), False
+
+
+def _mean_about(at: Float[np.ndarray, "N"], signal: Stream) -> Float[np.ndarray, "N K"]:
+    """The mean of a measured signal over a step about each row, if it is more frequent."""
+    step = streams.period(at)
+    if signal.rate <= MORE / step:
+        return streams.between(at, signal)
+    about = Stream(signal.time - signal.step / 2, signal.values)
+    return streams.mean_until_next(at - step / 2, about)

@@ -20,7 +20,7 @@ from maidenflight.flights.checks import airborne
 from maidenflight.flights.log import LONGEST_DELAY, Flight
 from maidenflight.flights.streams import joining, rates, streams
 from maidenflight.flights.streams.streams import Stream
-from maidenflight.integrations.logs import px4_motors
+from maidenflight.integrations.logs import px4_motors, px4_setpoints
 from maidenflight.integrations.logs.px4_topics import REMEDY, Parameters, Topics, columns, vector
 
 TOPICS = (
@@ -31,6 +31,7 @@ TOPICS = (
     "sensor_combined",
     "actuator_motors",
     "actuator_outputs",
+    *px4_setpoints.TOPICS,
     "esc_status",
     "battery_status",
     "vehicle_land_detected",

@@ -21,6 +21,7 @@ from jaxtyping import Float, Int
 from maidenflight.errors import InputError
 from maidenflight.flights.streams import streams
 from maidenflight.flights.streams.streams import Stream
+from maidenflight.integrations.logs import px4_setpoints
 from maidenflight.integrations.logs.px4_topics import Parameters, Topics, columns, vector
 
 _ORDER = (0, 3, 1, 2)
@@ -132,30 +133,36 @@ def _numbered(order: tuple[int, ...]) -> str:
 def motors(
     name: str, topics: Topics, parameters: Parameters, order: tuple[int, ...]
 ) -> tuple[Stream, list[str]]:
-    """Rotor speeds that are asked for, sqrt(u) of our motors, from topics of motors or outputs."""
+    """Rotor speeds that are asked for, sqrt(u) of our motors, and how they follow from topics."""
     factor = float(parameters.get("THR_MDL_FAC", 0.0))
     factor = factor if 0.0 < factor <= 1.0 else 0.0
-    shares = columns(topics, "actuator_motors", *vector("control", 4))
-    if shares is not None and len(shares[0]) > 1:
+    shares, where = _shares(name, topics, parameters, factor)
+    rebuilt = px4_setpoints.motors(name, topics, parameters, shares)
+    shares, where = (shares, where) if rebuilt is None else rebuilt
+    ours = Stream(shares.time, shares.values[:, list(order)])
+    how = (
+        f"the curve of THR_MDL_FAC = {factor:g}"
+        if factor
+        else "the square of the command, as without THR_MDL_FAC speed follows it"
+    )
+    speed = ours._replace(values=np.sqrt(ours.values)) if factor else ours
+    return speed, [f"{where}; thrust by {how}"]
+
+
+def _shares(name: str, topics: Topics, parameters: Parameters, factor: float) -> tuple[Stream, str]:
+    """Commands of PX4's motors as they were logged, and of which topic; without rows if not."""
+    told = columns(topics, "actuator_motors", *vector("control", 4), clock="timestamp_sample")
+    if told is not None and len(told[0]) > 1:
         # Not a number is a motor that is stopped.
-        share = np.clip(np.nan_to_num(shares[1][:, list(order)], nan=0.0), 0.0, None)
-        speed = np.sqrt(share) if factor else share
-        how = (
-            f"the curve of THR_MDL_FAC = {factor:g}"
-            if factor
-            else "the square of the command, as without THR_MDL_FAC speed follows it"
-        )
-        return streams.stream(shares[0], speed), [
-            f"{name}: motors of actuator_motors; thrust by {how}"
-        ]
+        share = np.clip(np.nan_to_num(told[1], nan=0.0), 0.0, None)
+        return streams.stream(told[0], share), f"{name}: motors of actuator_motors"
     sent, low, high, channels = _outputs(name, topics, parameters)
-    signal = np.clip((sent[1] - low) / (high - low), 0.0, None)[:, list(order)]
-    thrust = factor * signal**2 + (1.0 - factor) * signal if factor else signal**2
-    how = f"the curve of THR_MDL_FAC = {factor:g}" if factor else "the square of the output"
-    return streams.stream(sent[0], np.sqrt(thrust)), [
+    signal = np.clip((sent[1] - low) / (high - low), 0.0, None)
+    share = factor * signal**2 + (1.0 - factor) * signal
+    return streams.stream(sent[0], share), (
         f"{name}: motors of actuator_outputs {_numbered(channels)} between {low.min():g} and "
-        f"{high.max():g}{_protocol(high)}; thrust by {how}"
-    ]
+        f"{high.max():g}{_protocol(high)}"
+    )
 
 
 def _protocol(high: np.ndarray) -> str:

@@ -13,24 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from maidenflight import inputs
 from maidenflight.errors import InputError
+from maidenflight.flights.maps import signal_map
+from maidenflight.flights.maps.signal_map import COUNTS, MOTOR_KEYS, Motors
 
 CLOCKS = ("header", "received")
 """What stamps samples: a message's header where it has one, or when it was recorded."""
-THRUSTS = ("square", "linear")
-"""How thrust follows the motors' numbers."""
-COUNTS = {
-    "position": 3,
-    "velocity": 3,
-    "attitude": 4,
-    "body_rates": 3,
-    "accelerometer": 3,
-    "motors": 4,
-    "rotor_speed": 4,
-    "battery": 1,
-}
-"""Signals, and how many fields each has."""
 NEEDED = ("body_rates", "accelerometer", "motors")
 
 
@@ -49,13 +37,9 @@ class Layout:
     """Where all signals of a drone are."""
 
     sources: Mapping[str, Source]
-    """By keys of `COUNTS`."""
-    low: float = 0.0
-    """Number of a motor that does not turn."""
-    high: float = 1.0
-    """Number of a motor at full throttle."""
-    square: bool = True
-    """Whether rotor speed follows the numbers, or thrust does."""
+    """By keys of `signal_map.COUNTS`."""
+    motors: Motors = Motors()
+    """What the numbers of the motors mean."""
     received: bool = False
     """Whether samples have the time at which they were recorded, not that of their header."""
     remedy: str = "Record its topics at a higher rate."
@@ -104,7 +88,7 @@ def of_mavros(topics: list[str]) -> dict[str, Layout]:
             if there:
                 sources[signal] = Source(there[0], fields)
         if set(NEEDED) <= set(sources):
-            found[mark] = Layout(sources, 1000.0, 2000.0, remedy=_REMEDY)
+            found[mark] = Layout(sources, Motors(1000.0, 2000.0), remedy=_REMEDY)
     return found
 
 
@@ -119,34 +103,16 @@ def read(path: Path) -> Layout | Variables:
     Raises:
         InputError: it cannot be read, or an entry is missing, unknown or of the wrong kind.
     """
-    try:
-        content = inputs.from_toml(inputs.text(path))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as TOML ({error}). Mend it.") from error
+    content = signal_map.content(path)
     if "variables" in content:
         return _variables(path, content)
     clock = content.pop("clock", CLOCKS[0])
     if clock not in CLOCKS:
         raise InputError(f"{path}: clock = {clock!r}; expected {' or '.join(map(repr, CLOCKS))}.")
-    unknown = set(content) - set(COUNTS)
-    lacking = [signal for signal in NEEDED if signal not in content]
-    if unknown or lacking:
-        raise InputError(
-            f"{path}: {', '.join(sorted(unknown)) or 'nothing'} unknown and "
-            f"{', '.join(lacking) or 'nothing'} missing; expected {', '.join(NEEDED)}, and perhaps "
-            f"{', '.join(signal for signal in COUNTS if signal not in NEEDED)}."
-        )
+    signal_map.check_signals(path, content, NEEDED)
     sources = {signal: _source(path, signal, table) for signal, table in content.items()}
-    motors = content["motors"]
-    thrust = motors.get("thrust", THRUSTS[0])
-    low, high = (_number(path, "motors", key, motors.get(key, usual))
-                 for key, usual in (("low", 0.0), ("high", 1.0)))  # fmt: skip
-    if thrust not in THRUSTS or not low < high:
-        raise InputError(
-            f"{path}: motors have thrust = {thrust!r}, low = {low:g}, high = {high:g}; expected "
-            f"{' or '.join(map(repr, THRUSTS))}, and low below high."
-        )
-    return Layout(sources, low, high, thrust == THRUSTS[0], clock == CLOCKS[1])
+    scale = signal_map.motors(path, content["motors"])
+    return Layout(sources, scale, clock == CLOCKS[1])
 
 
 def _variables(path: Path, content: dict[str, Any]) -> Variables:
@@ -163,7 +129,7 @@ def _variables(path: Path, content: dict[str, Any]) -> Variables:
 
 
 def _source(path: Path, signal: str, table: Any) -> Source:
-    known = {"topic", "fields", "scale", *(("low", "high", "thrust") if signal == "motors" else ())}
+    known = {"topic", "fields", "scale", *(MOTOR_KEYS if signal == "motors" else ())}
     count = COUNTS[signal]
     if (
         not isinstance(table, dict)
@@ -177,11 +143,5 @@ def _source(path: Path, signal: str, table: Any) -> Source:
             f"{path}: [{signal}] needs topic, a name, and fields, {count} of them, and may have "
             f"{', '.join(sorted(known - {'topic', 'fields'}))}."
         )
-    scale = _number(path, signal, "scale", table.get("scale", 1.0))
+    scale = signal_map.number(path, signal, "scale", table.get("scale", 1.0))
     return Source(table["topic"], tuple(table["fields"]), scale)
-
-
-def _number(path: Path, signal: str, key: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e12:
-        raise InputError(f"{path}: {key} of [{signal}] is {value!r}; expected a number.")
-    return float(value)

@@ -21,7 +21,8 @@ import polars
 from maidenflight.errors import InputError, optional
 from maidenflight.flights.formats import Found, Recording
 from maidenflight.flights.log import Flight
-from maidenflight.flights.streams import joining, streams
+from maidenflight.flights.maps import signal_map
+from maidenflight.flights.streams import streams
 from maidenflight.flights.streams.streams import Stream
 from maidenflight.flights.tables import Table
 from maidenflight.integrations.logs import cflib, px4, ros_topics
@@ -284,7 +285,8 @@ def _of_mavros(bag: Bag) -> list[tuple[Flight, np.ndarray, list[str]]]:
     for mark, layout in layouts.items():
         name = bag.name if len(layouts) == 1 else f"{bag.name}, {mark}"
         flight, time, notes = _of_layout(bag, name, layout)
-        what = f"{name}: motors of rc/out between {layout.low:g} and {layout.high:g}, as in an X"
+        low, high, _ = layout.motors
+        what = f"{name}: motors of rc/out between {low:g} and {high:g}, as in an X"
         found.append((flight, time, [*notes, what]))
     return found
 
@@ -311,27 +313,8 @@ def _of_layout(bag: Bag, name: str, layout: Layout) -> tuple[Flight, np.ndarray,
         signal: _stream(read[source.topic], source, layout.received)
         for signal, source in sources.items()
     }
-    raw = read_signals["motors"]
-    share = np.clip((raw.values - layout.low) / (layout.high - layout.low), 0.0, None)
-    state, said = None, []
-    if {"position", "velocity", "attitude"} <= set(read_signals):
-        place, velocity = read_signals["position"], read_signals["velocity"]
-        moved = np.concatenate([place.values, streams.between(place.time, velocity)], axis=1)
-        state, said = joining.state(name, Stream(place.time, moved), read_signals["attitude"])
-    else:
-        said = [f"{name}: no position, velocity and attitude together: {joining.ALONE}"]
-    signals = joining.Signals(
-        read_signals["body_rates"],
-        Stream(raw.time, share if layout.square else np.sqrt(share)),
-        read_signals["accelerometer"],
-        state,
-        read_signals.get("rotor_speed"),
-        read_signals.get("battery"),
-    )
-    flight, time, more = joining.flight(name, signals, layout.remedy)
-    thrust = "square" if layout.square else "linear"
-    how = f"{name}: thrust by the {thrust} law of motors between {layout.low:g} and {layout.high:g}"
-    return flight, time, [*notes, *said, how, *more]
+    flight, time, said = signal_map.flight(name, read_signals, layout.motors, layout.remedy)
+    return flight, time, [*notes, *said]
 
 
 def _stream(fields: _Fields, source: Source, received: bool) -> Stream:

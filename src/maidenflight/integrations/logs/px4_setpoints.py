@@ -1,0 +1,141 @@
+"""Motors of a PX4 log that holds them too rarely, from its torque and thrust set-points.
+
+What is logged of the motors checks what is rebuilt, at the same instants. PX4 1.13 and later log
+`vehicle_torque_setpoint` and `vehicle_thrust_setpoint`, older ones `actuator_controls_0` (roll,
+pitch, yaw, thrust upwards), whose mixer for a quadrotor in X is the allocation of four equal arms.
+
+Source: PX4 v1.14, msg/VehicleTorqueSetpoint.msg, msg/VehicleThrustSetpoint.msg; v1.12,
+src/lib/mixer/MultirotorMixer/geometries/quad_x.toml.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from maidenflight.errors import InputError
+from maidenflight.flights.streams import rates, streams
+from maidenflight.flights.streams.streams import Stream
+from maidenflight.integrations.logs import px4_allocation
+from maidenflight.integrations.logs.px4_allocation import Rotor
+from maidenflight.integrations.logs.px4_topics import REMEDY, Parameters, Topics, columns, vector
+
+TOPICS = ("vehicle_torque_setpoint", "vehicle_thrust_setpoint", "actuator_controls_0")
+LEAST_SHARE = 0.95
+"""Share of the variance of logged motors, of their mean and of their differences, below which what
+is rebuilt is refused: 1.0000 in all logs seen, those of real drones too."""
+_LEAST_ROWS = 10
+"""Logged rows of motors that a check needs."""
+_TOGETHER = 1e-3
+"""Time within which a set-point and motors belong together [s]."""
+_QUAD_X = (
+    Rotor(1.0, 1.0),
+    Rotor(-1.0, -1.0),
+    Rotor(1.0, -1.0, moment=-0.05),
+    Rotor(-1.0, 1.0, moment=-0.05),
+)
+
+
+def motors(
+    name: str, topics: Topics, parameters: Parameters, logged: Stream
+) -> tuple[Stream, str] | None:
+    """Commands of PX4's motors, as `actuator_motors`, at the rate of the set-points, and a note.
+
+    Args:
+        name: of the file, for errors and notes.
+        topics: as recorded.
+        parameters: PX4's.
+        logged: commands of PX4's motors as far as they were logged.
+
+    Returns:
+        None where the motors are logged often enough, or the set-points are not.
+
+    Raises:
+        InputError: the logged motors contradict what is rebuilt.
+    """
+    if logged.rate >= 0.97 * rates.LEAST_HZ:
+        return None
+    asked, topic = _setpoints(topics)
+    if asked is None or asked.rate < 0.97 * rates.LEAST_HZ:
+        return None
+    rotors = _rotors(parameters)
+    commands = px4_allocation.motors(
+        asked.values, rotors or _QUAD_X, int(parameters.get("MC_AIRMODE", 0))
+    )
+    rebuilt = Stream(asked.time, commands)
+    share = _explained(logged, rebuilt)
+    how = "the logged allocation (CA_ROTORn)" if rotors else "PX4's mixer of a quadrotor in X"
+    if share is None:
+        if not rotors:
+            return None
+        return rebuilt, f"{name}: motors of {topic} by {how}, which no logged motors check"
+    if share < LEAST_SHARE:
+        raise InputError(
+            f"{name}: motors are logged at {logged.rate:.3g} Hz, too rarely, "
+            f"and {topic} by {how} explains {100 * share:.3g} % of their variance; at least "
+            f"{100 * LEAST_SHARE:g} % are needed. {REMEDY}"
+        )
+    return rebuilt, (
+        f"{name}: motors of {topic}, {rebuilt.rate:.0f} Hz, by {how}; they explain "
+        f"{np.floor(1e4 * share) / 100:.2f} % of the variance of the logged motors "
+        f"({logged.rate:.3g} Hz)"
+    )
+
+
+def _setpoints(topics: Topics) -> tuple[Stream | None, str]:
+    """Torque about x, y, z and thrust along z, forward, right, down; and of which topic."""
+    torque = columns(topics, TOPICS[0], *vector("xyz", 3), clock="timestamp_sample")
+    thrust = columns(topics, TOPICS[1], "xyz[2]", clock="timestamp_sample")
+    if torque is not None and thrust is not None:
+        turning, pushing = streams.stream(*torque), streams.stream(*thrust)
+        known = np.isfinite(pushing.values[:, 0])
+        pushed = streams.between(turning.time, pushing.part(known))
+        rows = np.concatenate([turning.values, pushed], axis=1)
+        kept = np.isfinite(rows).all(axis=1)
+        return Stream(turning.time[kept], rows[kept]), " and ".join(TOPICS[:2])
+    controls = columns(topics, TOPICS[2], *vector("control", 4), clock="timestamp_sample")
+    if controls is None:
+        return None, ""
+    found = streams.stream(controls[0], controls[1] * [1.0, 1.0, 1.0, -1.0])
+    sound = np.asarray(np.isfinite(found.values).all(axis=1))
+    return found.part(sound), TOPICS[2]
+
+
+def _rotors(parameters: Parameters) -> tuple[Rotor, ...] | None:
+    """The rotors that PX4's parameters describe; none where they have no places."""
+    found = tuple(
+        Rotor(
+            parameters.get(f"CA_ROTOR{number}_PX", 0.0),
+            parameters.get(f"CA_ROTOR{number}_PY", 0.0),
+            parameters.get(f"CA_ROTOR{number}_CT", 6.5),
+            parameters.get(f"CA_ROTOR{number}_KM", 0.05),
+        )
+        for number in range(4)
+    )
+    return found if any(one.forward or one.right for one in found) else None
+
+
+def _explained(logged: Stream, rebuilt: Stream) -> float | None:
+    """Share of the variance of logged motors that turn, in their mean and in their differences.
+
+    The lesser of both; none where too few rows are to compare.
+    """
+    if not len(logged.time):
+        return None
+    near = np.searchsorted(rebuilt.time, logged.time - _TOGETHER)
+    near = np.minimum(near, len(rebuilt.time) - 1)
+    known = np.abs(rebuilt.time[near] - logged.time) <= _TOGETHER
+    known &= np.isfinite(logged.values).all(axis=1) & (np.nan_to_num(logged.values) > 0).all(axis=1)
+    if known.sum() < _LEAST_ROWS:
+        return None
+    told, found = logged.values[known], rebuilt.values[near[known]]
+    shares = [_share(of(told), of(found)) for of in (_mean, lambda rows: rows - _mean(rows))]
+    return min((one for one in shares if one is not None), default=None)
+
+
+def _mean(rows: Float[np.ndarray, "N M"]) -> Float[np.ndarray, "N 1"]:
+    return rows.mean(axis=1, keepdims=True)
+
+
+def _share(told: np.ndarray, found: np.ndarray) -> float | None:
+    """Share of variance that is explained; none of what does not change."""
+    spread = np.sum((told - told.mean(axis=0)) ** 2)
+    return float(1.0 - np.sum((told - found) ** 2) / spread) if spread > 1e-6 else None
