@@ -1,7 +1,7 @@
 """Measures how often the check-up names logs that were spoilt on purpose, and how often sound ones.
 
-Writes paper/notes/checkup.md. Thresholds were set while looking at the first set of logs alone; the second
-set, other logs of the same and of other sources, was first tried with all of them fixed.
+Writes paper/notes/checkup.md. Thresholds were set while looking at the first set of logs alone; the
+second set, other logs of the same and of other sources, was first tried with all of them fixed.
 """
 
 from collections import Counter
