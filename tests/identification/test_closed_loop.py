@@ -53,15 +53,15 @@ def test_loops_that_are_nearer_to_instability_are_told_from_their_flights() -> N
         settings,
         on_step=lambda done, of, cost: heard.append(cost),
     )
-    assert set(found.found) <= set(PRIOR)
+    assert set(found.estimates) <= set(PRIOR)
     assert (found.policies, found.flights) == (4, 24)
     assert found.before.shape == found.after.shape == (len(BEHAVIOUR),)
     assert found.cost[1] < 0.6 * found.cost[0]
     assert heard == sorted(heard, reverse=True)
-    latency, error = found.found["latency"]
+    latency, error = found.estimates["latency"]
     assert abs(latency - 0.013) < min(0.0035, max(4 * error, 0.002))
     assert abs(float(found.drones.latency) - latency) < 1e-9
-    assert found.found["gyro_noise"][0] > 0.034
+    assert found.estimates["gyro_noise"][0] > 0.034
     assert np.abs(found.after).max() < np.abs(found.before).max()
     with pytest.raises(InputError, match="no policy flew"):
         match({"gain 1.0": [calm(30)]}, POLICIES, START, jax.random.key(0), settings)

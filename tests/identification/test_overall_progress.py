@@ -39,8 +39,8 @@ def test_the_share_that_is_done_never_falls_and_ends_at_one(
 
 
 def test_what_flights_cannot_tell_is_named() -> None:
-    assert Progress(EXPECTING, 1, 1, 0, EXPECTED).untold == ["drag_x"]
-    assert Progress(EXPECTING, 1, 1, 0).untold == []
+    assert Progress(EXPECTING, 1, 1, 0, EXPECTED).unidentifiable == ["drag_x"]
+    assert Progress(EXPECTING, 1, 1, 0).unidentifiable == []
 
 
 def test_every_stage_of_an_identification_is_known_and_described() -> None:

@@ -131,7 +131,7 @@ def assumed(pwm: Float[np.ndarray, "N 4"], volts: Float[np.ndarray, "N"]) -> str
     return BRUSHLESS if len(flying) and np.median(flying) < HOVER_VOLTS else PLUS
 
 
-def said(head: Mapping[str, str], name: str) -> str | None:
+def logged_law(head: Mapping[str, str], name: str) -> str | None:
     """The law that a table's head names, if it does.
 
     Args:
@@ -163,8 +163,8 @@ def choose_law(
     Raises:
         InputError: the head names one that is not known.
     """
-    if law := said(table.head, table.name):
-        return law, SAID
+    if law := logged_law(table.head, table.name):
+        return law, AS_LOGGED
     if thrust is not None and (law := law_of(pwm, volts, thrust)):
         return law, BY_THRUST
     return usual or assumed(pwm, volts), BY_VOLTAGE
@@ -177,6 +177,6 @@ def note(name: str, law: str, how: str) -> str:
 
 BY_THRUST = "by its logged thrust command"
 BY_VOLTAGE = "assumed; log controller.cmd_thrust beside the motors, or give --battery-law"
-SAID = "as said"
+AS_LOGGED = "as said"
 SAID_IN_HEAD = "battery law"
 """Key by which a table's head, such as a comment line of a CSV, says the law."""

@@ -124,8 +124,8 @@ class FlightPlan:
         """Position [m], above the take-off, and yaw [rad], each 10 ms."""
         parts = [np.zeros((0, 4))]
         for number, block in enumerate(self.blocks):
-            made = block.manoeuvre.setpoints(block.seconds, self.seed + number)
-            parts += [made, np.zeros((round(REST * RATE), 4))]
+            part = block.manoeuvre.setpoints(block.seconds, self.seed + number)
+            parts += [part, np.zeros((round(REST * RATE), 4))]
         return np.concatenate(parts) + np.array([0.0, 0.0, self.height, 0.0])
 
     def excitation(self) -> Float[np.ndarray, "N"]:
@@ -211,7 +211,7 @@ def read(path: StrPath) -> FlightPlan:
     if not isinstance(record, dict):
         raise table.refused("record", "a table [record]")
     results.recorded_inputs(record, where)
-    found = FlightPlan(
+    result = FlightPlan(
         blocks,
         (room[0], room[1], room[2]),
         table.number("height", 0.3, room[2]),
@@ -222,7 +222,7 @@ def read(path: StrPath) -> FlightPlan:
         where,
     )
     table.end()
-    return _fitting(found)
+    return _fitting(result)
 
 
 def _fitting(plan: FlightPlan) -> FlightPlan:
@@ -244,29 +244,29 @@ def _fitting(plan: FlightPlan) -> FlightPlan:
 
 
 def _block(table: Fields, where: str) -> Block:
-    made = Manoeuvre(
+    part = Manoeuvre(
         table.text("kind"), table.number("size", 0.0), table.number("period", SHORTEST, LONGEST)
     )
-    block = Block(made.checked(where), table.number("seconds", 0.5, LONGEST_PLAN))
+    block = Block(part.checked(where), table.number("seconds", 0.5, LONGEST_PLAN))
     table.end()
     return block
 
 
 def _expectations(table: Fields) -> dict[str, Expected]:
-    found = {}
+    result = {}
     for name in table.content:
         entry = table.table(name)
         if name not in COMPONENTS:
             raise table.refused(name, "a parameter of a drone as its title")
-        found[name] = Expected(
+        result[name] = Expected(
             *(entry.number(part, 0.0) for part in ("plan", "hover", "plausible"))
         )
         entry.end()
-    return found
+    return result
 
 
 def _extremes(table: Fields) -> Extremes:
     names = [one.name for one in dataclasses.fields(Extremes)]
-    found = Extremes(*(table.number(name) for name in names))
+    result = Extremes(*(table.number(name) for name in names))
     table.end()
-    return found
+    return result

@@ -30,7 +30,7 @@ TABLES = (".csv", ".csv.gz", ".parquet")
 """Endings of files with tables."""
 HEAD = 64
 """Bytes of a file's beginning by which it is known."""
-Found = tuple[list[tuple[Flight, np.ndarray]], list[str]]
+LoggedFlights = tuple[list[tuple[Flight, np.ndarray]], list[str]]
 """Flights as they were logged, each with the time of its rows [s], and notes."""
 
 
@@ -42,7 +42,7 @@ class TableFormat(NamedTuple):
 
     what: str
     recognises: Callable[[Table], bool]
-    flights: Callable[[Table], Found]
+    flights: Callable[[Table], LoggedFlights]
     compensated: bool = False
 
 
@@ -67,7 +67,7 @@ class Recording(NamedTuple):
     """Endings of its files, in lower case."""
     begins: bytes
     """First bytes of its files."""
-    flights: Callable[[Path, str], Found]
+    flights: Callable[[Path, str], LoggedFlights]
     """Of a file, and the name that errors call it by."""
     may_be_text: bool = False
     """Whether files of it may end in .txt."""
@@ -134,15 +134,15 @@ def logged(file: Path, battery_law: str | None = None) -> Logged | Table:
             raise InputError(_no_law(name))
         with np.errstate(over="ignore", invalid="ignore"):
             # Rows with what is not finite are dropped by `checking`.
-            found, notes = recording.flights(file, name)
-        return Logged(name, found, notes)
+            logs, notes = recording.flights(file, name)
+        return Logged(name, logs, notes)
     table = table or _table(file, name)
-    told = column_map.beside(file)
-    if told.exists():
+    map_file = column_map.map_path(file)
+    if map_file.exists():
         if battery_law:
             raise InputError(_no_law(name))
         with np.errstate(over="ignore", invalid="ignore"):
-            flight, time, notes = column_map.flight(table, column_map.read(told))
+            flight, time, notes = column_map.flight(table, column_map.read(map_file))
         return Logged(name, [(flight, time)], [*table.notes, *notes])
     kind = kind or _format_of(table)
     if kind is None:
@@ -151,8 +151,8 @@ def logged(file: Path, battery_law: str | None = None) -> Logged | Table:
         if not kind.compensated:
             raise InputError(_no_law(name))
         table = replace(table, head={**table.head, compensation.SAID_IN_HEAD: battery_law})
-    found, notes = kind.flights(table)
-    return Logged(name, found, [*table.notes, *notes])
+    logs, notes = kind.flights(table)
+    return Logged(name, logs, [*table.notes, *notes])
 
 
 def unknown(table: Table) -> str:
@@ -188,15 +188,15 @@ def write_map(file: Path) -> Path | None:
         The map; none where there is one, the format is known, names show too little or the file is
         damaged.
     """
-    told, table = column_map.beside(file), None
-    if told.exists() or not file.name.endswith(TABLES):
+    map_file, table = column_map.map_path(file), None
+    if map_file.exists() or not file.name.endswith(TABLES):
         return None
     with suppress(InputError):
         table = logged(file)
-    found = proposal.propose(table) if isinstance(table, Table) else None
-    if found is None:
+    logs = proposal.propose(table) if isinstance(table, Table) else None
+    if logs is None:
         return None
-    return results.write(told, column_map.text(found))
+    return results.write(map_file, column_map.text(logs))
 
 
 def _no_law(name: str) -> str:
@@ -245,9 +245,9 @@ def _table(file: Path, name: str, names: Iterable[str] = LOG_FORMATS) -> Table:
     if packed is not None:
         return packed.table(raw, name)
     recordings = list(_formats(Recording, names))
-    held = next((kind for kind in recordings if raw.startswith(kind.begins)), None)
-    if held is not None and not held.named:
-        raise InputError(f"{name}: a {held.what}, compressed. Decompress it.")
+    recording = next((kind for kind in recordings if raw.startswith(kind.begins)), None)
+    if recording is not None and not recording.named:
+        raise InputError(f"{name}: a {recording.what}, compressed. Decompress it.")
     promised = next((kind for kind in recordings if file.suffix.lower() in kind.suffixes), None)
     if promised is not None:
         raise InputError(
@@ -278,5 +278,5 @@ def _imported(name: str) -> LogFormat | str:
 
 def _unusable(names: Iterable[str] = LOG_FORMATS) -> str:
     """Sentences on formats of installed packages that cannot be used."""
-    found = [one for one in map(_imported, names) if isinstance(one, str)]
-    return "".join(f" {one}" for one in found)
+    logs = [one for one in map(_imported, names) if isinstance(one, str)]
+    return "".join(f" {one}" for one in logs)

@@ -177,13 +177,13 @@ def thinned(flight: Flight, every: int) -> Flight:
     """Every so many rows of a flight, as a slower log would hold them."""
     if every == 1:
         return flight
-    kept = {group: values[::every] for group, values in flight.arrays.items()}
+    arrays = {group: values[::every] for group, values in flight.arrays.items()}
     return replace(
         flight,
         period=flight.period * every,
         zero_order_hold=False,
         lead=-(-flight.lead // every),
-        **kept,
+        **arrays,
     )
 
 
@@ -198,13 +198,13 @@ def averaged(flight: Flight, every: int) -> Flight:
     # Averaged in the log's own precision.
     speeds = flight.speed_command[: count * every].astype(flight.command.dtype)
     command = np.square(speeds.reshape(count, every, 4).mean(axis=1)).astype(np.float32)
-    kept = {group: values[: count * every : every] for group, values in flight.arrays.items()}
+    arrays = {group: values[: count * every : every] for group, values in flight.arrays.items()}
     return replace(
         flight,
         period=flight.period * every,
         zero_order_hold=True,
         lead=-(-flight.lead // every),
-        **{**kept, "command": command},
+        **{**arrays, "command": command},
     )
 
 
@@ -274,23 +274,23 @@ def from_csv(text: str, name: str) -> Flight:
 
 
 def _full_scale_counts(table: Table) -> float:
-    said = table.head.get("full_scale_counts", f"{COUNTS:g}")
+    text = table.head.get("full_scale_counts", f"{COUNTS:g}")
     with suppress(ValueError):
-        if 0.0 < float(said) <= MOST_COUNTS:
-            return float(said)
+        if 0.0 < float(text) <= MOST_COUNTS:
+            return float(text)
     raise InputError(
-        f"{table.name}: full_scale_counts = {said[:20]!r}; expected the counts that u = 1 stands "
+        f"{table.name}: full_scale_counts = {text[:20]!r}; expected the counts that u = 1 stands "
         f"for, above 0 and at most {MOST_COUNTS:g}."
     )
 
 
 def _delay(table: Table, key: str) -> float:
-    said = table.head.get(key, f"{_DELAYS[key]:g}")
+    text = table.head.get(key, f"{_DELAYS[key]:g}")
     with suppress(ValueError):
-        if 0.0 <= float(said) <= LONGEST_DELAY:
-            return float(said)
+        if 0.0 <= float(text) <= LONGEST_DELAY:
+            return float(text)
     raise InputError(
-        f"{table.name}: {key} = {said[:20]!r}; expected the delay of that sensor's filter "
+        f"{table.name}: {key} = {text[:20]!r}; expected the delay of that sensor's filter "
         f"[s], 0 to {LONGEST_DELAY:g}."
     )
 

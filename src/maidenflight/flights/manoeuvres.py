@@ -168,18 +168,18 @@ def library(half_width: float, half_height: float, motors: bool) -> list[Manoeuv
         half_height: how far up and down [m].
         motors: whether excitation of the motors is among them.
     """
-    found = [Manoeuvre(HOVER)]
-    found += [Manoeuvre("circle", size, 3.0) for size in (0.2, 0.3, 0.4) if size <= half_width]
+    manoeuvres = [Manoeuvre(HOVER)]
+    manoeuvres += [Manoeuvre("circle", size, 3.0) for size in (0.2, 0.3, 0.4) if size <= half_width]
     reach = {"x": half_width, "y": half_width, "z": half_height}
     for axis, most in reach.items():
         for size in (one for one in (0.1, 0.15, 0.2) if one <= most):
-            found.append(Manoeuvre(f"chirp_{axis}", size, 2.0))
-            found += [Manoeuvre(f"steps_{axis}", size, period) for period in (0.4, 0.6, 1.0)]
-    found += [
+            manoeuvres.append(Manoeuvre(f"chirp_{axis}", size, 2.0))
+            manoeuvres += [Manoeuvre(f"steps_{axis}", size, period) for period in (0.4, 0.6, 1.0)]
+    manoeuvres += [
         Manoeuvre("steps_yaw", size, period) for size in (0.1, 0.2, 0.3) for period in (0.4, 0.8)
     ]
     for size in (one for one in (0.08, 0.15) if one <= min(half_width, 2 * half_height)):
-        found += [Manoeuvre(kind, size, 0.8) for kind in ("random", "random_yaw")]
+        manoeuvres += [Manoeuvre(kind, size, 0.8) for kind in ("random", "random_yaw")]
     if motors:
-        found += [Manoeuvre(MOTORS, size) for size in (0.03, 0.06, 0.1)]
-    return found
+        manoeuvres += [Manoeuvre(MOTORS, size) for size in (0.03, 0.06, 0.1)]
+    return manoeuvres

@@ -98,11 +98,11 @@ def below(folder: Path) -> tuple[Counter[Foreign], int]:
     return kinds, others
 
 
-def told(kinds: Counter[Foreign]) -> str:
+def describe(kinds: Counter[Foreign]) -> str:
     """What files are and what to do with them, such as "2 PX4 ULogs, which are not read. ..."."""
-    said = " and ".join(
+    text = " and ".join(
         kind.one if count == 1 else f"{count} {kind.several}" for kind, count in kinds.items()
     )
     alone = kinds.total() == 1
     remedies = ". ".join(dict.fromkeys(kind.remedy for kind in kinds))
-    return f"{said}, which {'is' if alone else 'are'} not read. {remedies}."
+    return f"{text}, which {'is' if alone else 'are'} not read. {remedies}."

@@ -120,57 +120,58 @@ def read_flights(
     if commands not in (*COMMANDS, None):
         raise InputError(f"commands {commands!r}; expected {' or '.join(COMMANDS)}.")
     if battery_law is not None:
-        compensation.said({compensation.SAID_IN_HEAD: battery_law}, str(path))
+        compensation.logged_law({compensation.SAID_IN_HEAD: battery_law}, str(path))
     for signal in ignore:
         if signal not in log.OPTIONAL:
             raise InputError(
                 f"ignore = {signal!r}; expected {' or '.join(log.OPTIONAL)}, which a log may lack."
             )
-    said = _Said(commands, battery_law, frozenset(ignore), faulty)
+    options = _ReadOptions(commands, battery_law, frozenset(ignore), faulty)
     path = Path(path)
     paths, refused = _files(path)
-    seen = _Seen([], [], _unread(path), refused, {}, {}, [])
+    reading = _ReadLog([], [], _unread(path), refused, {}, {}, [])
     read = (
-        _held(flight, said, seen) for flight in _read(paths, path.is_file(), seen, said, on_file)
+        _set_zero_order_hold(flight, options, reading)
+        for flight in _read(paths, path.is_file(), reading, options, on_file)
     )
     flights, duration = sampled(read, most, lead_in)
-    if seen.faulty and faulty == names.FAULTY_LOGS[0]:
+    if reading.faulty and faulty == names.FAULTY_LOGS[0]:
         raise InputError(
-            f"{path}: {len(seen.faulty)} of {len(paths)} logs contradict physics, and the others "
-            "most likely come from the same recorder. Mend them, or leave these out with --faulty "
-            f"skip: {'; '.join(seen.faulty)}"
+            f"{path}: {len(reading.faulty)} of {len(paths)} logs contradict physics, "
+            "and the others most likely come from the same recorder. Mend them, or leave these out "
+            f"with --faulty skip: {'; '.join(reading.faulty)}"
         )
     if not flights:
         raise InputError(
             _nothing(
                 path,
-                len(seen.paths) + len(seen.refused),
-                [*seen.refused, *seen.notes, *seen.others],
+                len(reading.paths) + len(reading.refused),
+                [*reading.refused, *reading.notes, *reading.others],
             )
         )
     loads = {
         name: one.statistic
-        for name, results in seen.checks.items()
+        for name, results in reading.checks.items()
         for one in results
         if one.name == "thrust to weight" and one.statistic is not None
     }
-    kept = Flights(
+    selection = Flights(
         tuple(flights),
-        (*one_drone.compare_loads(loads), *seen.others, *seen.notes),
-        tuple(seen.paths),
-        tuple(seen.refused),
-        seen.checks,
+        (*one_drone.compare_loads(loads), *reading.others, *reading.notes),
+        tuple(reading.paths),
+        tuple(reading.refused),
+        reading.checks,
     )
     if duration <= most:
-        return kept
+        return selection
     note = (
-        f"{kept.duration:.0f} of {duration:.0f} s of flight used, stretches of every flight; "
+        f"{selection.duration:.0f} of {duration:.0f} s of flight used, stretches of every flight; "
         "more takes more memory and time"
     )
-    return replace(kept, notes=(note, *kept.notes))
+    return replace(selection, notes=(note, *selection.notes))
 
 
-class _Said(NamedTuple):
+class _ReadOptions(NamedTuple):
     """What the user says of the logs; see `read_flights`."""
 
     commands: str | None
@@ -183,24 +184,24 @@ class _FaultError(InputError):
     """The check-up of a log fails."""
 
 
-def _held(flight: Flight, said: _Said, seen: "_Seen") -> Flight:
+def _set_zero_order_hold(flight: Flight, options: _ReadOptions, reading: "_ReadLog") -> Flight:
     """A flight whose log does not say what a command stands for, as told.
 
     Or a note that it is a guess.
     """
-    if said.commands:
-        held = said.commands == ZERO_ORDER_HOLD
-        return replace(flight, zero_order_hold=held, assumed=False)
+    if options.commands:
+        zero_order_hold = options.commands == ZERO_ORDER_HOLD
+        return replace(flight, zero_order_hold=zero_order_hold, assumed=False)
     if flight.assumed:
         note = (
             f"{flight.name}: commands taken as subsampled from the firmware's PID; if each "
             f"acted until the next row, give --commands {ZERO_ORDER_HOLD}"
         )
-        seen.notes.extend([] if note in seen.notes else [note])
+        reading.notes.extend([] if note in reading.notes else [note])
     return flight
 
 
-class _Seen(NamedTuple):
+class _ReadLog(NamedTuple):
     """What is said of files while they are read."""
 
     paths: list[Path]
@@ -218,76 +219,78 @@ class _Seen(NamedTuple):
 def _read(
     paths: list[Path],
     alone: bool,
-    seen: _Seen,
-    said: _Said,
+    reading: _ReadLog,
+    options: _ReadOptions,
     on_file: Callable[[int, int], None] | None,
 ) -> Iterator[Flight]:
     """Pieces of flights, one file after another."""
     for number, file in enumerate(paths, 1):
         try:
-            yield from _of_file(file, alone, seen, said)
+            yield from _of_file(file, alone, reading, options)
         except InputError as error:
             if alone:
                 raise
-            seen.refused.append(str(error))
-            seen.faulty.extend([str(error)] if isinstance(error, _FaultError) else [])
+            reading.refused.append(str(error))
+            reading.faulty.extend([str(error)] if isinstance(error, _FaultError) else [])
         if on_file is not None:
             on_file(number, len(paths))
 
 
-def _of_file(file: Path, alone: bool, seen: _Seen, said: _Said) -> list[Flight]:
-    found = formats.logged(file, said.battery_law)
-    if isinstance(found, Logged):
-        flights, dropped = _checked(found, said, seen)
+def _of_file(file: Path, alone: bool, reading: _ReadLog, options: _ReadOptions) -> list[Flight]:
+    logs = formats.logged(file, options.battery_law)
+    if isinstance(logs, Logged):
+        flights, dropped = _checked(logs, options, reading)
         keys = one_drone.row_keys(flights) if flights else np.zeros(0, np.uint64)
-        first = one_drone.find_copy(keys, seen.keys) if flights else None
+        first = one_drone.find_copy(keys, reading.keys) if flights else None
         if first is not None:
-            seen.notes.append(f"{found.name}: holds the same flight as {first}; used once")
+            reading.notes.append(f"{logs.name}: holds the same flight as {first}; used once")
             return []
-        seen.keys[found.name] = keys
-        seen.notes.extend(dropped)
-        seen.paths.append(file)
+        reading.keys[logs.name] = keys
+        reading.notes.extend(dropped)
+        reading.paths.append(file)
         return flights
     if alone:
-        raise InputError(formats.unknown(found))
-    if not any(columns <= set(found.frame.columns) for columns in _RESULTS):
-        seen.others.append(
-            f"{found.name}: not a flight log, passed over (columns "
-            f"{', '.join(found.frame.columns[:4])[:60]} ...)"
+        raise InputError(formats.unknown(logs))
+    if not any(columns <= set(logs.frame.columns) for columns in _RESULTS):
+        reading.others.append(
+            f"{logs.name}: not a flight log, passed over (columns "
+            f"{', '.join(logs.frame.columns[:4])[:60]} ...)"
         )
     return []
 
 
-def _checked(found: Logged, said: _Said, seen: _Seen) -> tuple[list[Flight], list[str]]:
+def _checked(
+    logs: Logged, options: _ReadOptions, reading: _ReadLog
+) -> tuple[list[Flight], list[str]]:
     """Cuts and checks the flights of a file.
 
     Raises:
         _FaultError: a check-up fails, and faults are not to be used.
     """
-    notes = [*found.notes]
-    kept: list[Flight] = []
+    notes = [*logs.notes]
+    flights: list[Flight] = []
     faults: list[str] = []
-    for flight, time in found.flights:
-        flight = replace(flight, **dict.fromkeys(said.ignore))
+    for flight, time in logs.flights:
+        flight = replace(flight, **dict.fromkeys(options.ignore))
         pieces, dropped = checking.pieces(flight, time)
         notes += dropped
         results = check_up(pieces) if pieces else ()
-        seen.checks[flight.name] = results
+        reading.checks[flight.name] = results
         if any(one.verdict == WARNS and one.name == rotor_speeds.NAME for one in results):
             pieces = [replace(piece, rotor_speed=None) for piece in pieces]
         notes += [f"{flight.name}: {one}" for one in sentences(results, WARNS)]
         faults += [f"{flight.name}: {one}" for one in sentences(results, FAILS)]
-        kept += pieces
-    if faults and said.faulty != names.FAULTY_LOGS[2]:
+        flights += pieces
+    if faults and options.faulty != names.FAULTY_LOGS[2]:
         raise _FaultError(" ".join(faults))
-    return kept, [*notes, *faults]
+    return flights, [*notes, *faults]
 
 
 def _nothing(path: Path, files: int, reasons: list[str]) -> str:
     if not reasons:
         kinds, others = not_logs.below(path)
         if kinds:
-            return f"{path}: no flight logs that are read, but {not_logs.told(kinds)}"
+            return f"{path}: no flight logs that are read, but {not_logs.describe(kinds)}"
         place = path / "flights" if others or not path.name else path
         return (
             f"{path}: no flight logs ({', '.join(formats.suffixes())}) in this folder or below it. "
@@ -309,10 +312,10 @@ def _files(path: Path) -> tuple[list[Path], list[str]]:
         raise InputError(
             f"{path}: no such file or folder. Give a flight log ({known}) or a folder of them."
         )
-    found, refused = _below(path)
-    astray = [file for file in found if file.is_symlink() and not file.exists()]
+    logs, refused = _below(path)
+    astray = [file for file in logs if file.is_symlink() and not file.exists()]
     refused += [f"{file}: this link leads nowhere. Mend or remove it." for file in sorted(astray)]
-    files = sorted(file for file in found if file.is_file())
+    files = sorted(file for file in logs if file.is_file())
     if not files and not refused:
         raise InputError(_nothing(path, 0, []))
     return files, refused
@@ -321,7 +324,7 @@ def _files(path: Path) -> tuple[list[Path], list[str]]:
 def _unread(path: Path) -> list[str]:
     """A note on files of a folder that may hold flights but are not read."""
     kinds = Counter[not_logs.Foreign]() if path.is_file() else not_logs.below(path)[0]
-    return [f"{path.name}: also holds {not_logs.told(kinds)}"] if kinds else []
+    return [f"{path.name}: also holds {not_logs.describe(kinds)}"] if kinds else []
 
 
 def log_files(folder: Path) -> list[Path]:
@@ -335,10 +338,10 @@ def whole_flights(file: Path) -> list[Flight]:
     Raises:
         InputError: the file is damaged or in no known format.
     """
-    found = formats.logged(file)
-    if not isinstance(found, Logged):
-        raise InputError(formats.unknown(found))
-    return [flight for flight, _ in found.flights]
+    logs = formats.logged(file)
+    if not isinstance(logs, Logged):
+        raise InputError(formats.unknown(logs))
+    return [flight for flight, _ in logs.flights]
 
 
 def _below(path: Path) -> tuple[list[Path], list[str]]:
@@ -350,10 +353,10 @@ def _below(path: Path) -> tuple[list[Path], list[str]]:
             f"{error.filename}: this folder cannot be read ({error.strerror}). Allow reading it."
         )
 
-    found = [
+    logs = [
         file
         for folder, _, names in os.walk(path, onerror=unreadable)
         for name in names
         if formats.is_log(file := Path(folder, name))
     ]
-    return found, refused
+    return logs, refused

@@ -47,15 +47,20 @@ def rotors(flight: Flight, drone: Parameters) -> Rotors:
     if not known.any():
         return Rotors(*[np.full(command.shape, np.nan)] * 2)
     last = np.maximum.accumulate(np.where(known[:, 0], np.arange(len(command)), -1))
-    held = command[np.where(last < 0, np.argmax(known), last)]
-    rows = max(_FEWEST, 1 << (len(held) - 1).bit_length())
-    padded = np.concatenate([held, np.repeat(held[-1:], rows - len(held), axis=0)])
-    begin = np.sqrt(held[: max(1, round(BEGIN_S / flight.period))].clip(0.0)).mean(axis=0)
+    last_command = command[np.where(last < 0, np.argmax(known), last)]
+    rows = max(_FEWEST, 1 << (len(last_command) - 1).bit_length())
+    padded = np.concatenate(
+        [last_command, np.repeat(last_command[-1:], rows - len(last_command), axis=0)]
+    )
+    begin = np.sqrt(last_command[: max(1, round(BEGIN_S / flight.period))].clip(0.0)).mean(axis=0)
     steps = max(1, round(flight.period / STEP_S))
     motors = replace(drone, time_step=np.float32(flight.period / steps))
-    found = _followed(padded, begin, tree.map(jnp.asarray, motors), steps)
+    speeds = _followed(padded, begin, tree.map(jnp.asarray, motors), steps)
     return Rotors(
-        *(np.where(known, np.asarray(part, np.float64)[: len(held)], np.nan) for part in found)
+        *(
+            np.where(known, np.asarray(part, np.float64)[: len(last_command)], np.nan)
+            for part in speeds
+        )
     )
 
 

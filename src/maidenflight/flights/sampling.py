@@ -38,24 +38,27 @@ def sampled(
     Returns:
         What is kept, in the order of the flights, and how long all flights last together [s].
     """
-    kept: list[list[Flight]] = []
+    chosen_parts: list[list[Flight]] = []
     durations: list[float] = []
-    share, held, limit = math.inf, 0.0, _SLACK * most
+    share, seconds, limit = math.inf, 0.0, _SLACK * most
     for flight in flights:
         durations.append(flight.duration)
-        kept.append(_shortened([flight], len(kept), share, lead_in))
-        held += _duration(kept[-1])
-        if held > limit:
+        chosen_parts.append(_shortened([flight], len(chosen_parts), share, lead_in))
+        seconds += _duration(chosen_parts[-1])
+        if seconds > limit:
             # What was cut by a larger share is cut further: the share only falls as flights come
             # in.
             share = _share(np.array(durations), most)
-            kept = [_shortened(parts, number, share, lead_in) for number, parts in enumerate(kept)]
-            held = sum(map(_duration, kept))
-            limit = _SLACK * max(most, held)
+            chosen_parts = [
+                _shortened(parts, number, share, lead_in)
+                for number, parts in enumerate(chosen_parts)
+            ]
+            seconds = sum(map(_duration, chosen_parts))
+            limit = _SLACK * max(most, seconds)
     share = _share(np.array(durations), most)
     return [
         part
-        for number, parts in enumerate(kept)
+        for number, parts in enumerate(chosen_parts)
         for part in _shortened(parts, number, share, lead_in)
     ], sum(durations)
 

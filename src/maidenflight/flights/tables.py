@@ -91,7 +91,7 @@ def decoded(raw: bytes, name: str) -> str:
     """Text of a file, lines ended by a line feed."""
     kind = not_logs.kind_of(raw, name)
     if kind is not None:
-        raise InputError(f"{name}: this is {not_logs.told(Counter([kind]))}")
+        raise InputError(f"{name}: this is {not_logs.describe(Counter([kind]))}")
     if raw[:2] in _UTF16:
         raise InputError(f"{name}: cannot be read as a flight log (UTF-16). Save it as UTF-8.")
     try:
@@ -149,9 +149,9 @@ def from_text(text: str, name: str) -> Table:
             f"{name}: line {line} is no header of {frame.width} columns. Write names separated by "
             "commas."
         )
-    said = (comment[1:].strip().partition(": ") for comment in comments)
+    pairs = (comment[1:].strip().partition(": ") for comment in comments)
     frame.columns = names
-    head = {key: value for key, colon, value in said if colon}
+    head = {key: value for key, colon, value in pairs if colon}
     return Table(name, frame, comments[0] if comments else "", head, line + 1, notes)
 
 

@@ -59,8 +59,8 @@ def trim(pieces: Sequence[Flight], drone: Parameters) -> Trim:
     """
     rows = [piece.part(piece.lead, len(piece)) for piece in pieces]
     long = [
-        (flown, rotors(piece, drone).thrust[piece.lead :])
-        for piece, flown in zip(pieces, rows, strict=True)
+        (piece_rows, rotors(piece, drone).thrust[piece.lead :])
+        for piece, piece_rows in zip(pieces, rows, strict=True)
         if piece.duration >= SEGMENT_S
     ]
     lengths, each = [len(piece) for piece, _ in long], []
@@ -83,7 +83,9 @@ def trim(pieces: Sequence[Flight], drone: Parameters) -> Trim:
     )
 
 
-def told(trims: Sequence[Trim]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 4"]]:
+def with_standard_errors(
+    trims: Sequence[Trim],
+) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 4"]]:
     """k_F [-] and the torques about x, y and z [N m] of trims whose errors are known, and these."""
     values = np.reshape([[one.thrust_to_weight, *one.torque_bias] for one in trims], (-1, 4))
     errors = np.reshape(
@@ -107,7 +109,7 @@ def between_flights(trims: Sequence[Trim]) -> Float[np.ndarray, "4"] | None:
 
     Source: Hedges 1983, A random effects model for effect sizes (the unweighted estimator).
     """
-    values, errors = told(trims)
+    values, errors = with_standard_errors(trims)
     if len(values) < ENOUGH_FLIGHTS:
         return None
     beyond = values.var(axis=0, ddof=1) - np.mean(errors**2, axis=0)
@@ -127,10 +129,10 @@ def _balance(
     ratio = needed / lifted if lifted > 0 else np.nan
     full = weight / 4 * (ratio if ratio > 0 else float(drone.thrust_to_weight))
     forces = full * _mean(shares)
-    given = forces @ (levers(drone) * [1.0, 1.0, float(drone.torque_to_thrust)])
+    wrench = forces @ (levers(drone) * [1.0, 1.0, float(drone.torque_to_thrust)])
     inertia = np.asarray(drone.inertia, np.float64)
     spun = inertia * (rates[-1] - rates[0]) / seconds
-    return np.array([ratio, *(spun + _mean(np.cross(rates, inertia * rates)) - given)])
+    return np.array([ratio, *(spun + _mean(np.cross(rates, inertia * rates)) - wrench)])
 
 
 def _weighted(values: Float[np.ndarray, "n"], weights: Sequence[float]) -> float:

@@ -59,7 +59,7 @@ def flown_by(
                 f"{name}: a policy for {policy.interface.name}{beyond and f' with {beyond}'}; only "
                 "flights of pwm policies without such tell by their commands which policy flew."
             )
-    found: dict[str, list[Flight]] = {}
+    by_policy: dict[str, list[Flight]] = {}
     names = list(policies)
     together = stacked(list(policies.values()))
     for whole in flights:
@@ -68,19 +68,23 @@ def flown_by(
         if rate != policies[names[0]].interface.rate or len(flight) < _ROWS_TOLD // 4:
             continue
         rows = flight.part(0, min(len(flight), _ROWS_TOLD))
-        seen = Measurement(
+        measurement = Measurement(
             position=jnp.asarray(_filled(rows.position)),
             velocity=jnp.asarray(_filled(rows.velocity)),
             quaternion=jnp.asarray(_filled(_quaternions(rows.attitude))),
             body_rates=jnp.asarray(_filled(rows.body_rates)),
         )
-        told = np.asarray(_commands(together, seen, _filled(rows.setpoint), _filled(rows.command)))
+        command = np.asarray(
+            _commands(together, measurement, _filled(rows.setpoint), _filled(rows.command))
+        )
         first = policies[names[0]].spec.history + 3
-        differences = np.abs(told[:, first : len(rows)] - np.clip(rows.command[first:], 0.0, 1.0))
+        differences = np.abs(
+            command[:, first : len(rows)] - np.clip(rows.command[first:], 0.0, 1.0)
+        )
         off = np.median(differences, axis=(1, 2))
         if off.min() < SAME:
-            found.setdefault(names[int(off.argmin())], []).append(flight)
-    return {name: tuple(found[name]) for name in names if name in found}
+            by_policy.setdefault(names[int(off.argmin())], []).append(flight)
+    return {name: tuple(by_policy[name]) for name in names if name in by_policy}
 
 
 def _filled(values: Float[np.ndarray, "N D"]) -> Float[np.ndarray, "rows D"]:
@@ -96,7 +100,7 @@ def _quaternions(attitude: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "N 4"]
 @jax.jit
 def _commands(
     policies: Policy,
-    seen: Measurement,
+    measurement: Measurement,
     setpoint: Float[Array, "rows 3"],
     logged: Float[Array, "rows 4"],
 ) -> Float[Array, "policies rows 4"]:
@@ -112,10 +116,12 @@ def _commands(
             return (history, action, memory), policy.interface.command(action)
 
         level = policy.interface.level(jnp.mean(jnp.clip(logged[0], 0.0, 1.0)))
-        begin = environment.observe(Measurement(*(part[0] for part in seen)), setpoint[0], level)
+        begin = environment.observe(
+            Measurement(*(part[0] for part in measurement)), setpoint[0], level
+        )
         history = jnp.broadcast_to(begin, (policy.spec.history, OBSERVATION_SIZE))
         start = history, level, jnp.zeros(policy.spec.memory)
-        return lax.scan(step, start, (seen, setpoint))[1]
+        return lax.scan(step, start, (measurement, setpoint))[1]
 
     return jax.vmap(one)(policies)
 

@@ -78,7 +78,7 @@ class Match(NamedTuple):
 
     drones: Parameters
     """As they were given, with what was found in place."""
-    found: Mapping[str, tuple[float, float]]
+    estimates: Mapping[str, tuple[float, float]]
     """Value and standard error of each parameter of `PRIOR` that the drone has; the error is from
     how policies differ."""
     policies: int
@@ -96,7 +96,7 @@ class Match(NamedTuple):
 
 
 def match(
-    flown: Mapping[str, Sequence[Flight]],
+    flight: Mapping[str, Sequence[Flight]],
     policies: Mapping[str, Policy],
     drones: Parameters,
     key: Array,
@@ -109,7 +109,7 @@ def match(
     Costs settings.steps x (1 + parameters) simulations of all policies, compiled once.
 
     Args:
-        flown: the flights of each policy, as of `flown_by`.
+        flight: the flights of each policy, as of `flown_by`.
         policies: of one kind, by name.
         drones: the identified drone, a point or stacked along a first axis, such as its trims, of
             which each simulated flight draws one.
@@ -124,12 +124,12 @@ def match(
     settings = settings or ClosedLoop()
     many = drones if np.ndim(drones.mass) else tree.map(lambda leaf: np.asarray(leaf)[None], drones)
     nominal = tree.map(lambda leaf: np.asarray(leaf)[0], many)
-    means = {name: mean_behaviour(flights, nominal) for name, flights in flown.items()}
+    means = {name: mean_behaviour(flights, nominal) for name, flights in flight.items()}
     logged = {name: mean for name, mean in means.items() if mean is not None}
     if not logged:
         raise InputError(
             f"no policy flew for {BEGIN_S + SHORTEST_S + END_S:g} s in these logs, of which "
-            f"{len(flown)} of {len(policies)} policies have any. Give logs with the policies that "
+            f"{len(flight)} of {len(policies)} policies have any. Give logs with the policies that "
             "flew them."
         )
     simulate = _simulation([policies[name] for name in logged], many, key, settings, controller_for)
@@ -149,19 +149,19 @@ def match(
         return np.nan_to_num(simulate(drone_at(steps)) - wanted)
 
     fit = _fitted(difference, len(names), settings.steps, on_step)
-    found = {}
+    estimates = {}
     for name, old, step, error in zip(names, begun, fit.steps, fit.errors, strict=True):
         kind, scale = PRIOR[name]
         value = _moved(old, step, name)
-        found[name] = value, float(error * scale * (1.0 if kind == "added" else value))
+        estimates[name] = value, float(error * scale * (1.0 if kind == "added" else value))
     values = {
-        name: np.full_like(getattr(drones, name), value) for name, (value, _) in found.items()
+        name: np.full_like(getattr(drones, name), value) for name, (value, _) in estimates.items()
     }
     return Match(
         replace(drones, **values),
-        found,
+        estimates,
         len(logged),
-        sum(len(flown[name]) for name in logged),
+        sum(len(flight[name]) for name in logged),
         np.median(fit.first, axis=0),
         np.median(fit.last, axis=0),
         fit.cost,
@@ -283,16 +283,16 @@ def _simulation(
     def simulate(drones: Parameters) -> np.ndarray:
         steps = np.broadcast_to(np.float32(nominal.time_step), np.shape(drones.mass))
         fitting = tree.map(np.asarray, replace(drones, time_step=steps))
-        flown = tree.map(
+        flights = tree.map(
             np.asarray, fly(together, tree.map(lambda leaf: leaf[drawn], fitting), keys)
         )
         out = np.full((len(policies), len(BEHAVIOUR)), np.nan)
         for policy in range(len(policies)):
-            seen = [
-                _until_it_falls(flown, policy, flight, nominal, period)
+            observation = [
+                _until_it_falls(flights, policy, flight, nominal, period)
                 for flight in range(settings.flights)
             ]
-            known = [one for one in seen if one is not None]
+            known = [one for one in observation if one is not None]
             if known:
                 out[policy] = np.mean(known, axis=0)
         return out
@@ -301,11 +301,11 @@ def _simulation(
 
 
 def _until_it_falls(
-    flown: Rows, policy: int, flight: int, drone: Parameters, period: float
+    flights: Rows, policy: int, flight: int, drone: Parameters, period: float
 ) -> np.ndarray | None:
     """Behaviour of one simulated flight until it tilts too far."""
     names = ("position", "velocity", "attitude", "body_rates", "ratio")
-    rows = [getattr(flown, name)[policy, flight] for name in names]
+    rows = [getattr(flights, name)[policy, flight] for name in names]
     # As the drone's guard ends a real flight, which does not look at the distance.
     fallen = BACKUP.trips(rows[0], rows[2], rows[3], rows[0])["tilt"]
     end = int(np.argmax(fallen)) if fallen.any() else len(fallen)

@@ -207,21 +207,21 @@ def read(drone: StrPath) -> DroneFile:
         return DroneFile(parameters.read_drone(drone), name=str(drone))
     document = parameters.document(drone)
     where = str(drone)
-    found = DroneFile(
+    result = DroneFile(
         parameters.from_document(document, where),
         posterior=_posterior(document, where),
         record=_record(document, where),
         name=where,
     )
     if "identification" not in document:
-        _check_body(found.parameters, where)
-        return found
+        _check_body(result.parameters, where)
+        return result
     table = Fields(document["identification"], where, "identification", _CURE)
     estimates, source = table.table("estimates"), table.table("source")
     gains = tuple(map(_gain, table.tables("gains")))
     unidentified = table.table("unidentified") if "unidentified" in table.content else None
-    found = dataclasses.replace(
-        found,
+    result = dataclasses.replace(
+        result,
         estimates={name: _estimate(estimates, name) for name in estimates.content},
         source=_source(source),
         search=Search(
@@ -234,7 +234,7 @@ def read(drone: StrPath) -> DroneFile:
         unidentified={} if unidentified is None else _ranges(unidentified),
     )
     table.end()
-    return found
+    return result
 
 
 GYRATION = (0.15, 1.3)
@@ -290,7 +290,7 @@ def _estimate(estimates: Fields, name: str) -> Estimate:
     table = estimates.table(name)
     if name not in COMPONENTS:
         raise table.refused(name, "a parameter of a drone as its title")
-    found = Estimate(
+    result = Estimate(
         table.number("value"),
         table.ends("interval"),
         table.numbers("trials"),
@@ -299,7 +299,7 @@ def _estimate(estimates: Fields, name: str) -> Estimate:
         table.ends("bounds") if "bounds" in table.content else None,
     )
     table.end()
-    return found
+    return result
 
 
 def _ranges(table: Fields) -> dict[str, tuple[float, float]]:
@@ -310,7 +310,7 @@ def _ranges(table: Fields) -> dict[str, tuple[float, float]]:
 
 
 def _source(table: Fields) -> Source:
-    found = Source(
+    result = Source(
         table.count("flights"),
         table.number("seconds", 0.0, _MOST_SECONDS),
         table.flag("simulated"),
@@ -318,18 +318,18 @@ def _source(table: Fields) -> Source:
         table.number("full_scale_counts", 1.0, MOST_COUNTS),
     )
     table.end()
-    return found
+    return result
 
 
 def _gain(table: Fields) -> GroupGain:
-    found = GroupGain(
+    result = GroupGain(
         table.text("group"),
         table.number("log_likelihood_gain"),
         table.number("standard_error", 0.0) if "standard_error" in table.content else None,
         table.flag("kept"),
     )
     table.end()
-    return found
+    return result
 
 
 def _posterior(document: Mapping[str, Any], where: str) -> dict[str, np.ndarray]:

@@ -22,10 +22,10 @@ def note_not_held_out(drone: DroneFile, paths: Sequence[Path]) -> list[str]:
 def note_other_law(drone: DroneFile, law: str | None) -> list[str]:
     """Returns a note if a drone was identified with another choice of the battery law."""
     settings = drone.record.get("settings", {})
-    given = settings.get("battery_law") if isinstance(settings, dict) else None
-    if given == law or not drone.source:
+    inputs = settings.get("battery_law") if isinstance(settings, dict) else None
+    if inputs == law or not drone.source:
         return []
-    how = "without --battery-law" if given is None else f"with --battery-law {given!r}"
+    how = "without --battery-law" if inputs is None else f"with --battery-law {inputs!r}"
     return [
         f"{Path(drone.name).name} was identified {how}, unlike here; thrust may differ by that "
         "alone."

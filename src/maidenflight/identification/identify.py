@@ -74,13 +74,13 @@ def identify(
         )
     problem = Problem.of(flights, start, over, bounds, key, on_progress)
     if isinstance(settings, Replay):
-        found = replay.identified(problem, settings)
+        result = replay.identified(problem, settings)
     elif stateless:
-        found = without_state.identified(problem, settings)
+        result = without_state.identified(problem, settings)
     else:
-        found = with_state.identified(problem, settings)
-    notes = (*left_out, *found.notes)
-    return dataclasses.replace(found, notes=notes, seconds=time.perf_counter() - began)
+        result = with_state.identified(problem, settings)
+    notes = (*left_out, *result.notes)
+    return dataclasses.replace(result, notes=notes, seconds=time.perf_counter() - began)
 
 
 def of_one_kind(flights: Iterable[Flight]) -> tuple[list[Flight], list[str]]:

@@ -18,11 +18,11 @@ from maidenflight.identification.drone_file import (
 
 
 def merge_match(
-    start: DroneFile, found: Match, source: Source, record: Mapping[str, Any]
+    start: DroneFile, result: Match, source: Source, record: Mapping[str, Any]
 ) -> DroneFile:
     """Puts what was found in place of what the search began with."""
     estimates, posterior = dict(start.estimates), dict(start.posterior)
-    for name, (value, error) in found.found.items():
+    for name, (value, error) in result.estimates.items():
         old = estimates.get(name)
         ends = max(value - 1.96 * error, 0.0), value + 1.96 * error
         between = 0.0 if old is None else old.between_sd
@@ -31,13 +31,13 @@ def merge_match(
             drawn = posterior[name]
             unit = (drawn - drawn.mean()) / (drawn.std() or 1.0)
             posterior[name] = np.maximum(value + error * unit, 0.0)
-    changes = {name: np.float32(value) for name, (value, _) in found.found.items()}
+    changes = {name: np.float32(value) for name, (value, _) in result.estimates.items()}
     return dataclasses.replace(
         start,
         parameters=parameters.replace(start.parameters, **changes),
         estimates=estimates,
         posterior=posterior,
         source=start.source or source,
-        search=Search(CLOSED_LOOP, found.cost[1], found.flights, found.evaluations),
+        search=Search(CLOSED_LOOP, result.cost[1], result.flights, result.evaluations),
         record=record,
     )

@@ -118,7 +118,7 @@ def nothing_here(place: Path, missing: Sequence[str] = ()) -> InputError:
         + f"Give a folder with {manifest.NAME}, which commands write beside their output, a file "
         f"or folder that it lists, or others by options: --logs {place} for flight logs, "
         "--drone FILE, --policies FOLDER, --flights TABLE."
-        + (f" Found: {not_logs.told(kinds)}" if kinds else "")
+        + (f" Found: {not_logs.describe(kinds)}" if kinds else "")
     )
 
 

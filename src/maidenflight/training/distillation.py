@@ -131,7 +131,7 @@ class Teacher:
         """Returns the same teacher with another network."""
         weights, biases, known_weights = network
         policy = self.policy.with_network((weights, biases, None))
-        return dataclasses.replace(self, policy=policy, told=known_weights)
+        return dataclasses.replace(self, policy=policy, known_weights=known_weights)
 
 
 class _Learner(NamedTuple):

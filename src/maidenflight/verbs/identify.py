@@ -128,8 +128,8 @@ class Identify(Verb):
 
         def on_progress(now: core.Stage) -> None:
             show(*overall.reach(now))
-            if now.untold:
-                unidentifiable = ", ".join(now.untold)
+            if now.unidentifiable:
+                unidentifiable = ", ".join(now.unidentifiable)
                 progress.note(f"these flights cannot tell {unidentifiable}; plausible ranges stay")
 
         flights = core.read_flights(

@@ -100,14 +100,16 @@ def _tabulate_checks(flights: "core.Flights") -> list[Table | str]:
         counts = Counter(one.verdict for one in results)
         words = [verdict for verdict in _MARKS if counts[verdict]]
         several = len(flights.checks) > 1
-        told = [f"{_MARKS[one]} {one}{f' {counts[one]}' if several else ''}" for one in words]
+        counts_text = [
+            f"{_MARKS[one]} {one}{f' {counts[one]}' if several else ''}" for one in words
+        ]
         known = [one.statistic for one in results if one.statistic is not None]
         low, high = (f"{edge(known):.3g}" if known else "" for edge in (min, max))
         worst = min(results, key=lambda one: list(_MARKS).index(one.verdict))
         rows.append(
             {
                 "test": name,
-                "result": ", ".join(told),
+                "result": ", ".join(counts_text),
                 "measured": low if low == high else f"{low} .. {high}",
                 "threshold": next((one.threshold for one in results if one.threshold), ""),
                 "sentence": worst.sentence if worst.verdict in _GOOD else "see below",

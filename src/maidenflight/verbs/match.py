@@ -85,7 +85,7 @@ class Match(Verb):
         core.merge_match(self.first, match, source, record).write(output)
         values = {
             name: {"value": value, "standard_error": error}
-            for name, (value, error) in match.found.items()
+            for name, (value, error) in match.estimates.items()
         }
         behaviour = {
             name: {"before": round(float(before), 4), "after": round(float(after), 4)}
@@ -118,7 +118,7 @@ class Match(Verb):
 def _tabulate(match: "core.Match") -> list[Table]:
     """Tabulates a match of closed loops."""
     rows = []
-    for name, (value, error) in match.found.items():
+    for name, (value, error) in match.estimates.items():
         scale, unit = core.logs.scale_of(name, value)
         low, high = max(value - 1.96 * error, 0.0) * scale, (value + 1.96 * error) * scale
         rows.append({"name": name, "value": value * scale, "low": low, "high": high, "unit": unit})

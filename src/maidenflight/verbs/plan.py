@@ -66,7 +66,7 @@ class Plan(Verb):
                 *(self.room, self.seconds, self.interest, self.rate, self.motors),
                 firmware=self.firmware,
                 seed=self.seed,
-                held=self.drone in core.parameters.DRONES,
+                is_named=self.drone in core.parameters.DRONES,
             ),
             self.key,
             on_stage=progress.move,
@@ -83,7 +83,7 @@ class Plan(Verb):
                 ],
                 "seconds": plan.seconds,
                 "expected": {name: dataclasses.asdict(one) for name, one in plan.expected.items()},
-                "untold": list(flight_plan.untold),
+                "untold": list(flight_plan.unidentifiable),
                 "left_out": flight_plan.left_out,
                 "extremes": None if plan.extremes is None else dataclasses.asdict(plan.extremes),
                 "notes": list(flight_plan.notes),
@@ -112,7 +112,7 @@ def _summarize(flight_plan: "core.planning.Planned") -> list[Table | str]:
             **dataclasses.asdict(one),
             "name": name,
             "unit": core.QUANTITIES[core.COMPONENTS[name][0]].unit,
-            "remark": "not determined" if name in flight_plan.untold else "",
+            "remark": "not determined" if name in flight_plan.unidentifiable else "",
         }
         for name, one in plan.expected.items()
     ]

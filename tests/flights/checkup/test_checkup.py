@@ -1,6 +1,6 @@
 """The check-up: each fault is named by the test that it concerns, and sound logs pass."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
 
@@ -40,7 +40,7 @@ def results(flight: Flight) -> dict[str, CheckResult]:
     return {one.name: one for one in check_up([flight])}
 
 
-def turned(group: str, matrix: list[list[float]], flight: Flight) -> Flight:
+def turned(group: str, matrix: Sequence[Sequence[float]], flight: Flight) -> Flight:
     return replace(flight, **{group: (getattr(flight, group) @ np.array(matrix).T).astype(FLOAT)})
 
 

@@ -165,6 +165,6 @@ columns = ["m1", "m2", "m3", "m4"]
 )
 def test_a_wrong_map_is_named(text: str, named_: str, tmp_path: Path) -> None:
     path = write(tmp_path / "flight.csv", of_ros(driven()))
-    column_map.beside(path).write_text(text)
+    column_map.map_path(path).write_text(text)
     with pytest.raises(InputError, match=named_):
         read_flights(path)

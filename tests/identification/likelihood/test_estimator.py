@@ -113,7 +113,7 @@ def test_doubt_widens_and_what_is_lost_keeps_the_start() -> None:
     assert wide.samples["drag_y"].std() == pytest.approx(plain.samples["drag_y"].std(), rel=0.1)
     lost = wide.without({"drag_x": (0.0, 2.0)}, START, np.random.default_rng(0))
     assert lost.best.drone.drag[0] == START.drag[0]
-    assert lost.untold == {"drag_x": (0.0, 2.0)}
+    assert lost.unidentifiable == {"drag_x": (0.0, 2.0)}
     assert np.ptp(lost.samples["drag_x"]) > 1.9
 
 

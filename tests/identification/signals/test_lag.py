@@ -13,7 +13,7 @@ DRAWS = {"motor_time_constant": SPEEDING_UP, "latency": np.full(200, 0.005)}
 
 def taken(**more: np.ndarray) -> Look:
     drone = replace(crazyflie(), spin_down_ratio=1.4)
-    return lag.looks(None, {**DRAWS, **more}, (), drone)[-1]
+    return lag.delay_estimates(None, {**DRAWS, **more}, (), drone)[-1]
 
 
 def test_what_is_taken_is_the_mean_of_speeding_up_and_slowing_down_as_signals_show():
@@ -22,7 +22,7 @@ def test_what_is_taken_is_the_mean_of_speeding_up_and_slowing_down_as_signals_sh
 
 
 def test_without_delays_there_is_nothing_to_compare():
-    assert lag.looks(None, {"latency": np.full(9, 0.005)}, (), crazyflie()) == ()
+    assert lag.delay_estimates(None, {"latency": np.full(9, 0.005)}, (), crazyflie()) == ()
 
 
 def test_looks_whose_intervals_do_not_touch_disagree():

@@ -115,7 +115,7 @@ def test_samples_of_a_noisy_loop_say_nothing() -> None:
 
 def test_measured_speeds_are_asked_alone() -> None:
     found = seen(flown(4, rotor_speed=True))
-    assert [look.signal for look in found.looks] == ["rotor speed"]
+    assert [look.signal for look in found.delay_estimates] == ["rotor speed"]
     assert total(found)[1] == pytest.approx(0.05 + LATENCY, rel=0.06)
 
 

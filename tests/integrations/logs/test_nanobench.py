@@ -69,7 +69,7 @@ def test_columns_keep_their_meaning():
 def test_a_law_that_is_said_comes_before_the_one_that_the_thrust_shows():
     plain, (flight, _, notes) = one(text())[0], one(f"# battery law: thrust upgrade\n{text()}")
     assert abs(flight.command.mean() - plain.command.mean()) > 0.01
-    assert notes == [f"made: battery compensation of the thrust upgrade ({compensation.SAID})"]
+    assert notes == [f"made: battery compensation of the thrust upgrade ({compensation.AS_LOGGED})"]
 
 
 @pytest.mark.parametrize("late", [-7, 0, 12])

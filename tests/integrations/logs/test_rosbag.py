@@ -148,11 +148,11 @@ def test_topics_of_ones_own_are_named_in_a_file(tmp_path: Path) -> None:
     path = made.bag(tmp_path / "bag", mine(flight))
     with pytest.raises(InputError, match=r"/motors.*mine/msg/Motors"):
         read_flights(path)
-    ros_topics.beside(path).write_text(f'clock = "received"\n{TOPICS}')
+    ros_topics.map_path(path).write_text(f'clock = "received"\n{TOPICS}')
     (found,) = read_flights(tmp_path)
     assert not found.has_state
     same(found, flight, state=False)
-    ros_topics.beside(path).write_text(f"{TOPICS}thrust = 'linear'\n")
+    ros_topics.map_path(path).write_text(f"{TOPICS}thrust = 'linear'\n")
     (linear,) = read_flights(path)
     assert_allclose(linear.command[-300:], np.sqrt(found.command[-300:]), atol=1e-4)
 
@@ -177,7 +177,7 @@ def test_topics_of_ones_own_are_named_in_a_file(tmp_path: Path) -> None:
 )
 def test_a_wrong_file_of_topics_is_refused(text: str, tmp_path: Path) -> None:
     path = made.bag(tmp_path / "bag", mine(sensed(150)))
-    ros_topics.beside(path).write_text(text)
+    ros_topics.map_path(path).write_text(text)
     with pytest.raises(InputError):
         read_flights(path)
 
@@ -212,7 +212,7 @@ def test_log_blocks_of_crazyswarm_are_read_by_their_names(tmp_path: Path) -> Non
     ]
     path = made.bag(tmp_path / "bag", messages)
     lines = [f'"{topic}" = {names}' for topic, names in blocks.items()]
-    ros_topics.beside(path).write_text("[variables]\n" + "\n".join(lines).replace("'", '"'))
+    ros_topics.map_path(path).write_text("[variables]\n" + "\n".join(lines).replace("'", '"'))
     flights = read_flights(path)
     (found,) = flights
     assert_allclose(found.body_rates, flight.body_rates, atol=1e-4)

@@ -2,6 +2,7 @@
 
 import struct
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -195,7 +196,7 @@ def test_a_motor_voltage_as_low_as_a_brushless_ones_is_taken_for_one() -> None:
     assert compensation.assumed(high, np.full(100, np.nan)) == compensation.UNKNOWN
 
 
-def of_2019(variables: list[str], rows: list[tuple[float, ...]], each: int = 25) -> bytes:
+def of_2019(variables: list[str], rows: Sequence[tuple[float, ...]], each: int = 25) -> bytes:
     """A log of 2019's format, whose checksums are complements of zlib's."""
     raw = bytes([len(variables)]) + "".join(f"{one}," for one in variables).encode()
     letters = "<" + "".join(one[-2] for one in variables)

@@ -49,7 +49,7 @@ def faults(flight: Flight) -> dict[str, Bool[np.ndarray, "N"]]:
     return {
         f"motors off for {LONGEST_CUT:g} s or longer": ground,
         "standing with running motors": stands,
-        f"take-off or landing, {TAKE_OFF:g} s after and {LANDING:g} s before standing": _beside(
+        f"take-off or landing, {TAKE_OFF:g} s after and {LANDING:g} s before standing": _rows_near(
             ground | stands, flight.period
         ),
         f"impact, a peak of {IMPACT_M_S2:g} m/s2 from the side": binary_dilation(
@@ -76,14 +76,14 @@ def _stands(flight: Flight) -> Bool[np.ndarray, "N"]:
     force = uniform_filter1d(np.linalg.norm(flight.accelerometer.astype(float), axis=1), many)
     quiet = (deviation < STILL_RAD_S).all(axis=1) & (np.abs(force - _GRAVITY) < STILL_M_S2)
     quiet = np.asarray(binary_dilation(quiet, np.ones(many)), bool)
-    told = uniform_filter1d(flight.command.mean(axis=1, dtype=float), many)
-    flying = told[~quiet & (told > 0.0)]
+    mean_command = uniform_filter1d(flight.command.mean(axis=1, dtype=float), many)
+    flying = mean_command[~quiet & (mean_command > 0.0)]
     if len(flying) * flight.period < 2 * WINDOW:
-        flying = told[told > 0.0]
-    return quiet & (told < IDLE * np.median(flying)) if len(flying) else quiet
+        flying = mean_command[mean_command > 0.0]
+    return quiet & (mean_command < IDLE * np.median(flying)) if len(flying) else quiet
 
 
-def _beside(rows: Bool[np.ndarray, "N"], period: float) -> Bool[np.ndarray, "N"]:
+def _rows_near(rows: Bool[np.ndarray, "N"], period: float) -> Bool[np.ndarray, "N"]:
     """Rows shortly after and before some rows."""
     places = np.arange(len(rows))
     last = np.maximum.accumulate(np.where(rows, places, -_FAR))

@@ -90,11 +90,11 @@ def pieces(
                 f"{int(new.argmax()) + 1})"
             )
         usable &= ~rows
-    kept: list[Flight] = []
+    pieces: list[Flight] = []
     short: list[int] = []
     for start, stop in _runs(usable, cuts):
         if stop - start >= shortest:
-            kept.append(flight.part(start, stop))
+            pieces.append(flight.part(start, stop))
         else:
             short.append(stop - start)
     if short:
@@ -103,15 +103,15 @@ def pieces(
             f"{flight.name}: {sum(short)} rows dropped: {what} shorter than "
             f"{shortest * flight.period:.3g} s"
         )
-    kept, constant = _without_constants(kept, flight.name)
+    pieces, constant = _without_constants(pieces, flight.name)
     notes += constant
-    weak = sum(int((piece.battery < EMPTY).sum()) for piece in kept if piece.by_battery_law)
+    weak = sum(int((piece.battery < EMPTY).sum()) for piece in pieces if piece.by_battery_law)
     if weak:
         notes.append(
             f"{flight.name}: {weak} rows kept with the battery below {EMPTY:g} V, where the "
             "firmware can no longer make up for it"
         )
-    return kept, notes
+    return pieces, notes
 
 
 def _greatest_rate(flight: Flight) -> float:
@@ -298,26 +298,28 @@ def _cuts(flight: Flight, time: Float[np.ndarray, "N"]) -> tuple[Bool[np.ndarray
     return cuts, [f"{flight.name}: cut at {int(cuts.sum())} jumps of time ({largest})"]
 
 
-def _without_constants(kept: list[Flight], name: str) -> tuple[list[Flight], list[str]]:
+def _without_constants(pieces: list[Flight], name: str) -> tuple[list[Flight], list[str]]:
     """Passes over what a log need not have and never changes, with a note.
 
     Raises:
         InputError: what it must have never changes.
     """
     notes = []
-    if sum(map(len, kept)) < 100:
-        return kept, notes
-    for group in _needed(kept[0]):
-        first = getattr(kept[0], group)[0]
-        if not all((getattr(piece, group) == first).all() for piece in kept):
+    if sum(map(len, pieces)) < 100:
+        return pieces, notes
+    for group in _needed(pieces[0]):
+        first = getattr(pieces[0], group)[0]
+        if not all((getattr(piece, group) == first).all() for piece in pieces):
             continue
-        told = f"{name}: {', '.join(_COLUMNS[group])} never change in {sum(map(len, kept))} rows; "
-        alone = not np.isfinite(kept[0].position).any()
+        note = (
+            f"{name}: {', '.join(_COLUMNS[group])} never change in {sum(map(len, pieces))} rows; "
+        )
+        alone = not np.isfinite(pieces[0].position).any()
         if group not in OPTIONAL or (group == "accelerometer" and alone):
-            raise InputError(f"{told}nothing was measured. Leave it out.")
-        notes.append(f"{told}nothing was measured, and they are passed over")
-        kept = [replace(piece, **{group: None}) for piece in kept]
-    return kept, notes
+            raise InputError(f"{note}nothing was measured. Leave it out.")
+        notes.append(f"{note}nothing was measured, and they are passed over")
+        pieces = [replace(piece, **{group: None}) for piece in pieces]
+    return pieces, notes
 
 
 def _refuse_wrong_units(flight: Flight) -> None:

@@ -109,7 +109,7 @@ def _check_scale(pieces: Sequence[Flight]) -> CheckResult:
     ratio = float(np.median(windows)) / GRAVITY
     threshold = f"{1 / SCALE:.2f} .. {SCALE:.2f} g"
     low, high = np.quantile(windows, [0.25, 0.75]) / GRAVITY
-    said = f"specific force averages to {ratio:.3g} g"
+    text = f"specific force averages to {ratio:.3g} g"
     if ratio < 0.06 or abs(up) < 0.02 * GRAVITY:
         fault = "gravity was removed from it; log the specific force, 9.81 m/s2 along z at rest"
     elif up < -0.3 * GRAVITY * ratio:
@@ -118,21 +118,21 @@ def _check_scale(pieces: Sequence[Flight]) -> CheckResult:
             "down (forward, right, down). Turn the sign, or of y and z of all that is of the body"
         )
     elif 1 / SCALE < ratio < SCALE:
-        return CheckResult(name, PASSES, said, ratio, threshold)
+        return CheckResult(name, PASSES, text, ratio, threshold)
     elif high / max(low, 1e-6) > SPREAD:
-        said += f", but windows differ ({low:.2f} to {high:.2f})"
+        text += f", but windows differ ({low:.2f} to {high:.2f})"
         if low < 1 / SCALE and high > SCALE:
-            return unknown(name, said, ratio)
+            return unknown(name, text, ratio)
         sentence = (
-            f"the accelerometer's {said}: it does not measure gravity as gyro and time have it "
+            f"the accelerometer's {text}: it does not measure gravity as gyro and time have it "
             "(vibration, clipping or a wrong scale), and thrust found from it is worth little."
         )
         return CheckResult(name, WARNS, sentence, ratio, threshold)
     else:
-        unit = next((said for one, said in _UNITS.items() if 0.8 < ratio / one < 1.25), "")
+        unit = next((words for one, words in _UNITS.items() if 0.8 < ratio / one < 1.25), "")
         fault = f"it looks like {unit}" if unit else "its scale is wrong"
         fault += ". Convert it"
-    sentence = f"the accelerometer's {said}, {up:.2f} m/s2 along z; {fault}."
+    sentence = f"the accelerometer's {text}, {up:.2f} m/s2 along z; {fault}."
     certain = not 1 / CERTAIN_SCALE < ratio < CERTAIN_SCALE or up < 0
     return CheckResult(name, FAILS if certain else WARNS, sentence, ratio, threshold)
 
@@ -199,11 +199,11 @@ def _check_by_velocity(pieces: Sequence[Flight]) -> CheckResult | None:
     if best is None or best.score < DRAG_MATCH:
         return None
     threshold = f"within {DRAG_MARGIN:g} of the best reading"
-    said = f"drag follows the velocity to {best.logged:.2f}"
+    text = f"drag follows the velocity to {best.logged:.2f}"
     if best.score - best.logged < DRAG_MARGIN:
-        return CheckResult(FRAME, PASSES, said, best.logged, threshold)
+        return CheckResult(FRAME, PASSES, text, best.logged, threshold)
     sentence = (
-        f"the accelerometer's {said} as logged, and to {best.score:.2f} with {best.name}. "
+        f"the accelerometer's {text} as logged, and to {best.score:.2f} with {best.name}. "
         "Expected specific force along the body's x forward, y left, z up. Convert it."
     )
     return CheckResult(FRAME, FAILS, sentence, best.logged, threshold)
@@ -213,10 +213,10 @@ def _check_frame(pieces: Sequence[Flight]) -> CheckResult:
     name = FRAME
     if pieces[0].has_state and (known := _check_by_velocity(pieces)) is not None:
         return known
-    found = _responses(pieces)
-    if found is None:
+    result = _responses(pieces)
+    if result is None:
         return unknown(name, "no piece lasts 6 s, in which drag would show the axes")
-    features, force = found
+    features, force = result
     own = [_fit(features[:, axis], force[:, axis]) for axis in (0, 1)]
     crossed = [_fit(features[:, 1 - axis], force[:, axis]) for axis in (0, 1)]
     shares = np.array([share for share, _ in own])

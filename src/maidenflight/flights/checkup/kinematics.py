@@ -198,13 +198,13 @@ def _blame(frames: list[CheckResult]) -> list[CheckResult]:
     rates, _, tilt = frames
     if rates.verdict != FAILS:
         return frames
-    told = {
+    readings = {
         FAILS: " The change of velocity contradicts the attitude too: mend the attitude first.",
         PASSES: " The change of velocity fits the attitude, so that the body rates are wrong.",
     }.get(tilt.verdict, "")
     pitch = _PITCH if tilt.verdict != PASSES and "y with" in rates.sentence else ""
     mended = CheckResult(
-        rates.name, FAILS, rates.sentence + told + pitch, rates.statistic, rates.threshold
+        rates.name, FAILS, rates.sentence + readings + pitch, rates.statistic, rates.threshold
     )
     return [mended, *frames[1:]]
 
@@ -243,8 +243,8 @@ def _check_reading(
         )
     if best.logged < 0.5:
         return unknown(name, f"{name} and {other} match to {best.logged:.2f} only", best.logged)
-    said = f"{name} and {other} match to {best.logged:.2f}"
-    return CheckResult(name, PASSES, said, best.logged, threshold)
+    sentence = f"{name} and {other} match to {best.logged:.2f}"
+    return CheckResult(name, PASSES, sentence, best.logged, threshold)
 
 
 def _scale(
@@ -253,15 +253,15 @@ def _scale(
     """Bounds of the scale that the axes agree on; None where none tells."""
     if matched is None:
         return None
-    kept = [
+    clear_axes = [
         axis for axis in axes if matched.correlation[axis] > 0.9 and matched.size[axis] > least / 2
     ]
     # A wrong unit hides the lesser signal; a strong match is enough then.
-    if not kept:
-        kept = [axis for axis in axes if matched.correlation[axis] > 0.97]
-    if not kept:
+    if not clear_axes:
+        clear_axes = [axis for axis in axes if matched.correlation[axis] > 0.97]
+    if not clear_axes:
         return None
-    bounds = matched.bounds()[kept]
+    bounds = matched.bounds()[clear_axes]
     middle = float(np.median(np.sqrt(bounds.prod(axis=1))))
     width = float(np.max(np.sqrt(bounds[:, 1] / bounds[:, 0])))
     return np.array([middle / width, middle * width])
@@ -304,16 +304,16 @@ def _check_scale(name: str, bounds: Float[np.ndarray, "2"] | None) -> CheckResul
     threshold = f"{1 / limit:.2f} .. {limit:.2f}"
     other = "attitude" if name == "body_rate" else "position"
     if bounds[0] < limit and bounds[1] > 1 / limit:
-        said = f"{name} is {middle:.3g} times the change of {other}"
-        return CheckResult(title, PASSES, said, middle, threshold)
+        sentence = f"{name} is {middle:.3g} times the change of {other}"
+        return CheckResult(title, PASSES, sentence, middle, threshold)
     units = _UNITS[name].items()
-    unit = next((said for one, said in units if 0.93 < middle / one < 1.07), "")
-    looks = f" It looks like {unit}." if unit else ""
+    unit = next((text for one, text in units if 0.93 < middle / one < 1.07), "")
+    hint = f" It looks like {unit}." if unit else ""
     certain = not 1 / CERTAIN[name] < middle < CERTAIN[name]
     return CheckResult(
         title,
         FAILS if certain else WARNS,
-        f"{name} is {middle:.3g} times the change of {other}; expected 1.{looks} Convert one.",
+        f"{name} is {middle:.3g} times the change of {other}; expected 1.{hint} Convert one.",
         middle,
         threshold,
     )
@@ -321,18 +321,18 @@ def _check_scale(name: str, bounds: Float[np.ndarray, "2"] | None) -> CheckResul
 
 def _check_gyro_delay(pieces: Sequence[Flight]) -> CheckResult:
     name = "gyro delay"
-    found = gyro_delay(pieces)
-    if found is None:
+    delay = gyro_delay(pieces)
+    if delay is None:
         return unknown(name, "attitude and body rates show no delay between them")
-    late = 1e3 * found
+    late = 1e3 * delay
     threshold = f"-{1e3 * LATEST_S:.0f} .. {1e3 * LATEST_S:.0f} ms"
-    if abs(found) <= LATEST_S:
-        said = f"body rates are {late:.0f} ms behind the attitude"
-        return CheckResult(name, PASSES, said, late, threshold)
+    if abs(delay) <= LATEST_S:
+        sentence = f"body rates are {late:.0f} ms behind the attitude"
+        return CheckResult(name, PASSES, sentence, late, threshold)
     side = "late" if late > 0 else "early"
     return CheckResult(
         name,
-        FAILS if abs(found) > FAR_S else WARNS,
+        FAILS if abs(delay) > FAR_S else WARNS,
         f"body rates are {side} by about {abs(late):.0f} ms against the attitude; expected less "
         f"than {1e3 * LATEST_S:.0f} ms. They have clocks or filters of their own: shift one.",
         late,

@@ -78,27 +78,27 @@ class Fit(NamedTuple):
 
 def check_motors(pieces: Sequence[Flight]) -> list[CheckResult]:
     """Checks the motors' commands against the motion of pieces of one flight."""
-    found = spectra(pieces)
-    if found is None:
+    motion = spectra(pieces)
+    if motion is None:
         return [unknown("motors drive", "no piece lasts 0.6 s")]
-    answer = responses(found)
+    answer = responses(motion)
     fits = best_fits(answer)
     drive = _check_drive(fits, answer.segments)
     if drive.verdict != PASSES and (slow := spectra(pieces, SLOW)) is not None:
         # A very smooth flight may be all below the usual band.
         slowly = best_fits(responses(slow))
         if max(fit.score for fit in slowly.values()) > CLEARLY[SLOW]:
-            found, answer, fits = slow, responses(slow), slowly
+            motion, answer, fits = slow, responses(slow), slowly
             drive = _check_drive(fits, answer.segments)
     if drive.verdict in (FAILS, WARNS):
         return [drive, _check_thrust(pieces)]
-    order = _check_order(fits, found, answer.segments)
+    order = _check_order(fits, motion, answer.segments)
     results = [drive, order]
     if order.verdict == FAILS:
         return results
-    if found.band == QUICK:
+    if motion.band == QUICK:
         logged = fits[ORDERS[0]]
-        results += [_check_delay(logged, answer), _check_yaw(found, logged)]
+        results += [_check_delay(logged, answer), _check_yaw(motion, logged)]
         if pieces[0].accelerometer is not None:
             results.append(_check_curve(pieces, answer, logged))
     return [*results, _check_thrust(pieces)]
@@ -131,15 +131,15 @@ def _within(low: float, high: float) -> Bool[np.ndarray, "D"]:
 def _check_drive(fits: dict[tuple[int, ...], Fit], segments: float) -> CheckResult:
     name = "motors drive"
     best = max(fit.score for fit in fits.values())
-    said = f"roll and pitch follow the motors' torques with correlations of {best / 2:.2f}"
+    text = f"roll and pitch follow the motors' torques with correlations of {best / 2:.2f}"
     if segments < FEWEST and best < 2 * DRIVEN:
-        return unknown(name, f"{said}; the flight is too short to judge that", best / 2)
+        return unknown(name, f"{text}; the flight is too short to judge that", best / 2)
     least = DRIVEN if segments < MANY else DRIVEN_LONG
     threshold = f"{least / 2:.2f} or more"
     if best >= least:
-        return CheckResult(name, PASSES, said, best / 2, threshold)
+        return CheckResult(name, PASSES, text, best / 2, threshold)
     sentence = (
-        f"commands do not drive the motion: {said}, in any order of the motors; expected "
+        f"commands do not drive the motion: {text}, in any order of the motors; expected "
         f"{threshold}. They are of another flight or clock, the drone is held, or something else "
         "than the motors was logged. Leave it out."
     )
@@ -147,17 +147,17 @@ def _check_drive(fits: dict[tuple[int, ...], Fit], segments: float) -> CheckResu
     return CheckResult(name, verdict, sentence, best / 2, threshold)
 
 
-def _check_order(fits: dict[tuple[int, ...], Fit], found: Spectra, segments: float) -> CheckResult:
+def _check_order(fits: dict[tuple[int, ...], Fit], motion: Spectra, segments: float) -> CheckResult:
     name = "motor order"
     logged = fits[ORDERS[0]]
     best = max(fits.values(), key=lambda fit: fit.score)
     gain = max(best.score - logged.score, 0.0)
     threshold = f"below {BETTER / 2:.2f}"
-    said = f"roll and pitch follow the motors as logged, correlation {logged.score / 2:.2f}"
+    text = f"roll and pitch follow the motors as logged, correlation {logged.score / 2:.2f}"
     if gain < BETTER:
-        return CheckResult(name, PASSES, said, gain / 2, threshold)
+        return CheckResult(name, PASSES, text, gain / 2, threshold)
     few = segments < FEWEST and (best.score < 1.6 or gain < 0.4 or segments < 1.5)
-    least = DRIVEN if segments >= MANY and found.band == QUICK else CLEARLY[found.band]
+    least = DRIVEN if segments >= MANY and motion.band == QUICK else CLEARLY[motion.band]
     if best.score < least or few:
         return unknown(name, "too little shows the order of the motors", gain / 2)
     right = ", ".join(f"command_{motor + 1}" for motor in best.order)
@@ -168,7 +168,7 @@ def _check_order(fits: dict[tuple[int, ...], Fit], found: Spectra, segments: flo
     )
     other = _as_frame(best.order)
     if other:
-        sentence += f" Or {other}.{_decide_by_yaw(found, best)}"
+        sentence += f" Or {other}.{_decide_by_yaw(motion, best)}"
     return CheckResult(name, FAILS, sentence, gain / 2, threshold)
 
 
@@ -188,12 +188,12 @@ def _as_frame(order: tuple[int, ...]) -> str:
     return readings.get(tuple(np.round(turned.ravel()).astype(int).tolist()), "")
 
 
-def _decide_by_yaw(found: Spectra, best: Fit) -> str:
+def _decide_by_yaw(motion: Spectra, best: Fit) -> str:
     """Says whether yaw speaks for the order of the motors or for the frame."""
     torques = TORQUES[np.argsort(best.order)]
     if np.array_equal(torques[:, 2], TORQUES[:, 2]):
         return " Yaw is alike in both: compare the order with the firmware's."
-    for_order, against = yaw_correlations(found, best, torques[:, 2])
+    for_order, against = yaw_correlations(motion, best, torques[:, 2])
     if max(for_order, against) < YAW or max(for_order, against) < YAW_DOMINATES * min(
         for_order, against
     ):
@@ -204,18 +204,18 @@ def _decide_by_yaw(found: Spectra, best: Fit) -> str:
 
 
 def yaw_correlations(
-    found: Spectra, fit: Fit, pattern: Float[np.ndarray, "4"]
+    motion: Spectra, fit: Fit, pattern: Float[np.ndarray, "4"]
 ) -> tuple[float, float]:
     """Measures how yaw follows motors, and how it follows them with the opposite sign.
 
     Drag of the blades turns the drone as their thrust rises, and so does the rotors' inertia while
     they speed up, the more the quicker.
     """
-    turn = 2j * np.pi * found.frequency
+    turn = 2j * np.pi * motion.frequency
     lag = np.exp(-turn * fit.delay) / (1 + turn * fit.lag)
-    own, weight = found.channels[:, 2], found.weight(2)
-    power = np.einsum("u,fuv,v->f", pattern, found.commands, pattern).real
-    across = found.across[:, :, 2] @ pattern
+    own, weight = motion.channels[:, 2], motion.weight(2)
+    power = np.einsum("u,fuv,v->f", pattern, motion.commands, pattern).real
+    across = motion.across[:, :, 2] @ pattern
     matches = []
     for lead in _YAW_LEADS_S:
         answer = lag * (1 + turn * lead)
@@ -225,9 +225,9 @@ def yaw_correlations(
     return max(matches), -min(matches)
 
 
-def _check_yaw(found: Spectra, logged: Fit) -> CheckResult:
+def _check_yaw(motion: Spectra, logged: Fit) -> CheckResult:
     name = "yaw direction"
-    along, against = yaw_correlations(found, logged, TORQUES[:, 2])
+    along, against = yaw_correlations(motion, logged, TORQUES[:, 2])
     threshold = f"{YAW:g} or more"
     if against > YAW and against > YAW_DOMINATES * max(along, 0.0):
         sentence = (
@@ -248,30 +248,30 @@ def _check_delay(logged: Fit, answer: Responses) -> CheckResult:
     threshold = f"{1e3 * EARLIEST_S:.0f} .. {1e3 * LATEST_S:.0f} ms"
     if logged.score < DRIVEN or (answer.segments < FEWEST and logged.score < 2 * DRIVEN):
         return unknown(name, "too little shows when commands act", late)
-    said = f"motion follows commands by {late:.0f} ms and a lag of {1e3 * logged.lag:.0f} ms"
+    text = f"motion follows commands by {late:.0f} ms and a lag of {1e3 * logged.lag:.0f} ms"
     force = np.asarray(answer.correlation(FORCE, np.ones(4)))
     lag, delay = np.unravel_index(int(np.argmax(force)), force.shape)
-    heard = float(force[lag, delay]) > 0.8 and answer.segments >= FEWEST
-    apart = logged.lag + logged.delay - float(LAGS_S[lag] + DELAYS_S[delay])
-    if heard and apart > LATE_GYRO_S:
+    force_is_clear = float(force[lag, delay]) > 0.8 and answer.segments >= FEWEST
+    difference = logged.lag + logged.delay - float(LAGS_S[lag] + DELAYS_S[delay])
+    if force_is_clear and difference > LATE_GYRO_S:
         sentence = (
-            f"{said}, the accelerometer {1e3 * apart:.0f} ms before the gyro: body rates are late "
-            f"by about {1e3 * apart:.0f} ms. Shift them, or log them with less filtering."
+            f"{text}, the accelerometer {1e3 * difference:.0f} ms before the gyro: body rates are "
+            f"late by about {1e3 * difference:.0f} ms. Shift them, or log them with less filtering."
         )
         return CheckResult(name, FAILS, sentence, late, threshold)
     if EARLIEST_S < logged.delay < LATEST_S:
-        return CheckResult(name, PASSES, said, late, threshold)
+        return CheckResult(name, PASSES, text, late, threshold)
     off = 1e3 * (logged.delay - USUAL_S)
     side = "early" if off > 0 else "late"
     sentence = (
-        f"commands are {side} by about {abs(off):.0f} ms: {said}; expected {threshold}. They have "
+        f"commands are {side} by about {abs(off):.0f} ms: {text}; expected {threshold}. They have "
         "another clock than gyro and accelerometer, or a long way to the motors: shift them."
     )
     # The force follows the same commands: it has to be off on the same side.
     felt = float(DELAYS_S[delay])
-    alone = heard and (felt < LATEST_S / 2 if off > 0 else felt > 0.0)
+    alone = force_is_clear and (felt < LATEST_S / 2 if off > 0 else felt > 0.0)
     if alone:
-        return unknown(name, f"{said}, but the force along z by {1e3 * felt:.0f} ms", late)
+        return unknown(name, f"{text}, but the force along z by {1e3 * felt:.0f} ms", late)
     possible = EARLIEST_S < logged.delay < LONGEST_S
     return CheckResult(name, WARNS if possible else FAILS, sentence, late, threshold)
 
@@ -286,24 +286,26 @@ def _check_curve(pieces: Sequence[Flight], answer: Responses, logged: Fit) -> Ch
     if match < FORCE_EXPLAINED or answer.segments < FEWEST or command <= 0:
         return unknown(name, f"the force along z follows the commands to {match:.2f} only", match)
     place = int(np.flatnonzero(_within(EARLIEST_S, LATEST_S))[delay])
-    apart = float(LAGS_S[lag] + DELAYS_S[place]) - logged.lag - logged.delay
-    if abs(apart) > CABLE_S:
-        said = f"the force along z follows the commands {1e3 * apart:.0f} ms after roll and pitch"
-        return unknown(name, f"{said}, as with a load on a cable", apart)
+    difference = float(LAGS_S[lag] + DELAYS_S[place]) - logged.lag - logged.delay
+    if abs(difference) > CABLE_S:
+        text = (
+            f"the force along z follows the commands {1e3 * difference:.0f} ms after roll and pitch"
+        )
+        return unknown(name, f"{text}, as with a load on a cable", difference)
     product = answer.products[FORCE, lag, place].sum()
     gain = 4 * product / answer.power[FORCE, lag].sum()
     share = float(gain * command / max(float(force.mean(dtype=np.float64)), 0.1 * GRAVITY))
     low, high = CURVE
     threshold = f"{low:g} .. {high:g}"
-    said = f"1 % more command gives {share:.2f} % more thrust"
+    text = f"1 % more command gives {share:.2f} % more thrust"
     if low < share < high:
-        return CheckResult(name, PASSES, said, share, threshold)
+        return CheckResult(name, PASSES, text, share, threshold)
     cause = (
         "commands may be rotor speeds, sqrt(u), or percent above an idle that was not taken off"
         if share > high
         else "commands may be squared once too often, or have an offset"
     )
-    sentence = f"{said}; expected about 1: {cause}. u is thrust as a share of full thrust."
+    sentence = f"{text}; expected about 1: {cause}. u is thrust as a share of full thrust."
     return CheckResult(name, WARNS, sentence, share, threshold)
 
 
@@ -325,11 +327,11 @@ def _check_thrust(pieces: Sequence[Flight]) -> CheckResult:
     ratio = float(load[known].mean()) / mean
     low, high = THRUST_TO_WEIGHT
     threshold = f"{low:g} .. {high:g}"
-    said = f"hovering takes u = {1 / ratio:.2f}: full thrust is {ratio:.2f} times the weight"
+    text = f"hovering takes u = {1 / ratio:.2f}: full thrust is {ratio:.2f} times the weight"
     if low < ratio < high:
-        return CheckResult(name, PASSES, f"{said}; compare that with yours", ratio, threshold)
+        return CheckResult(name, PASSES, f"{text}; compare that with yours", ratio, threshold)
     sentence = (
-        f"{said}; expected {threshold} times. The scale of the commands looks wrong: another full "
+        f"{text}; expected {threshold} times. The scale of the commands looks wrong: another full "
         "throttle, PWM limits, or percent."
     )
     return CheckResult(name, WARNS, sentence, ratio, threshold)

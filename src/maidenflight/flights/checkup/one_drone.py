@@ -46,8 +46,8 @@ def check_load(pieces: Sequence[Flight]) -> CheckResult:
         return unknown(NAME, "too lively a flight to show a change of load", step)
     threshold = f"-{STEP:g} .. {STEP:g}"
     if abs(step) < STEP or abs(step) < CERTAIN * error:
-        said = f"thrust per command stays within {100 * abs(step):.1f} %"
-        return CheckResult(NAME, PASSES, said, step, threshold)
+        text = f"thrust per command stays within {100 * abs(step):.1f} %"
+        return CheckResult(NAME, PASSES, text, step, threshold)
     sentence = (
         f"thrust per command changes by {100 * np.expm1(step):+.0f} % after "
         f"{place * _BLOCK_S:.0f} s: a load was taken up or lost, or a propeller or battery gave "
@@ -65,7 +65,7 @@ def _error(before: Float[np.ndarray, "B"], after: Float[np.ndarray, "B"]) -> flo
 
 def thrust_per_command(pieces: Sequence[Flight]) -> Float[np.ndarray, "B"]:
     """Measures the logarithm of thrust per command in blocks of `_BLOCK_S`."""
-    found = [np.zeros(0)]
+    ratios = [np.zeros(0)]
     for piece in pieces:
         rows = max(1, round(_BLOCK_S / piece.period))
         load, count = load_factor(piece), len(piece) // rows
@@ -75,8 +75,8 @@ def thrust_per_command(pieces: Sequence[Flight]) -> Float[np.ndarray, "B"]:
         command = piece.mean_command.mean(axis=1, dtype=np.float64)
         command = np.concatenate([np.repeat(command[:1], late), command[:-late]])
         blocks = [one[: count * rows].reshape(count, rows).mean(axis=1) for one in (load, command)]
-        found.append(np.log(np.maximum(blocks[0], 0.05) / np.maximum(blocks[1], 0.01)))
-    return np.concatenate(found)
+        ratios.append(np.log(np.maximum(blocks[0], 0.05) / np.maximum(blocks[1], 0.01)))
+    return np.concatenate(ratios)
 
 
 def compare_loads(ratios: Mapping[str, float]) -> list[str]:

@@ -55,13 +55,13 @@ class Match(NamedTuple):
 
 def take_enough(pieces: Sequence[Flight]) -> list[Flight]:
     """Returns the longest pieces, `ENOUGH_S` of them at most, at about `RATE_HZ` rows a second."""
-    taken, left = [], ENOUGH_S
+    chosen_pieces, left = [], ENOUGH_S
     for piece in sorted(pieces, key=len, reverse=True):
         rows = min(len(piece), round(left / piece.period))
         if rows > 2:
-            taken.append(slow_down(piece.part(0, rows)))
+            chosen_pieces.append(slow_down(piece.part(0, rows)))
             left -= rows * piece.period
-    return taken
+    return chosen_pieces
 
 
 def slow_down(piece: Flight) -> Flight:
@@ -81,7 +81,7 @@ def span_mean(values: Float[np.ndarray, "N K"], rows: int) -> Float[np.ndarray, 
 
 def sample_spans(pieces: Sequence[Flight], measure: Measure) -> list[Samples]:
     """Measures two signals over each span that pieces are long enough for."""
-    found = []
+    spans = []
     for span in SPANS_S:
         parts = []
         for piece in pieces:
@@ -94,8 +94,8 @@ def sample_spans(pieces: Sequence[Flight], measure: Measure) -> list[Samples]:
         step = -(-count // _MOST)
         first, second = (np.concatenate(side)[::step] for side in zip(*parts, strict=True))
         if len(first):
-            found.append((first - np.median(first, axis=0), second - np.median(second, axis=0)))
-    return found
+            spans.append((first - np.median(first, axis=0), second - np.median(second, axis=0)))
+    return spans
 
 
 def match(samples: Sequence[Samples]) -> Match:
@@ -116,9 +116,9 @@ def _match_axis(
     if min(one, other) < 1e-9:
         return 0.0, 1.0, min(one, other)
     sign = np.sign(first @ second) or 1.0
-    apart = np.abs(first / one - sign * second / other)
-    kept = apart <= np.quantile(apart, _TRIMMED)
-    first, second = first[kept] - first[kept].mean(), second[kept] - second[kept].mean()
+    difference = np.abs(first / one - sign * second / other)
+    inliers = difference <= np.quantile(difference, _TRIMMED)
+    first, second = first[inliers] - first[inliers].mean(), second[inliers] - second[inliers].mean()
     one, other = float(first.std()), float(second.std())
     if min(one, other) < 1e-9:
         return 0.0, 1.0, min(one, other)

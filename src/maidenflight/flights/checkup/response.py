@@ -112,10 +112,10 @@ def spectra(pieces: Sequence[Flight], band: Band = QUICK, speeds: bool = False) 
         frequency = frequency[inside]
         turn = 2j * np.pi * frequency[:, None]
         for part in _segments(signals, count):
-            found = np.fft.rfft(part, axis=0)[inside]
-            found[:, :3] *= turn
-            found[:, 4:] *= np.exp(-turn * late)
-            product = found[:, :, None].conj() * found[:, None, :]
+            transform = np.fft.rfft(part, axis=0)[inside]
+            transform[:, :3] *= turn
+            transform[:, 4:] *= np.exp(-turn * late)
+            product = transform[:, :, None].conj() * transform[:, None, :]
             total = product if total is None else total + product
             segments += 0.5
     if total is None or len(frequency) < 4:
@@ -148,17 +148,17 @@ def _segments(signals: Float[np.ndarray, "M 8"], count: int) -> list[Float[np.nd
     return parts
 
 
-def responses(found: Spectra, delays: Float[np.ndarray, "D"] = DELAYS_S) -> Responses:
+def responses(transform: Spectra, delays: Float[np.ndarray, "D"] = DELAYS_S) -> Responses:
     """Evaluates all lags and delays."""
-    turn = 2j * np.pi * found.frequency
+    turn = 2j * np.pi * transform.frequency
     lag = 1 / (1 + turn * LAGS_S[:, None])
     filters = lag[:, None] * np.exp(-turn * delays[:, None])
     products, power, channels = [], [], []
     for channel in range(4):
-        own, weight = found.channels[:, channel], found.weight(channel)
-        across = found.across[:, :, channel] * weight[:, None]
+        own, weight = transform.channels[:, channel], transform.weight(channel)
+        across = transform.across[:, :, channel] * weight[:, None]
         products.append(np.einsum("tdf,fu->tdu", filters.conj(), across, optimize=True).real)
-        shared = found.commands * weight[:, None, None]
+        shared = transform.commands * weight[:, None, None]
         power.append(np.einsum("tf,fuv->tuv", np.abs(lag) ** 2, shared, optimize=True).real)
         channels.append(float((own * weight).sum()))
-    return Responses(np.array(products), np.array(power), np.array(channels), found.segments)
+    return Responses(np.array(products), np.array(power), np.array(channels), transform.segments)

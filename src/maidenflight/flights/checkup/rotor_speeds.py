@@ -36,7 +36,7 @@ def check_rotor_speeds(pieces: Sequence[Flight]) -> list[CheckResult]:
     command = np.concatenate([piece.command for piece in pieces])
     with np.errstate(invalid="ignore"):
         stopped = [
-            float(np.mean(speed[told, motor] <= 0.0)) if (told := command[:, motor] > 0.03).any()
+            float(np.mean(speed[on, motor] <= 0.0)) if (on := command[:, motor] > 0.03).any()
             else 0.0
             for motor in range(4)
         ]  # fmt: skip
@@ -49,13 +49,13 @@ def check_rotor_speeds(pieces: Sequence[Flight]) -> list[CheckResult]:
         return [unknown(NAME, "no piece lasts 4 s")]
     still = [
         place
-        for place, values, told in zip(_PLACES, speed.T, command.T, strict=True)
-        if values.std() < 1e-3 * max(abs(values.mean()), 1e-9) and told.std() > 1e-3
+        for place, values, text in zip(_PLACES, speed.T, command.T, strict=True)
+        if values.std() < 1e-3 * max(abs(values.mean()), 1e-9) and text.std() > 1e-3
     ]
     if still:
         return [_pass_over(f"{', '.join(still)} never changes while its command does", 0.0)]
     worst = int(np.argmin(follows))
-    said = f"speeds follow their commands to {follows[worst]:.2f} and better"
+    sentence = f"speeds follow their commands to {follows[worst]:.2f} and better"
     ratio = _motion_ratio(pieces)
     if follows[worst] < FOLLOWS or (ratio is not None and ratio < MOTION):
         motion = "" if ratio is None else f", and the motion to {ratio:.2f} of what commands do"
@@ -65,7 +65,7 @@ def check_rotor_speeds(pieces: Sequence[Flight]) -> list[CheckResult]:
                 float(follows[worst]),
             )
         ]
-    return [CheckResult(NAME, PASSES, said, float(follows[worst]), f"{FOLLOWS:g} or more")]
+    return [CheckResult(NAME, PASSES, sentence, float(follows[worst]), f"{FOLLOWS:g} or more")]
 
 
 def _pass_over(what: str, statistic: float) -> CheckResult:
@@ -79,16 +79,16 @@ def _follow(pieces: Sequence[Flight]) -> Float[np.ndarray, "4"] | None:
     for piece in pieces:
         rows = max(1, round(_STEP_S / piece.period))
         step = rows * piece.period
-        told = block_mean(piece.speed_command, rows)
+        commanded = block_mean(piece.speed_command, rows)
         speed = block_mean(np.nan_to_num(np.asarray(piece.rotor_speed)), rows)
-        if len(told) * step < 4.0:
+        if len(commanded) * step < 4.0:
             continue
         high = min(_BAND_HZ[1], 0.4 / step)
         band = butter(2, [2 * step * _BAND_HZ[0], 2 * step * high], "band", output="sos")
         speed = sosfiltfilt(band, speed, axis=0)
         for place, lag in enumerate(LAGS_S):
-            kept = np.exp(-step / lag)
-            late = sosfiltfilt(band, _lag(told, kept), axis=0)
+            memory = np.exp(-step / lag)
+            late = sosfiltfilt(band, _lag(commanded, memory), axis=0)
             sums[0, place] += (late * speed).sum(axis=0)
             sums[1, place] += (late**2).sum(axis=0)
             sums[2, place] += (speed**2).sum(axis=0)
@@ -97,18 +97,18 @@ def _follow(pieces: Sequence[Flight]) -> Float[np.ndarray, "4"] | None:
     return (sums[0] / np.sqrt(np.maximum(sums[1] * sums[2], 1e-12))).max(axis=0)
 
 
-def _lag(values: Float[np.ndarray, "M 4"], kept: float) -> Float[np.ndarray, "M 4"]:
-    return lfilter([1 - kept], [1.0, -kept], values, axis=0, zi=kept * values[:1])[0]
+def _lag(values: Float[np.ndarray, "M 4"], memory: float) -> Float[np.ndarray, "M 4"]:
+    return lfilter([1 - memory], [1.0, -memory], values, axis=0, zi=memory * values[:1])[0]
 
 
 def _motion_ratio(pieces: Sequence[Flight]) -> float | None:
     """Compares how roll and pitch follow measured speeds with how they follow commands."""
     scores = []
     for speeds in (True, False):
-        found = spectra(pieces, speeds=speeds)
-        if found is None:
+        motion = spectra(pieces, speeds=speeds)
+        if motion is None:
             return None
-        answer = responses(found)
+        answer = responses(motion)
         both = [answer.correlation(axis, TORQUES[:, axis]) for axis in (0, 1)]
         scores.append(float((both[0] + both[1]).max()))
     return scores[0] / max(scores[1], 1e-6) if scores[1] > 0.8 else None

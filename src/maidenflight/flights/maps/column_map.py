@@ -56,7 +56,7 @@ class ColumnMap:
     motors: Motors = Motors()
 
 
-def beside(path: Path) -> Path:
+def map_path(path: Path) -> Path:
     """Where the file lies that says what the columns of a table are."""
     stem = path.name.removesuffix(".gz").rpartition(".")[0]
     return path.with_name(f"{stem}.columns.toml")
@@ -77,7 +77,7 @@ def read(path: Path) -> ColumnMap:
     )
 
 
-def text(found: ColumnMap) -> str:
+def text(columns: ColumnMap) -> str:
     """The content of such a file."""
     comments = {
         "time": "",
@@ -91,30 +91,30 @@ def text(found: ColumnMap) -> str:
         "battery": "",
     }
     lines = ["# Columns by signal; a minus before a column turns its sign. See docs/flight-log.md."]
-    for signal, source in found.sources.items():
-        told = f"  # {comments[signal]}" if comments[signal] else ""
+    for signal, source in columns.sources.items():
+        comment = f"  # {comments[signal]}" if comments[signal] else ""
         names = ", ".join(f'"{name}"' for name in source.columns)
-        lines += ["", f"[{signal}]{told}", f"columns = [{names}]"]
+        lines += ["", f"[{signal}]{comment}", f"columns = [{names}]"]
         lines += [f'unit = "{source.unit}"'] if source.unit else []
         if signal == "motors":
-            low, high, square = found.motors
+            low, high, square = columns.motors
             thrust = signal_map.THRUSTS[0 if square else 1]
             lines += [f"low = {low:g}", f"high = {high:g}", f'thrust = "{thrust}"']
     return "\n".join(lines) + "\n"
 
 
-def flight(table: Table, found: ColumnMap) -> tuple[Flight, np.ndarray, list[str]]:
+def flight(table: Table, columns: ColumnMap) -> tuple[Flight, np.ndarray, list[str]]:
     """The flight in a table, unchecked, with the time of its rows [s], and what was assumed.
 
     Raises:
         InputError: a column is missing or no number, or a signal is logged too rarely.
     """
-    known = {signal: values(table, source) for signal, source in found.sources.items()}
+    known = {signal: values(table, source) for signal, source in columns.sources.items()}
     time = known.pop(TIME)[:, 0]
     steps = np.diff(time[np.isfinite(time)])
     if not len(steps) or not FASTEST_S < np.median(steps) < np.inf:
         raise InputError(
-            f"{table.name}: {found.sources[TIME].columns[0]} advances by "
+            f"{table.name}: {columns.sources[TIME].columns[0]} advances by "
             f"{np.median(steps) if len(steps) else 0.0:.3g} s a row, which no drone logs. Mend the "
             "time, or its unit in the map of columns."
         )
@@ -123,7 +123,7 @@ def flight(table: Table, found: ColumnMap) -> tuple[Flight, np.ndarray, list[str
     if angles is not None and angles.values.shape[1] == _ANGLES:
         turned = Rotation.from_euler("ZYX", angles.values[:, ::-1]).as_quat()
         signals["attitude"] = Stream(angles.time, turned)
-    logged, at, notes = signal_map.flight(table.name, signals, found.motors, REMEDY)
+    logged, at, notes = signal_map.flight(table.name, signals, columns.motors, REMEDY)
     return replace(logged, assumed=True), at, notes
 
 

@@ -112,25 +112,25 @@ def propose(table: Table) -> ColumnMap | None:
         if table.frame[column].dtype.is_numeric():
             plain = re.sub(r"[\[(]\D[^\])]*[\])]?|_(" + _UNITS + ")$", "", column.strip().lower())
             names[re.sub(r"[^a-z0-9]", "", plain)] = column
-    taken: set[str] = set()
-    found: dict[str, tuple[str, ...]] = {}
+    used_columns: set[str] = set()
+    result: dict[str, tuple[str, ...]] = {}
     clock = next((names[name] for name in _CLOCKS if name in names), None)
     if clock is None:
         return None
     for signal in ("rotor_speed", "body_rates", *_SPELLINGS):
-        columns = None if signal in found else _columns(_SPELLINGS[signal], names, taken)
+        columns = None if signal in result else _columns(_SPELLINGS[signal], names, used_columns)
         if columns:
-            found[signal] = columns
-            taken.update(columns)
-    if not {"body_rates", "motors"} <= set(found):
+            result[signal] = columns
+            used_columns.update(columns)
+    if not {"body_rates", "motors"} <= set(result):
         return None
     with suppress(InputError), np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        return _judged(table, clock, found)
+        return _judged(table, clock, result)
     return None
 
 
 def _columns(
-    spellings: Iterable[tuple[str, ...]], names: Mapping[str, str], taken: set[str]
+    spellings: Iterable[tuple[str, ...]], names: Mapping[str, str], used_columns: set[str]
 ) -> tuple[str, ...] | None:
     """Columns whose names end as one spelling says, with the same beginning."""
     for spelling in spellings:
@@ -138,26 +138,26 @@ def _columns(
         ends = [name for name in names if name.endswith(spelling[0])]
         for begin in sorted({name.removesuffix(spelling[0]) for name in ends}, key=len):
             there = [names.get(begin + name, "") for name in spelling]
-            if all(there) and not (begin and short) and not taken.intersection(there):
+            if all(there) and not (begin and short) and not used_columns.intersection(there):
                 return tuple(there)
     return None
 
 
-def _judged(table: Table, clock: str, found: Mapping[str, tuple[str, ...]]) -> ColumnMap:
+def _judged(table: Table, clock: str, result: Mapping[str, tuple[str, ...]]) -> ColumnMap:
     """The map of columns whose signals are known, with units, signs and the motors' order."""
-    rows = {signal: column_map.values(table, Source(names)) for signal, names in found.items()}
+    rows = {signal: column_map.values(table, Source(names)) for signal, names in result.items()}
     time = column_map.values(table, Source((clock,)))[:, 0]
     step = _typical(np.diff(time))
     unit = "s" if step < 0.5 else "ms" if step < 500 else "us" if step < 5e5 else "ns"
     time, signs, units = time * column_map.UNITS[unit], {}, {TIME: unit}
-    force = _typical(rows["accelerometer"][:, 2]) if "accelerometer" in found else 0.0
-    below = "position" in found and _typical(rows["position"][:, 2]) < 0
+    force = _typical(rows["accelerometer"][:, 2]) if "accelerometer" in result else 0.0
+    below = "position" in result and _typical(rows["position"][:, 2]) < 0
     down = force < 0 if force else below
     units["accelerometer"] = "g" if abs(force) < 3 else "mg" if abs(force) > 300 else "m/s2"
     signs["accelerometer"] = signs["body_rates"] = (1, -1, -1) if down else (1, 1, 1)
     gyro = rows["body_rates"] * signs["body_rates"]
     degrees = _most(gyro) > _FASTEST
-    if "attitude" in found:
+    if "attitude" in result:
         angles = rows["attitude"]
         if angles.shape[1] == len(_AXES):
             units["attitude"] = "deg" if _most(angles) > _HALF_TURN else "rad"
@@ -169,13 +169,13 @@ def _judged(table: Table, clock: str, found: Mapping[str, tuple[str, ...]]) -> C
     if below:
         signs["position"] = signs["velocity"] = (1, -1, -1)
     order = _order(time, gyro, rows["motors"])
-    columns = dict(found)
+    columns = dict(result)
     for signal in ("motors", "rotor_speed"):
-        if signal in found:
-            columns[signal] = tuple(found[signal][number] for number in order)
-    if "rotor_speed" in found:
-        units["rotor_speed"] = "rpm" if "rpm" in found["rotor_speed"][0].lower() else "rad/s"
-    if "battery" in found:
+        if signal in result:
+            columns[signal] = tuple(result[signal][number] for number in order)
+    if "rotor_speed" in result:
+        units["rotor_speed"] = "rpm" if "rpm" in result["rotor_speed"][0].lower() else "rad/s"
+    if "battery" in result:
         units["battery"] = "mV" if _typical(rows["battery"]) > 500 else "V"
     sources = {TIME: Source((clock,), unit)}
     for signal in COUNTS:
@@ -183,7 +183,7 @@ def _judged(table: Table, clock: str, found: Mapping[str, tuple[str, ...]]) -> C
             turned = (*signs.get(signal, ()), *(1,) * len(columns[signal]))
             names = ("-" * (sign < 0) + name for sign, name in zip(turned, columns[signal]))  # noqa: B905
             sources[signal] = Source(tuple(names), units.get(signal, ""))
-    return ColumnMap(sources, _range(rows["motors"], found["motors"]))
+    return ColumnMap(sources, _range(rows["motors"], result["motors"]))
 
 
 def _typical(values: np.ndarray) -> float:
@@ -242,15 +242,15 @@ def _order(
     rates = uniform_filter1d(gyro, few, axis=0)
     turns = np.gradient(rates, axis=0) / np.gradient(time)[:, None]
     smooth = uniform_filter1d(motors, few, axis=0)
-    best, found = 0.0, np.zeros((2, 4))
+    best, columns = 0.0, np.zeros((2, 4))
     for lag in _LAGS:
-        told = np.stack([np.interp(time - lag, time, one) for one in smooth.T], axis=1)
-        told = np.column_stack([told, np.ones(len(told))])
-        weights = np.linalg.lstsq(told, turns, rcond=None)[0]
-        share = 1.0 - np.var(turns - told @ weights, axis=0) / np.var(turns, axis=0)
+        lagged = np.stack([np.interp(time - lag, time, one) for one in smooth.T], axis=1)
+        lagged = np.column_stack([lagged, np.ones(len(lagged))])
+        weights = np.linalg.lstsq(lagged, turns, rcond=None)[0]
+        share = 1.0 - np.var(turns - lagged @ weights, axis=0) / np.var(turns, axis=0)
         if share.min() > best:
-            best, found = float(share.min()), weights[:4].T
-    corners = [tuple(np.sign(one).astype(int)) for one in found.T]
+            best, columns = float(share.min()), weights[:4].T
+    corners = [tuple(np.sign(one).astype(int)) for one in columns.T]
     if best < _LEAST_SHARE or set(corners) != set(_CORNERS):
         return 0, 1, 2, 3
     return tuple(corners.index(corner) for corner in _CORNERS)
@@ -258,12 +258,12 @@ def _order(
 
 def _range(motors: Float[np.ndarray, "N 4"], names: tuple[str, ...]) -> Motors:
     """What the motors' numbers mean: the narrowest usual range that holds them."""
-    told = motors[np.isfinite(motors)]
-    least, most = (float(told.min()), float(told.max())) if len(told) else (0.0, 1.0)
+    lagged = motors[np.isfinite(motors)]
+    least, most = (float(lagged.min()), float(lagged.max())) if len(lagged) else (0.0, 1.0)
     square = "thrust" not in names[0].lower()
     if least < 0:
         return Motors(-1.0, 1.0, square)
-    turning = told[told > 0]
+    turning = lagged[lagged > 0]
     pwm = len(turning) and np.quantile(turning, 0.05) >= 900 and most <= 2200
     for low, high in _RANGES:
         if most <= 1.05 * high and (low < 1000 or pwm) and (most > 1.05 or high == 1.0):

@@ -117,13 +117,13 @@ def flight(
     """
     raw = signals["motors"]
     share = np.clip((raw.values - scale.low) / (scale.high - scale.low), 0.0, None)
-    state, said = None, []
+    state, state_notes = None, []
     if {"position", "velocity", "attitude"} <= set(signals):
         place, velocity = signals["position"], signals["velocity"]
         moved = np.concatenate([place.values, streams.between(place.time, velocity)], axis=1)
-        state, said = joining.state(name, Stream(place.time, moved), signals["attitude"])
+        state, state_notes = joining.state(name, Stream(place.time, moved), signals["attitude"])
     else:
-        said = [f"{name}: no position, velocity and attitude together: {joining.ALONE}"]
+        state_notes = [f"{name}: no position, velocity and attitude together: {joining.ALONE}"]
     joined = joining.Signals(
         signals["body_rates"],
         Stream(raw.time, share if scale.square else np.sqrt(share)),
@@ -132,7 +132,7 @@ def flight(
         signals.get("rotor_speed"),
         signals.get("battery"),
     )
-    found, time, more = joining.flight(name, joined, remedy)
+    flight_rows, time, more = joining.flight(name, joined, remedy)
     thrust = THRUSTS[0] if scale.square else THRUSTS[1]
     how = f"{name}: thrust by the {thrust} law of motors between {scale.low:g} and {scale.high:g}"
-    return found, time, [*said, how, *more]
+    return flight_rows, time, [*state_notes, how, *more]

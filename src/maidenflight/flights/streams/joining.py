@@ -60,14 +60,15 @@ def state(name: str, place: Stream, quaternion: Stream) -> tuple[Stream | None, 
     """
     angles = attitudes.of_quaternions(quaternion.values)
     known = np.isfinite(angles).all(axis=1)
-    seen = Stream(quaternion.time[known], np.unwrap(angles[known], axis=0))
-    if min(place.rate, seen.rate) < 0.97 * rates.LEAST_HZ:
+    angle_stream = Stream(quaternion.time[known], np.unwrap(angles[known], axis=0))
+    if min(place.rate, angle_stream.rate) < 0.97 * rates.LEAST_HZ:
         return None, [
-            f"{name}: position logged at {place.rate:.3g} Hz and attitude at {seen.rate:.3g} Hz, "
+            f"{name}: position logged at {place.rate:.3g} Hz and attitude at "
+            f"{angle_stream.rate:.3g} Hz, "
             f"below {rates.LEAST_HZ:g} Hz: {ALONE}"
         ]
-    at = place.time if place.step >= seen.step else seen.time
-    rows = np.concatenate([streams.between(at, place), streams.between(at, seen)], axis=1)
+    at = place.time if place.step >= angle_stream.step else angle_stream.time
+    rows = np.concatenate([streams.between(at, place), streams.between(at, angle_stream)], axis=1)
     return Stream(at, rows), []
 
 
@@ -75,7 +76,9 @@ def flight(
     name: str,
     signals: Signals,
     remedy: str,
-    kept: Callable[[Float[np.ndarray, "N"]], tuple[Bool[np.ndarray, "N"], list[str]]] = everywhere,
+    usable_rows: Callable[
+        [Float[np.ndarray, "N"]], tuple[Bool[np.ndarray, "N"], list[str]]
+    ] = everywhere,
 ) -> tuple[Flight, Float[np.ndarray, "N"], list[str]]:
     """The flight in some signals, unchecked.
 
@@ -83,7 +86,7 @@ def flight(
         name: of the file, for errors and notes.
         signals: as logged.
         remedy: a sentence that says what makes the drone log faster.
-        kept: of the times of rows, which are of the flight, and notes on the others.
+        usable_rows: of the times of rows, which are of the flight, and notes on the others.
 
     Returns:
         The flight, the time of its rows [s] and what was left out or is known less well.
@@ -104,24 +107,24 @@ def flight(
         step = streams.period(motors.time)
         since = np.unique(np.round((motors.time - motors.time[0]) / step))
         at, sensed = motors.time[0] + step * since, _mean_about
-    wanted, notes = kept(at)
+    wanted, notes = usable_rows(at)
     at = at[wanted]
     if len(at) < 2:
         raise InputError(f"{name}: never in the air with armed motors. Leave it out.")
-    speed, means = _told(at, motors, signals.whole)
-    found: dict[str, Any] = {}
+    speed, means = _note_rows(at, motors, signals.whole)
+    groups: dict[str, Any] = {}
     if signals.state is not None:
         rows = streams.between(at, signals.state)
-        found = {
+        groups = {
             "position": rows[:, :3],
             "velocity": rows[:, 3:6],
             "attitude": attitudes.wrapped(rows[:, 6:9]),
         }
     if force is not None and force.rate >= 0.97 * rates.LEAST_HZ:
-        found["accelerometer"] = sensed(at, force)
+        groups["accelerometer"] = sensed(at, force)
     turns = signals.rotor_speed
     if turns is not None and turns.rate >= 0.5 / streams.period(at):
-        found["rotor_speed"] = streams.between(at, turns)
+        groups["rotor_speed"] = streams.between(at, turns)
         notes = [*notes, f"{name}: measured rotor speeds, {turns.rate:.0f} Hz"]
     elif turns is not None:
         notes = [
@@ -131,7 +134,7 @@ def flight(
         ]
     volts = np.full(len(at), np.nan)
     if signals.battery is not None:
-        volts = streams.held(at, signals.battery)[:, 0]
+        volts = streams.hold_last(at, signals.battery)[:, 0]
     logged = flight_of(
         name,
         streams.period(at),
@@ -142,7 +145,7 @@ def flight(
         by_battery_law=False,
         accelerometer_delay=signals.accelerometer_delay,
         gyro_delay=signals.gyro_delay,
-        **found,
+        **groups,
     )
     return logged, at - at[0], [*notes, *rates.notes(name, needed, remedy)]
 
@@ -160,7 +163,7 @@ def _list_rates(signals: Signals) -> dict[str, float]:
     return {name: one.rate for name, one in logged.items() if one is not None and one.rate > 0}
 
 
-def _told(
+def _note_rows(
     at: Float[np.ndarray, "N"], speeds: Stream, whole: bool
 ) -> tuple[Float[np.ndarray, "N 4"], bool]:
     """Rotor speeds that are asked for in rows, and whether they are means until the next row.

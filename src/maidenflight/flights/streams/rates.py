@@ -48,15 +48,17 @@ def refuse_too_slow(
     """
     slow = {signal: rate for signal, rate in rates.items() if rate < 0.97 * LEAST_HZ}
     if slow:
-        said = "; ".join(
+        slow_signals = "; ".join(
             f"{signal} {'not logged' if not rate else f'logged at {rate:.3g} Hz'}, so "
             f"{NEEDED[signal]} cannot be identified"
             for signal, rate in slow.items()
         )
-        held = ", ".join(f"{signal} {rate:.3g} Hz" for signal, rate in (logged or {}).items())
+        logged_rates = ", ".join(
+            f"{signal} {rate:.3g} Hz" for signal, rate in (logged or {}).items()
+        )
         raise InputError(
-            f"{name}: {said}; {LEAST_HZ:g} Hz are needed. {remedy}"
-            + (f" It holds {held}." if held else "")
+            f"{name}: {slow_signals}; {LEAST_HZ:g} Hz are needed. {remedy}"
+            + (f" It holds {logged_rates}." if logged_rates else "")
         )
 
 

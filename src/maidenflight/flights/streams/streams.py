@@ -26,9 +26,9 @@ class Stream(NamedTuple):
         """[Hz]; 0 of fewer than two samples."""
         return 1.0 / self.step if len(self.time) > 1 else 0.0
 
-    def part(self, kept: np.ndarray) -> "Stream":
+    def part(self, rows: np.ndarray) -> "Stream":
         """Some of the samples, by a mask."""
-        return Stream(self.time[kept], self.values[kept])
+        return Stream(self.time[rows], self.values[rows])
 
 
 def stream(time: Float[np.ndarray, "M"], values: np.ndarray) -> Stream:
@@ -41,17 +41,17 @@ def stream(time: Float[np.ndarray, "M"], values: np.ndarray) -> Stream:
     values = np.asarray(values, float)
     values = values[:, None] if values.ndim == 1 else values
     known = np.isfinite(time)
-    kept, first = np.unique(np.asarray(time, float)[known], return_index=True)
-    return Stream(kept, values[known][first])
+    rows, first = np.unique(np.asarray(time, float)[known], return_index=True)
+    return Stream(rows, values[known][first])
 
 
 def _near(at: Float[np.ndarray, "N"], signal: Stream) -> np.ndarray:
     """Whether a time lies between two samples that are not far apart."""
     after = np.clip(np.searchsorted(signal.time, at, side="left"), 0, len(signal.time) - 1)
     before = np.clip(np.searchsorted(signal.time, at, side="right") - 1, 0, None)
-    apart = signal.time[after] - signal.time[before]
+    gap = signal.time[after] - signal.time[before]
     inside = (at >= signal.time[0]) & (at <= signal.time[-1])
-    return inside & (apart <= LONGEST_GAP * signal.step)
+    return inside & (gap <= LONGEST_GAP * signal.step)
 
 
 def between(at: Float[np.ndarray, "N"], signal: Stream) -> Float[np.ndarray, "N K"]:
@@ -63,7 +63,7 @@ def between(at: Float[np.ndarray, "N"], signal: Stream) -> Float[np.ndarray, "N 
     return values
 
 
-def held(at: Float[np.ndarray, "N"], signal: Stream) -> Float[np.ndarray, "N K"]:
+def hold_last(at: Float[np.ndarray, "N"], signal: Stream) -> Float[np.ndarray, "N K"]:
     """The last sample at or before given times, however old; NaN before the first."""
     if not len(signal.time):
         return np.full((len(at), signal.values.shape[1]), np.nan)

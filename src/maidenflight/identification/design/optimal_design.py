@@ -67,8 +67,8 @@ def excess(
 
     Args are those of `gains`.
     """
-    found = gains(parts, before, seconds, of)
-    return float(found.max() / (seconds @ found / seconds.sum()) - 1.0)
+    gain_values = gains(parts, before, seconds, of)
+    return float(gain_values.max() / (seconds @ gain_values / seconds.sum()) - 1.0)
 
 
 def optimal(
@@ -87,11 +87,11 @@ def optimal(
     """
     seconds = np.full(len(parts), total / len(parts))
     for _ in range(MOST_STEPS):
-        found = gains(parts, before, seconds, of)
-        mean = seconds @ found / total
-        if found.max() <= (1 + CLOSE) * mean:
+        gain_values = gains(parts, before, seconds, of)
+        mean = seconds @ gain_values / total
+        if gain_values.max() <= (1 + CLOSE) * mean:
             break
-        seconds = seconds * found / mean
+        seconds = seconds * gain_values / mean
         seconds *= total / seconds.sum()
     return seconds
 
@@ -113,11 +113,11 @@ def rounded(
     """
     order = np.argsort(-seconds, kind="stable")
     for count in range(min(most, int(np.sum(seconds > 0.0))), 0, -1):
-        kept = order[:count]
+        chosen = order[:count]
         chunks = int((total - count * rest) / chunk + 1e-9)
         if chunks < count:
             continue
-        shares = seconds[kept] / seconds[kept].sum()
+        shares = seconds[chosen] / seconds[chosen].sum()
         if count > 1 and chunks * shares.min() < 0.5:
             continue
         numbers = np.ceil((chunks - count / 2) * shares).astype(int)
@@ -126,7 +126,7 @@ def rounded(
                 numbers[np.argmin(numbers / shares)] += 1
             else:
                 numbers[np.argmax((numbers - 1) / shares)] -= 1
-        found = np.zeros(len(seconds))
-        found[kept] = chunk * numbers
-        return found
+        gain_values = np.zeros(len(seconds))
+        gain_values[chosen] = chunk * numbers
+        return gain_values
     raise ValueError(f"{total} s hold no chunk of {chunk} s and a rest of {rest} s")

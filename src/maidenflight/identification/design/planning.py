@@ -73,18 +73,18 @@ class Allowed:
     at_limits: float = 0.05
     """Share of commands that are 0 or full."""
 
-    def excess(self, found: Extremes, room: tuple[float, float, float]) -> str:
+    def excess(self, extremes_of: Extremes, room: tuple[float, float, float]) -> str:
         """What of a flight exceeds this or leaves the room; empty if nothing does."""
         sides = (
-            (found.lateral_x > room[0] / 2 - MARGIN, "room along x"),
-            (found.lateral_y > room[1] / 2 - MARGIN, "room along y"),
-            (found.highest > room[2] - MARGIN, "ceiling"),
-            (found.lowest < LOWEST, "floor"),
-            (found.tilt > self.tilt, "tilt"),
-            (found.speed > self.speed, "speed"),
-            (found.astray > self.astray, "distance from the set-point"),
-            (found.sunk > self.sunk, "distance below the set-point"),
-            (found.at_limits > self.at_limits, "motors at their limits"),
+            (extremes_of.lateral_x > room[0] / 2 - MARGIN, "room along x"),
+            (extremes_of.lateral_y > room[1] / 2 - MARGIN, "room along y"),
+            (extremes_of.highest > room[2] - MARGIN, "ceiling"),
+            (extremes_of.lowest < LOWEST, "floor"),
+            (extremes_of.tilt > self.tilt, "tilt"),
+            (extremes_of.speed > self.speed, "speed"),
+            (extremes_of.astray > self.astray, "distance from the set-point"),
+            (extremes_of.sunk > self.sunk, "distance below the set-point"),
+            (extremes_of.at_limits > self.at_limits, "motors at their limits"),
         )
         return next((what for wrong, what in sides if wrong), "")
 
@@ -100,7 +100,7 @@ class Planned:
     plan: FlightPlan
     left_out: dict[str, str]
     """What manoeuvres that do not fit exceed, by name."""
-    untold: tuple[str, ...]
+    unidentifiable: tuple[str, ...]
     """Parameters of interest of which the plan says less than is plausible beforehand."""
     excess: float
     """Of the approximate design over the optimum, by the equivalence theorem."""
@@ -125,7 +125,7 @@ class Request:
     """Whose PID flies."""
     seed: int = 0
     """Of random steps."""
-    held: bool = False
+    is_named: bool = False
     """Whether the drone's latency is a guess, to be lowered if the firmware's PID could not hold
     the drone with it."""
     allowed: Allowed = Allowed()
@@ -160,42 +160,50 @@ def plan(
     _names(request.interest, None)
     half_height = min(room[2] - MARGIN - height, height - LOWEST)
     half_width = min(room[:2]) / 2 - MARGIN
-    looks = {
+    library_plans = {
         one: FlightPlan((Block(one, LOOK),), room, height, request.seed)
         for one in library(half_width, half_height, request.motors)
     }
-    keys = jax.random.split(key, len(looks) + 2)
-    drone, drones, found, flights, notes = _find_held_drone(drone, request, looks, keys, on_stage)
-    left_out = {one.name: why for one in looks if (why := allowed.excess(found[one], room))}
-    kept = [number for number, one in enumerate(looks) if one.name not in left_out]
+    keys = jax.random.split(key, len(library_plans) + 2)
+    drone, drones, result, flights, notes = _find_held_drone(
+        drone, request, library_plans, keys, on_stage
+    )
+    left_out = {
+        one.name: why for one in library_plans if (why := allowed.excess(result[one], room))
+    }
+    chosen = [number for number, one in enumerate(library_plans) if one.name not in left_out]
     on_stage(OTHERS + 1, OTHERS + 3, "information of each manoeuvre")
     names = _names(request.interest, flights[0])
-    parts = _information(drone, [flights[number] for number in kept], names)
+    parts = _information(drone, [flights[number] for number in chosen], names)
     of = [names.index(name) for name in request.interest or names]
-    fitting = {list(looks)[number]: part for number, part in zip(kept, parts, strict=True)}
+    fitting = {
+        list(library_plans)[number]: part for number, part in zip(chosen, parts, strict=True)
+    }
     on_stage(OTHERS + 2, OTHERS + 3, "flying the plan and a hover")
     while True:
         rounds = ROUNDS if seconds >= ROUNDS * SHORTEST_ROUND else 1
         blocks, excess = _blocks(fitting, seconds, of, rounds)
-        blocks = sorted(blocks, key=lambda block: _agility(found[block.manoeuvre]))
-        made = FlightPlan(tuple(blocks) * rounds, room, height, request.seed)
-        rows = [fly_plans(one, [made], keys[-1:], request.firmware)[0].rows for one in drones]
+        blocks = sorted(blocks, key=lambda block: _agility(result[block.manoeuvre]))
+        proposal = FlightPlan(tuple(blocks) * rounds, room, height, request.seed)
+        rows = [fly_plans(one, [proposal], keys[-1:], request.firmware)[0].rows for one in drones]
         extremes = worst_of([extremes_of(one) for one in rows])
         # One after the other they may do what none does alone.
-        wrong = _beyond(made, rows, allowed) if allowed.excess(extremes, room) else {}
+        wrong = _beyond(proposal, rows, allowed) if allowed.excess(extremes, room) else {}
         wrong.pop(Manoeuvre(HOVER), None)
         if not wrong:
             break
         left_out |= {one.name: why for one, why in wrong.items()}
         fitting = {one: part for one, part in fitting.items() if one not in wrong}
-    made, untold = _expecting(drone, replace(made, extremes=extremes), keys[-2:], request)
-    return Planned(made, left_out, untold, excess, tuple(notes))
+    proposal, unidentifiable = _expecting(
+        drone, replace(proposal, extremes=extremes), keys[-2:], request
+    )
+    return Planned(proposal, left_out, unidentifiable, excess, tuple(notes))
 
 
 def _find_held_drone(
     drone: VirtualDrone,
     request: Request,
-    looks: Mapping[Manoeuvre, FlightPlan],
+    library_plans: Mapping[Manoeuvre, FlightPlan],
     keys: Array,
     on_stage: Callable[[int, int, str], None],
 ) -> tuple[VirtualDrone, list[VirtualDrone], dict[Manoeuvre, Extremes], list[Flight], list[str]]:
@@ -205,10 +213,12 @@ def _find_held_drone(
         InputError: it does not hover within the limits.
     """
     why = ""
-    for share in (1.0, *(LESS_LATENCY if request.held else ())):
+    for share in (1.0, *(LESS_LATENCY if request.is_named else ())):
         believed = _with_latency(drone, share)
-        drones, found, flights = _looks(believed, request, looks, keys, on_stage)
-        why = request.allowed.unrest(found[Manoeuvre(HOVER)], request.room)
+        drones, extremes_of, flights = _simulate_library(
+            believed, request, library_plans, keys, on_stage
+        )
+        why = request.allowed.unrest(extremes_of[Manoeuvre(HOVER)], request.room)
         if why:
             continue
         note = (
@@ -216,7 +226,7 @@ def _find_held_drone(
             f"{1e3 * float(drone.parameters.latency):.3g} ms; planned with "
             f"{1e3 * float(believed.parameters.latency):.3g} ms, since yours is held"
         )
-        return believed, drones, found, flights, [note] if share < 1.0 else []
+        return believed, drones, extremes_of, flights, [note] if share < 1.0 else []
     raise InputError(
         f"{drone.name}: in simulation hover already exceeds a limit ({why}). Give "
         "a larger --room, or check the drone's parameters."
@@ -240,19 +250,21 @@ def _blocks(
     return blocks, optimal_design.excess(parts, before, wanted, of)
 
 
-def _beyond(made: FlightPlan, flown: Sequence[Rows], allowed: Allowed) -> dict[Manoeuvre, str]:
+def _beyond(
+    proposal: FlightPlan, rollouts: Sequence[Rows], allowed: Allowed
+) -> dict[Manoeuvre, str]:
     """The manoeuvres of a plan during which, or in the rest after which, it exceeds a limit."""
-    found, first = {}, 0
-    for block in made.blocks:
+    result, first = {}, 0
+    for block in proposal.blocks:
         end = first + round((block.seconds + REST) * RATE)
         parts = [
-            jax.tree.map(lambda part, some=slice(first, end): part[some], rows) for rows in flown
+            jax.tree.map(lambda part, some=slice(first, end): part[some], rows) for rows in rollouts
         ]
         worst = worst_of([extremes_of(part) for part in parts])
-        if why := allowed.excess(worst, made.room):
-            found[block.manoeuvre] = why
+        if why := allowed.excess(worst, proposal.room):
+            result[block.manoeuvre] = why
         first = end
-    return found
+    return result
 
 
 def _with_latency(drone: VirtualDrone, share: float) -> VirtualDrone:
@@ -267,16 +279,16 @@ def _slower(drone: VirtualDrone, factor: float) -> VirtualDrone:
     return replace(drone, name=f"{drone.name}, slower", parameters=slow)
 
 
-def _looks(
+def _simulate_library(
     drone: VirtualDrone,
     request: Request,
-    looks: Mapping[Manoeuvre, FlightPlan],
+    library_plans: Mapping[Manoeuvre, FlightPlan],
     keys: Array,
     on_stage: Callable[[int, int, str], None],
 ) -> tuple[list[VirtualDrone], dict[Manoeuvre, Extremes], list[Flight]]:
     """The drone and those about it that hover, how far each manoeuvre goes on any, and its logs."""
     drones: list[VirtualDrone] = []
-    found: dict[Manoeuvre, Extremes] = {}
+    result: dict[Manoeuvre, Extremes] = {}
     flights: list[Flight] = []
     others = about(drone)
     slower = [_slower(one, factor) for one in (drone, others[0]) for factor in SLOWER]
@@ -284,24 +296,30 @@ def _looks(
     for number, other in enumerate([drone, *others, *slower]):
         if number > OTHERS and other.name in slowest:
             continue
-        on_stage(min(number, OTHERS), OTHERS + 3, f"{len(looks)} manoeuvres on {other.name}")
-        flown = fly_plans(other, list(looks.values()), keys[: len(looks)], request.firmware)
-        far = {one: extremes_of(each.rows) for one, each in zip(looks, flown, strict=True)}
-        held = not request.allowed.unrest(far[Manoeuvre(HOVER)], request.room)
-        if number and not held:
+        on_stage(
+            min(number, OTHERS), OTHERS + 3, f"{len(library_plans)} manoeuvres on {other.name}"
+        )
+        rollouts = fly_plans(
+            other, list(library_plans.values()), keys[: len(library_plans)], request.firmware
+        )
+        far = {
+            one: extremes_of(each.rows) for one, each in zip(library_plans, rollouts, strict=True)
+        }
+        is_calm = not request.allowed.unrest(far[Manoeuvre(HOVER)], request.room)
+        if number and not is_calm:
             continue
         if number > OTHERS:
             slowest.add(other.name)
         drones.append(other)
-        found = {one: worst_of([found.get(one, here), here]) for one, here in far.items()}
+        result = {one: worst_of([result.get(one, here), here]) for one, here in far.items()}
         if number == 0:
             flights = [
                 flight_log(each, one.name, request.rate, keys[0])
-                for one, each in zip(looks, flown, strict=True)
+                for one, each in zip(library_plans, rollouts, strict=True)
             ]
-            if not held:
+            if not is_calm:
                 break
-    return drones, found, flights
+    return drones, result, flights
 
 
 def about(drone: VirtualDrone) -> list[VirtualDrone]:
@@ -343,9 +361,9 @@ def _names(interest: Sequence[str] | None, flight: Flight | None) -> tuple[str, 
     return names
 
 
-def _agility(found: Extremes) -> float:
+def _agility(extremes_of: Extremes) -> float:
     """By which manoeuvres are put in order, calm ones first."""
-    return found.tilt + 0.2 * found.speed + found.at_limits
+    return extremes_of.tilt + 0.2 * extremes_of.speed + extremes_of.at_limits
 
 
 def _information(
@@ -370,19 +388,19 @@ def _half(ends: tuple[float, float]) -> float:
 
 def _expecting(
     drone: VirtualDrone,
-    made: FlightPlan,
+    proposal: FlightPlan,
     keys: Array,
     request: Request,
 ) -> tuple[FlightPlan, tuple[str, ...]]:
     """The plan with what it and a hover tell, and the parameters that it does not tell."""
     of = []
-    for flown, key in ((made, keys[0]), (flight_plan.hovering(made), keys[1])):
-        logs = record_plan(drone, flown, key, rate=request.rate, firmware=request.firmware)
+    for rollouts, key in ((proposal, keys[0]), (flight_plan.hovering(proposal), keys[1])):
+        logs = record_plan(drone, rollouts, key, rate=request.rate, firmware=request.firmware)
         of.append(expected_intervals(logs, start=drone.parameters))
     names = [name for name in of[0] if request.interest is None or name in request.interest]
     expected = {
         name: Expected(*map(_half, (of[0][name].interval, of[1][name].interval, of[0][name].prior)))
         for name in names
     }
-    untold = tuple(name for name in names if not of[0][name].identifiable)
-    return replace(made, expected=expected), untold
+    unidentifiable = tuple(name for name in names if not of[0][name].identifiable)
+    return replace(proposal, expected=expected), unidentifiable

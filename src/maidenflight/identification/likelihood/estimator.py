@@ -47,9 +47,9 @@ Ways = Mapping[str, tuple[ObservationModel, Sequence[str]]]
 """Other ways of fitting: the model and its parameters, by name."""
 
 
-def no_doubt(found: Fit, others: Mapping[str, Fit]) -> Float[np.ndarray, "d d"]:
+def no_doubt(fit_result: Fit, others: Mapping[str, Fit]) -> Float[np.ndarray, "d d"]:
     """Returns the covariance of a fit that nothing contradicts."""
-    return np.zeros((len(found.box.names),) * 2)
+    return np.zeros((len(fit_result.box.names),) * 2)
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Answer:
     posterior: Posterior
     gains: tuple[GroupGain, ...]
     """Of each group of parameters that was tried."""
-    untold: Ranges = field(default_factory=dict)
+    unidentifiable: Ranges = field(default_factory=dict)
     """What was asked for and keeps the start's value, with the range that is plausible."""
 
     @property
@@ -120,7 +120,7 @@ class Answer:
             self,
             best=replace(self.best, drone=drone),
             posterior=replace(self.posterior, others=others),
-            untold={**self.untold, **lost},
+            unidentifiable={**self.unidentifiable, **lost},
         )
 
 
@@ -137,23 +137,23 @@ def answer_question(problem: Problem, settings: Likelihood, question: Question) 
     """
     names, first, gains = _choose(problem, settings.evaluations, question)
     fits, best = _trials(problem, settings, question, names, first)
-    found, tell = fits[best], problem.reporter.stage
+    fit_result, tell = fits[best], problem.reporter.stage
     tell(INTERVALS, 0, 2)
     others = {
-        way: fit(problem, settings.evaluations, [model], some, found.drone, question.samples)
+        way: fit(problem, settings.evaluations, [model], some, fit_result.drone, question.samples)
         for way, (model, some) in question.ways(names).items()
     }
     tell(INTERVALS, 1, 2)
     drawn = posterior(
-        found,
+        fit_result,
         question.samples,
-        question.others(found.drone),
-        question.doubt(found, others),
+        question.others(fit_result.drone),
+        question.doubt(fit_result, others),
         problem.generator,
         at_least_laplace=question.at_least_laplace,
     )
     tell(INTERVALS, 2, 2)
-    return Answer(tuple(fits), found, others, drawn, tuple(gains))
+    return Answer(tuple(fits), fit_result, others, drawn, tuple(gains))
 
 
 def _choose(
@@ -166,10 +166,10 @@ def _choose(
     models = [parts.sample, parts.training]
 
     def roughly(names: Sequence[str], first: Parameters) -> Parameters:
-        found = fit(
+        fit_result = fit(
             problem, evaluations, models, names, first, question.samples, close=selection.ROUGH
         )
-        return found.drone
+        return fit_result.drone
 
     return selection.choose(
         parts,
@@ -195,15 +195,17 @@ def _trials(
     # The last steps are the fine model's, whose optimum is farther away than this.
     close, count = (0.0, trials) if fine is coarse else (selection.ROUGH, trials + 1)
     tell(FITTING, 0, count)
-    found = [fit(problem, most, [coarse], names, first, question.samples, close=close)]
+    fit_result = [fit(problem, most, [coarse], names, first, question.samples, close=close)]
     for trial in range(1, trials):
         tell(FITTING, trial, count)
         models, start = [pilot, coarse], question.start
-        found.append(
+        fit_result.append(
             fit(problem, most, models, names, start, question.samples, at_random=True, close=close)
         )
-    best = int(np.argmin([one.value for one in found]))
+    best = int(np.argmin([one.value for one in fit_result]))
     if fine is not coarse:
         tell(FITTING, trials, count)
-        found[best] = fit(problem, most, [fine], names, found[best].drone, question.samples)
-    return found, best
+        fit_result[best] = fit(
+            problem, most, [fine], names, fit_result[best].drone, question.samples
+        )
+    return fit_result, best

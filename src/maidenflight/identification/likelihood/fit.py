@@ -67,7 +67,7 @@ def fit(
     models: Sequence[ObservationModel],
     names: Sequence[str],
     first: Parameters,
-    seen: Mapping[str, Float[np.ndarray, "N"]],
+    measured_delays: Mapping[str, Float[np.ndarray, "N"]],
     *,
     at_random: bool = False,
     close: float = 0.0,
@@ -81,17 +81,17 @@ def fit(
             row; one that is named twice, once.
         names: of the d parameters.
         first: where to begin, and the parameters that are kept.
-        seen: samples of parameters; those among `names` are not searched for, but their median.
+        measured_delays: samples of parameters; of those among `names` the median is taken.
         at_random: begin at a random point instead.
         close: log-likelihood gain of a row [nats] below which a step is the last.
     """
     box = box_of(problem, names)
-    seen = {name: samples for name, samples in seen.items() if name in names}
-    drone = _with_seen(first, seen)
+    measured_delays = {name: samples for name, samples in measured_delays.items() if name in names}
+    drone = _with_seen(first, measured_delays)
     free = tuple(
         name
         for name in names
-        if name not in seen and not (name == HOVERING and models[0].thrust is not None)
+        if name not in measured_delays and not (name == HOVERING and models[0].thrust is not None)
     )
     inner = box_of(problem, free) if free else None
     if inner and at_random:
@@ -101,7 +101,7 @@ def fit(
         small = max(close, _CLOSE / model.rows)
         rules = Rules(1, evaluations - 1, small_gain=small, easing=8.0, firmness=2.0)
         if inner:
-            drones, values = _descended(problem, model, rules, inner, box, drone, seen)
+            drones, values = _descended(problem, model, rules, inner, box, drone, measured_delays)
             drone = drones[int(np.argmin(values))]
         else:
             drone = _carried(model, drone, box)
@@ -111,14 +111,16 @@ def fit(
     return Fit(models[-1], box, drone, points, values)
 
 
-def _with_seen(drone: Parameters, seen: Mapping[str, Float[np.ndarray, "N"]]) -> Parameters:
+def _with_seen(
+    drone: Parameters, measured_delays: Mapping[str, Float[np.ndarray, "N"]]
+) -> Parameters:
     """The drone with the medians of what is seen.
 
     The lag that is seen is the mean of motors that speed up and slow down.
     """
-    if not seen:
+    if not measured_delays:
         return drone
-    middle = {name: float(np.median(samples)) for name, samples in seen.items()}
+    middle = {name: float(np.median(samples)) for name, samples in measured_delays.items()}
     if LAG in middle:
         middle[LAG] *= 2 / (1 + float(drone.spin_down_ratio))
     return replace(drone, **{name: np.float32(value) for name, value in middle.items()})
@@ -140,7 +142,7 @@ def _descended(
     inner: Box,
     box: Box,
     first: Parameters,
-    seen: Mapping[str, Float[np.ndarray, "N"]],
+    measured_delays: Mapping[str, Float[np.ndarray, "N"]],
 ) -> tuple[list[Parameters], Float[np.ndarray, "n"]]:
     """Drones evaluated from one on, and their values.
 
@@ -150,16 +152,16 @@ def _descended(
     drones, values = [], []
     thrust = model.thrust if HOVERING in box.names else None
     followers = [
-        *([LAG] if LAG in seen and SLOWING_DOWN in inner.names else []),
+        *([LAG] if LAG in measured_delays and SLOWING_DOWN in inner.names else []),
         *([HOVERING] if thrust else []),
     ]
 
     def equations(unit: np.ndarray) -> NormalEquations:
         problem.reporter.evaluated()
         drone = inner.drone(drones[int(np.argmin(values))] if drones else first, unit)
-        drone = _carried(model, _with_seen(drone, seen), box)
+        drone = _carried(model, _with_seen(drone, measured_delays), box)
         names = (*inner.names, *followers)
-        found = model.normal_equations(drone, names)
+        result = model.normal_equations(drone, names)
         if followers:
             along = np.eye(len(inner.names))
             if LAG in followers:
@@ -170,15 +172,15 @@ def _descended(
                 climbs = thrust.climbs(drone, names)
                 follow = climbs[None, :-1] @ along / climbs[-1]
                 along = np.concatenate([along, -follow])
-            found = NormalEquations(
-                found.loss,
-                along.T @ found.gradient,
-                along.T @ found.curvature @ along,
-                along.T @ found.majorant @ along,
+            result = NormalEquations(
+                result.loss,
+                along.T @ result.gradient,
+                along.T @ result.curvature @ along,
+                along.T @ result.majorant @ along,
             )
         drones.append(drone)
-        values.append(found.loss)
-        return in_unit_cube(found, inner, unit)
+        values.append(result.loss)
+        return in_unit_cube(result, inner, unit)
 
     point = inner.unit(np.array([float(component(first, name)) for name in inner.names]))
     descend(equations, np.clip(point, INSIDE, 1 - INSIDE), rules, inside, damping=0.0)

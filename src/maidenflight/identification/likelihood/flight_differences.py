@@ -23,7 +23,7 @@ LEAST: Mapping[str, float] = {
 """What is looked at, and the differences of logarithms below which flights of one drone differ: a
 battery pack, propellers or a trim make up to 5 % of thrust; a real drone's inertia and lag are seen
 far less exactly."""
-APART = 6.0
+MIN_DIFFERENCE = 6.0
 """Distance of two groups of flights over the standard deviation within, from which on they are
 called apart. The best cut of flights of one kind, normally distributed, has 2.7."""
 _FEWEST_SEGMENTS = 2
@@ -45,7 +45,8 @@ class Difference(NamedTuple):
     def __str__(self) -> str:
         return (
             f"flights look like those of two drones or payloads: {self.parameter} is "
-            f"{self.ratio:.2f} times as large in {_shown(self.upper)} as in {_shown(self.lower)}. "
+            f"{self.ratio:.2f} times as large in {_name_flights(self.upper)} as in "
+            f"{_name_flights(self.lower)}. "
             "Are they one drone? If not, put their logs into folders of their own"
         )
 
@@ -68,18 +69,18 @@ def differences(
         motors: what their sensors show of the motors, if anything.
     """
     names = segment_names(flights, one_step.LENGTH, stride(flights[0]))
-    seen = {
+    deviations = {
         parameter: _of_flights(names, values, target.rows_per_segment)
         for parameter, values in _by_segment(target, drone).items()
     }
     if motors is not None:
         means, variances = np.array(list(motors.per_flight.values())).T
-        seen["motor lag"] = list(motors.per_flight), means, np.sqrt(variances)
-    found = []
-    for parameter, of_flights in seen.items():
+        deviations["motor lag"] = list(motors.per_flight), means, np.sqrt(variances)
+    notes = []
+    for parameter, of_flights in deviations.items():
         if split := _groups(*of_flights, LEAST[parameter]):
-            found.append((split[0], Difference(parameter, *split[1:])))
-    return [one for _, one in sorted(found, key=lambda each: -each[0])]
+            notes.append((split[0], Difference(parameter, *split[1:])))
+    return [one for _, one in sorted(notes, key=lambda each: -each[0])]
 
 
 def _by_segment(target: OneStep, drone: Parameters) -> dict[str, Float[np.ndarray, "S"]]:
@@ -131,13 +132,13 @@ def _groups(
         gap = float(means[high].mean() - means[low].mean())
         left = np.concatenate([means[low] - means[low].mean(), means[high] - means[high].mean()])
         between = left @ left / max(len(left) - 2, 1)
-        apart = gap / float(np.sqrt(max(between, np.mean(errors**2))))
-        if gap > least and apart > APART and (best is None or apart > best[0]):
+        difference = gap / float(np.sqrt(max(between, np.mean(errors**2))))
+        if gap > least and difference > MIN_DIFFERENCE and (best is None or difference > best[0]):
             lower, upper = (sorted(str(names[place]) for place in side) for side in (low, high))
-            best = apart, tuple(lower), tuple(upper), float(np.exp(gap))
+            best = difference, tuple(lower), tuple(upper), float(np.exp(gap))
     return best
 
 
-def _shown(names: Sequence[str]) -> str:
+def _name_flights(names: Sequence[str]) -> str:
     more = f" and {len(names) - 3} more" if len(names) > 3 else ""
     return ", ".join(names[:3]) + more

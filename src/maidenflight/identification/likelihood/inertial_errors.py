@@ -57,7 +57,7 @@ class GyroErrors(SensorErrors):
         thrust, arms, rates = _thrust(drone, rotors), levers(drone), self.signals.body_rates
         turned = arms * [1.0, 1.0, float(drone.torque_to_thrust)]
         inertia, bias = np.asarray(drone.inertia, float), np.asarray(drone.torque_bias, float)
-        found = []
+        parts = []
         for axis, one, other in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
             torque = bias[axis] + float(drone.mass) * (thrust @ turned[:, axis])
             if axis == 2:
@@ -66,8 +66,8 @@ class GyroErrors(SensorErrors):
             else:
                 torque -= float(drone.rotational_damping) * rates[..., axis]
             torque -= (inertia[other] - inertia[one]) * rates[..., one] * rates[..., other]
-            found.append(torque / inertia[axis])
-        return np.stack(found, axis=-1)
+            parts.append(torque / inertia[axis])
+        return np.stack(parts, axis=-1)
 
 
 def _thrust(drone: Parameters, rotors: Rotors) -> Float[np.ndarray, "M S 4"]:

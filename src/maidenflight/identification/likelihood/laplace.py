@@ -98,7 +98,7 @@ class Posterior:
 
 def posterior(
     fit: Fit,
-    seen: Mapping[str, Float[np.ndarray, "N"]],
+    measured_delays: Mapping[str, Float[np.ndarray, "N"]],
     others: Others,
     doubt: Float[np.ndarray, "d d"],
     generator: np.random.Generator,
@@ -114,7 +114,7 @@ def posterior(
 
     Args:
         fit: the maximum.
-        seen: samples of parameters that logs show by themselves; those of the fit count.
+        measured_delays: samples of parameters that logs show by themselves; those of the fit count.
         others: parameters that are not fitted.
         doubt: covariance in the unit cube of what the likelihood does not know of.
         generator: random numbers.
@@ -128,7 +128,9 @@ def posterior(
     spread = between_segment_sd(
         scores[:, :vary] * model.rows, curvatures[:, :vary, :vary] * model.rows
     )[:size]
-    seen = {name: samples for name, samples in seen.items() if name in box.names}
+    measured_delays = {
+        name: samples for name, samples in measured_delays.items() if name in box.names
+    }
     hovers = box.names.index(HOVERING) if model.thrust and HOVERING in box.names else None
     moved = [place for place in range(len(names)) if place != hovers]
     along, noise = np.eye(len(names))[:, moved], np.zeros((RESAMPLES, 1))
@@ -139,18 +141,20 @@ def posterior(
         error = spread[hovers] * np.sqrt(1 / model.segments + 1 / NEXT_FLIGHT)
         error = np.hypot(error / slope[hovers], np.sqrt(doubt[hovers, hovers]))
         noise = generator.normal(0.0, error, (RESAMPLES, 1))
-    along = along @ _mean_lag_kept([names[place] for place in moved], fit, seen, slope[moved])
+    along = along @ _mean_lag_kept(
+        [names[place] for place in moved], fit, measured_delays, slope[moved]
+    )
     curvature = curvatures.sum(axis=0) * np.outer(slope, slope)
-    known = np.array([names[place] in {*seen, *others.samples} for place in moved], bool)
+    known = np.array([names[place] in {*measured_delays, *others.samples} for place in moved], bool)
     moves = np.zeros((RESAMPLES, len(moved)))
     for number, place in enumerate(moved):
         if place >= size:
             moves[:, number] = others.moves[:, place - size]
         elif known[number]:
-            moves[:, number] = _shown(fit, place, seen, generator)
+            moves[:, number] = _with_measured_delays(fit, place, measured_delays, generator)
             spread[place] = 0.0
     if not known.all():
-        own = [place for place, given in zip(moved, known, strict=True) if not given]
+        own = [place for place, is_known in zip(moved, known, strict=True) if not is_known]
         reduced = along.T @ curvature @ along
         inner = reduced[np.ix_(~known, ~known)]
         follow = inverse(inner)
@@ -183,7 +187,7 @@ def posterior(
 def _mean_lag_kept(
     names: Sequence[str],
     fit: Fit,
-    seen: Mapping[str, Float[np.ndarray, "N"]],
+    measured_delays: Mapping[str, Float[np.ndarray, "N"]],
     slope: Float[np.ndarray, "n"],
 ) -> Float[np.ndarray, "n n"]:
     """How parameters move in the unit cube where the ratio of slowing down moves.
@@ -192,22 +196,24 @@ def _mean_lag_kept(
     another ratio it stays the same, and T_m does not.
     """
     moved = np.eye(len(names))
-    if LAG in seen and LAG in names and SLOWING_DOWN in names:
+    if LAG in measured_delays and LAG in names and SLOWING_DOWN in names:
         lag, ratio = names.index(LAG), names.index(SLOWING_DOWN)
         change = -float(fit.drone.motor_time_constant) / (1 + float(fit.drone.spin_down_ratio))
         moved[lag, ratio] = change * slope[ratio] / slope[lag]
     return moved
 
 
-def _shown(
+def _with_measured_delays(
     fit: Fit,
     place: int,
-    seen: Mapping[str, Float[np.ndarray, "N"]],
+    measured_delays: Mapping[str, Float[np.ndarray, "N"]],
     generator: np.random.Generator,
 ) -> Float[np.ndarray, "N"]:
     """Moves in the unit cube of a parameter that is seen, about the drone's, as many as samples."""
     box, name = fit.box, fit.box.names[place]
-    samples = seen[name] * (float(component(fit.drone, name)) / max(np.median(seen[name]), 1e-9))
+    samples = measured_delays[name] * (
+        float(component(fit.drone, name)) / max(np.median(measured_delays[name]), 1e-9)
+    )
     if len(samples) != RESAMPLES:
         samples = generator.choice(samples, RESAMPLES)
     unit = box.unit(np.tile(samples[:, None], (1, len(box.names))))

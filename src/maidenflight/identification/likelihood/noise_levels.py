@@ -81,9 +81,9 @@ def noise_levels(
     disturbance = np.maximum(turn[:, 0] - 2 * gyro, 1e-12)
     # An Ornstein-Uhlenbeck process forgets at the rate at which its covariance falls; a straight
     # line through its logarithm.
-    kept = np.maximum(turn[:, 2:] / disturbance[:, None], 1e-3)
+    gain = np.maximum(turn[:, 2:] / disturbance[:, None], 1e-3)
     lags = np.arange(2, order + 1) * period
-    rate = np.maximum(-np.mean(np.log(kept) @ lags) / (lags @ lags), 0.1)
+    rate = np.maximum(-np.mean(np.log(gain) @ lags) / (lags @ lags), 0.1)
     full = float(parameters.mass * parameters.gravity / 4 * parameters.thrust_to_weight)
     # Independent noise of four thrusts adds up in squares.
     lever = np.linalg.norm(levers(parameters)[:, :2], axis=0)
@@ -130,7 +130,7 @@ def against_tilt(flights: Sequence[Flight]) -> float:
     Args:
         flights: checked flights with a state; infinite where none is long enough.
     """
-    found = []
+    residuals = []
     for flight in flights:
         every = max(1, round(_STEP / flight.period))
         step, rows = every * flight.period, round(_WINDOW / (every * flight.period))
@@ -147,5 +147,5 @@ def against_tilt(flights: Sequence[Flight]) -> float:
             for axis in range(2):
                 free = np.stack([time**0, time, time**2, bent[part, axis]], axis=1)
                 left = place[part, axis] - free @ np.linalg.lstsq(free, place[part, axis])[0]
-                found.append(np.mean(left**2) / (_OF_WALK * _WINDOW))
-    return float(np.sqrt(np.median(found))) if found else np.inf
+                residuals.append(np.mean(left**2) / (_OF_WALK * _WINDOW))
+    return float(np.sqrt(np.median(residuals))) if residuals else np.inf

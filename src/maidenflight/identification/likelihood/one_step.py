@@ -257,10 +257,10 @@ class OneStep(ObservationModel):
             + np.einsum("cdi,bcij,cfj->bdf", weights, pasts, weights, optimize=True)
         )
         value = float(_minus_log_likelihood(noise.deviation, np.ones(6)))
-        found = value, scores[:, :d] / self.rows, curvatures[:, :d, :d] / self.rows
+        parts = value, scores[:, :d] / self.rows, curvatures[:, :d, :d] / self.rows
         self._climbs = climbs.sum(axis=0)[:d] * noise.deviation[COLUMNS.index(VERTICAL)]
-        self._latest = parameters, tuple(names), found
-        return found
+        self._latest = parameters, tuple(names), parts
+        return parts
 
 
 def log_likelihood(

@@ -62,11 +62,11 @@ def _speeds(
     window: Windows, parameters: Parameters, steps: int | Array, stride: int
 ) -> Float[Array, "T 4"]:
     """Speeds of the rotors before each row; they depend on commands and `MOTORS` alone."""
-    given, places, speed = under_way(window, parameters, steps, stride)
+    commands_in, places, speed = under_way(window, parameters, steps, stride)
 
     def turn(speed: Array, newest: Array) -> tuple[Array, Array]:
         def spin(speed: Array, place: Array) -> tuple[Array, None]:
-            return stepping.spin(speed, DelayLine(given, place), steps, parameters), None
+            return stepping.spin(speed, DelayLine(commands_in, place), steps, parameters), None
 
         return lax.scan(spin, speed, newest)[0], speed
 
@@ -86,7 +86,7 @@ def _by_column(
     Once the rotors' speeds are known, rows do not depend on each other: all side by side they are a
     few long loops, where one after the other they were many short ones.
     """
-    given = commands(window)
+    commands_in = commands(window)
 
     def predicted(speed: Array, newest: Array, before: Sequence[Array]) -> list[Array]:
         position, velocity, attitude, rates = (
@@ -96,7 +96,7 @@ def _by_column(
         state = entries(State(position, velocity, quaternion, rates, speed))
 
         def drive(state: State, place: Array) -> tuple[State, None]:
-            line = DelayLine(given, place)
+            line = DelayLine(commands_in, place)
             return stepping.drive_entries(dynamics.midpoint, state, line, steps, parameters), None
 
         state, _ = lax.scan(drive, state, newest)
@@ -217,11 +217,11 @@ def derivatives(
     # Directions before windows, so that what all directions share is computed once for them.
     wrong, slopes = jax.vmap(along, out_axes=(None, 0))(directions)
     climbs = jnp.sum(slopes[:, :, COLUMNS.index(VERTICAL), ORDER:], axis=2)
-    apart = by_moment[:, None, None, None]
+    moments = by_moment[:, None, None, None]
     part = share[None, :, None]
     left, plain = wrong[..., ORDER:] * part, slopes[..., ORDER:] * part[None]
-    slopes = jnp.where(apart, plain, jax.vmap(innovations)(slopes))
-    score = jnp.sum(slopes * jnp.where(apart, left[None], innovations(wrong)[None]), axis=(2, 3))
+    slopes = jnp.where(moments, plain, jax.vmap(innovations)(slopes))
+    score = jnp.sum(slopes * jnp.where(moments, left[None], innovations(wrong)[None]), axis=(2, 3))
     curvature = jnp.einsum("dwct,ewct->wde", slopes, slopes)
     curvature = jnp.where((by_moment[:, None] == by_moment[None])[None], curvature, 0.0)
     past = jnp.stack([_late(wrong, lag) for lag in range(1, ORDER + 1)], axis=2)

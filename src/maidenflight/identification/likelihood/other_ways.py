@@ -55,25 +55,27 @@ def ways_of_states(flights: Sequence[Flight], settings: Likelihood, names: Seque
     return {SPARSER: (model, names)}
 
 
-def doubt_of_states(found: Fit, others: Mapping[str, Fit]) -> Float[np.ndarray, "d d"]:
+def doubt_of_states(fit_result: Fit, others: Mapping[str, Fit]) -> Float[np.ndarray, "d d"]:
     """Returns the covariance in the unit cube of what they differ by, each parameter by itself."""
-    apart = [other.optimum - found.optimum for other in others.values()]
-    return np.diag(np.sum(np.square(apart), axis=0) if apart else np.zeros(len(found.box.names)))
+    difference = [other.optimum - fit_result.optimum for other in others.values()]
+    return np.diag(
+        np.sum(np.square(difference), axis=0) if difference else np.zeros(len(fit_result.box.names))
+    )
 
 
 def ways_of_sensor(flights: Sequence[Flight], model: SensorErrors, names: Sequence[str]) -> Ways:
     """Returns other ways of fitting a sensor."""
-    found: dict[str, tuple[SensorErrors, Sequence[str]]] = {WHITE: (model.white(), names)}
+    fit_result: dict[str, tuple[SensorErrors, Sequence[str]]] = {WHITE: (model.white(), names)}
     if {"inertia_x", "inertia_y"} <= set(names):
-        found[OWN_LAG] = model, (*names, *DELAYS)
+        fit_result[OWN_LAG] = model, (*names, *DELAYS)
     if not commands_are_held(flights):
         sparse = [thinned(one, _SPARSER) for one in flights]
-        found[SPARSER] = type(model).of(sparse, model.priors), names
-    return found
+        fit_result[SPARSER] = type(model).of(sparse, model.priors), names
+    return fit_result
 
 
 def doubt_of_sensor(
-    flights: Sequence[Flight], found: Fit, others: Mapping[str, Fit]
+    flights: Sequence[Flight], fit_result: Fit, others: Mapping[str, Fit]
 ) -> Float[np.ndarray, "d d"]:
     """Returns the covariance in the unit cube of what they differ by, and of the sensor's delay."""
     late = (
@@ -81,19 +83,19 @@ def doubt_of_sensor(
         if commands_are_held(flights)
         else float(np.hypot(FILTER, flights[0].period / np.sqrt(12)))
     )
-    box, names, unit = found.box, found.box.names, found.optimum
+    box, names, unit = fit_result.box, fit_result.box.names, fit_result.optimum
     slope = box.slope(unit)
     covariance = np.zeros((len(names), len(names)))
     for way, other in others.items():
-        apart = _SHARES[way] * (box.unit_of(other.drone) - unit)
+        difference = _SHARES[way] * (box.unit_of(other.drone) - unit)
         if way == WHITE:
             about_z = np.array([name in ABOUT_Z for name in names])
-            apart = np.where(about_z, 2.0 * apart, apart)
+            difference = np.where(about_z, 2.0 * difference, difference)
         if way == WHITE and OWN_LAG in others:
             most = _ANSWERS * np.abs(box.values(unit)) / slope
             level = np.array([name in ("inertia_x", "inertia_y") for name in names])
-            apart = np.where(level, np.clip(apart, -most, most), apart)
-        covariance += np.outer(apart, apart)
+            difference = np.where(level, np.clip(difference, -most, most), difference)
+        covariance += np.outer(difference, difference)
     return (
         covariance + np.diag([late**2 if name == "latency" else 0.0 for name in names]) / slope**2
     )

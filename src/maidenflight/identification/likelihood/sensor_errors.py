@@ -152,10 +152,10 @@ class SensorErrors(ObservationModel):
     ) -> Float[np.ndarray, "S"]:
         constant = np.sum(np.log(noise.deviation) + 0.5 * np.log(2 * np.pi))
         new = self._counted(_whitened(errors, noise))
-        found = self.rows_per_segment * constant + 0.5 * self._sums((new**2).sum(axis=1))
+        value = self.rows_per_segment * constant + 0.5 * self._sums((new**2).sum(axis=1))
         for place, level in self.levels.items():
-            found += 0.5 * (self._means(errors[..., place]) / level) ** 2
-        return found
+            value += 0.5 * (self._means(errors[..., place]) / level) ** 2
+        return value
 
     def derivatives(
         self, parameters: Parameters, names: Sequence[str]

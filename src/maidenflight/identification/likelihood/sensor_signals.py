@@ -93,16 +93,16 @@ class Signals:
         """Of R rows [s]."""
         return self.rows * self.period
 
-    def some(self, kept: Bool[np.ndarray, "S"]) -> "Signals":
+    def some(self, segments: Bool[np.ndarray, "S"]) -> "Signals":
         """Some of the segments."""
         return replace(
             self,
-            command=self.command[:, kept],
-            measured=self.measured[:, kept],
-            body_rates=self.body_rates[:, kept],
-            climb=self.climb[:, kept],
-            used=self.used[:, kept],
-            flights=tuple(np.array(self.flights)[kept].tolist()),
+            command=self.command[:, segments],
+            measured=self.measured[:, segments],
+            body_rates=self.body_rates[:, segments],
+            climb=self.climb[:, segments],
+            used=self.used[:, segments],
+            flights=tuple(np.array(self.flights)[segments].tolist()),
         )
 
     def parted(self) -> "tuple[Signals, Signals] | None":
@@ -199,8 +199,8 @@ def _segments(
 
 def _integral(force: Float[np.ndarray, "M"], step: float) -> Float[np.ndarray, "M"]:
     """Velocity along z [m/s] by the specific force alone, slowly forgotten."""
-    kept = 1 - step / CLIMB_MEMORY
-    return np.asarray(scipy.signal.lfilter([0.0, step], [1.0, -kept], force - force.mean()))
+    segments = 1 - step / CLIMB_MEMORY
+    return np.asarray(scipy.signal.lfilter([0.0, step], [1.0, -segments], force - force.mean()))
 
 
 @partial(jax.jit, static_argnums=2)

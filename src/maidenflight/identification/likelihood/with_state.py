@@ -49,7 +49,7 @@ _TURNING = (*selection.FIRST, "spin_down_ratio", "inertia_x", "inertia_y")
 """What decides, together, how fast the drone answers a command."""
 _LATENCIES = (0.002, 0.02)
 """Latencies from which an optimum is looked for too [s]."""
-_APART = 0.005
+_MIN_STEP = 0.005
 """Difference from the start's latency above which that is another place to begin [s]."""
 _CLEARLY = 0.1
 """Log-likelihood gain of a row [nats] above which another optimum is clearly better."""
@@ -77,53 +77,56 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     fine = one_step_objective(flights, settings, settings.physics_step)
     expected = _expected(problem, coarse, motors)
     problem.reporter.expected(expected)
-    untold = {name: one.prior for name, one in expected.items() if not one.identifiable}
+    unidentifiable = {name: one.prior for name, one in expected.items() if not one.identifiable}
     while True:
-        question = _question(problem, settings, (coarse, fine), motors, untold)
-        found = answer_question(problem, settings, question)
-        box, draws = found.best.box, found.samples
+        question = _question(problem, settings, (coarse, fine), motors, unidentifiable)
+        fit_result = answer_question(problem, settings, question)
+        box, draws = fit_result.best.box, fit_result.samples
         searched = [name for name in box.names if not (motors and name in DELAYS)]
         wide = _too_wide(draws, searched, expected, _groups(problem, motors))
         if not wide:
             break
-        untold |= {name: expected[name].prior for name in wide}
-    drone = found.best.drone
+        unidentifiable |= {name: expected[name].prior for name in wide}
+    drone = fit_result.best.drone
     left = fine.products_about_means(drone)
     noise = noise_levels(left, drone, stride(flights[0]) * flights[0].period)
     noise = without_false_walks(noise, flights)
     drone = replace(drone, **{name: np.float32(value) for name, value in noise.items()})
-    interval, spread = found.posterior.interval, np.array([*found.posterior.spread.values()])
-    estimates = estimates_of(box, found.best.optimum, found.optima, interval, spread)
+    interval, spread = (
+        fit_result.posterior.interval,
+        np.array([*fit_result.posterior.spread.values()]),
+    )
+    estimates = estimates_of(box, fit_result.best.optimum, fit_result.optima, interval, spread)
     estimates |= as_flights_differ(estimates, flights, drone)
     if motors and LAG in box.names:
         estimates = of_seen_lag(estimates)
     if motors and motors.usual_latency and "latency" in estimates:
         # It belongs to the lag that is told, so that the drone has it, and not the start's.
         del estimates["latency"]
-        untold["latency"] = motors.usual_latency
-    looks = lag.looks(motors, draws, untold, drone)
+        unidentifiable["latency"] = motors.usual_latency
+    delay_estimates = lag.delay_estimates(motors, draws, unidentifiable, drone)
     return Identification(
         parameters=check(drone, "identified parameters"),
         estimates=estimates,
-        unidentified=untold,
+        unidentified=unidentifiable,
         expected=expected,
         objective="likelihood",
-        value=found.best.value,
+        value=fit_result.best.value,
         start_value=fine(start),
         source=problem.source,
         windows=int(fine.rows) // (LENGTH - ORDER),
-        evaluations=sum(len(values) for _, values in found.runs),
-        search=evaluations_table(box, found.runs),
+        evaluations=sum(len(values) for _, values in fit_result.runs),
+        search=evaluations_table(box, fit_result.runs),
         posterior=draws,
-        gains=found.gains,
+        gains=fit_result.gains,
         noise=noise,
         notes=(
             *notes_on(estimates, fine.segments),
             *doubts(noise, flights),
             *map(str, differences(flights, coarse, drone, motors)),
-            *lag.notes(looks, motors),
+            *lag.notes(delay_estimates, motors),
         ),
-        lag_looks=looks,
+        lag_looks=delay_estimates,
     )
 
 
@@ -155,13 +158,17 @@ def _expected(
             for some in (every, _groups(problem, motors))
         )
     priors = prior_ranges(problem.start, box_of(problem, names).limits)
-    found = information.expected(coarse, problem.start, names, priors, _seen(motors))
+    fit_result = information.expected(
+        coarse, problem.start, names, priors, _measured_delays(motors)
+    )
     # What is not even looked for in such flights cannot be told by them either.
     # Of a lag that is seen its own width decides, not what is plausible about some start.
-    seen = {} if motors is None else {LAG: motors.is_told, "latency": True}
+    measured_delays = {} if motors is None else {LAG: motors.is_told, "latency": True}
     return {
-        name: replace_(one, identifiable=seen.get(name, one.identifiable) and name in offered)
-        for name, one in found.items()
+        name: replace_(
+            one, identifiable=measured_delays.get(name, one.identifiable) and name in offered
+        )
+        for name, one in fit_result.items()
     }
 
 
@@ -197,7 +204,7 @@ def _question(
     settings: Likelihood,
     models: tuple[OneStep, OneStep],
     motors: MotorResponse | None,
-    untold: Ranges,
+    unidentifiable: Ranges,
 ) -> Question:
     """What is asked of the flights that is not yet known to be hidden from them.
 
@@ -205,16 +212,16 @@ def _question(
         InputError: the flights tell no parameter that is asked for.
     """
     (coarse, fine), start, parts = models, problem.start, None
-    asked = selection.FIRST if problem.over is None else problem.over
-    names = tuple(name for name in asked if name not in untold)
+    request = selection.FIRST if problem.over is None else problem.over
+    names = tuple(name for name in request if name not in unidentifiable)
     if problem.over is None:
         parts = _parts(problem.flights, settings)
         if not motors:
-            start = _beside_optimum(problem, settings, parts.sample, untold)
+            start = _beside_optimum(problem, settings, parts.sample, unidentifiable)
     else:
-        must_tell(names, untold)
+        must_tell(names, unidentifiable)
     left = {
-        group: tuple(name for name in names if name not in untold)
+        group: tuple(name for name in names if name not in unidentifiable)
         for group, names in _groups(problem, motors).items()
     }
     return Question(
@@ -223,8 +230,8 @@ def _question(
         start,
         parts,
         {group: names for group, names in left.items() if names},
-        _seen(motors),
-        partial(Others.from_ranges, untold, generator=problem.generator),
+        _measured_delays(motors),
+        partial(Others.from_ranges, unidentifiable, generator=problem.generator),
         partial(other_ways.ways_of_states, problem.flights, settings),
         other_ways.doubt_of_states,
     )
@@ -232,18 +239,18 @@ def _question(
 
 def _motors(problem: Problem) -> MotorResponse | None:
     """What logs show of the motors' lag, if it is asked for."""
-    asked = selection.FIRST if problem.over is None else problem.over
-    if not set(DELAYS) <= set(asked):
+    names = selection.FIRST if problem.over is None else problem.over
+    if not set(DELAYS) <= set(names):
         return None
 
-    def looked(done: int, of: int) -> None:
+    def report_stage(done: int, of: int) -> None:
         problem.reporter.stage(MOTOR_LAG, done, of)
 
-    looked(0, 0)
-    return motor_response(problem.flights, problem.generator, problem.start, looked)
+    report_stage(0, 0)
+    return motor_response(problem.flights, problem.generator, problem.start, report_stage)
 
 
-def _seen(motors: MotorResponse | None) -> dict[str, Float[np.ndarray, "N"]]:
+def _measured_delays(motors: MotorResponse | None) -> dict[str, Float[np.ndarray, "N"]]:
     """Samples of the parameters that are not searched for but seen, those of thrust apart."""
     return {} if motors is None else dict(zip(DELAYS, (motors.lag, motors.latency), strict=True))
 
@@ -259,28 +266,33 @@ def _parts(flights: Sequence[Flight], settings: Likelihood) -> Parts:
 
 
 def _beside_optimum(
-    problem: Problem, settings: Likelihood, sample: ObservationModel, untold: Collection[str]
+    problem: Problem,
+    settings: Likelihood,
+    sample: ObservationModel,
+    unidentifiable: Collection[str],
 ) -> Parameters:
     """The start, or the start with another lag and latency if these lead to a better optimum.
 
     Without noise the likelihood has an optimum for each latency of about a row, of which the start
     may be beside the wrong one: all that turns the drone then makes up for it.
     """
-    names = tuple(name for name in _TURNING if name not in untold)
+    names = tuple(name for name in _TURNING if name not in unidentifiable)
     best, least = problem.start, np.inf
     for latency in (None, *_LATENCIES):
         if latency is None:
             begin = problem.start
-        elif abs(latency - float(problem.start.latency)) > _APART:
+        elif abs(latency - float(problem.start.latency)) > _MIN_STEP:
             begin = replace(problem.start, latency=np.float32(latency))
         else:
             continue
-        found = fit(problem, settings.evaluations, [sample], names, begin, {}, close=_CLEARLY)
-        value = float(found.values.min())
+        fit_result = fit(problem, settings.evaluations, [sample], names, begin, {}, close=_CLEARLY)
+        value = float(fit_result.values.min())
         if value < least - _CLEARLY:
-            kept = {name: getattr(found.drone, name) for name in DELAYS if name in names}
+            fixed_delays = {
+                name: getattr(fit_result.drone, name) for name in DELAYS if name in names
+            }
             least = value
-            best = problem.start if latency is None else replace(problem.start, **kept)
+            best = problem.start if latency is None else replace(problem.start, **fixed_delays)
     return best
 
 

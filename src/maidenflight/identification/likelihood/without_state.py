@@ -102,41 +102,43 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     settings = replace_(settings, evaluations=min(settings.evaluations, _MOST))
     motors = motor_response(problem.flights, problem.generator.spawn(1)[0], problem.start)
     force = _force(problem, settings, motors)
-    found = [one for one in (force, _torque(problem, settings, force)) if one is not None]
-    untold = {name: ends for one in found for name, ends in one.untold.items()}
-    draws = {name: samples for one in found for name, samples in one.samples.items()}
-    spread = {name: size for one in found for name, size in one.posterior.spread.items()}
+    answer = [one for one in (force, _torque(problem, settings, force)) if one is not None]
+    unidentifiable = {name: ends for one in answer for name, ends in one.unidentifiable.items()}
+    draws = {name: samples for one in answer for name, samples in one.samples.items()}
+    spread = {name: size for one in answer for name, size in one.posterior.spread.items()}
     drone, draws, spread, notes = _with_inertia_z(
-        problem.start, found[-1].best.drone, draws, spread, untold
+        problem.start, answer[-1].best.drone, draws, spread, unidentifiable
     )
-    names = tuple(name for name in draws if name not in untold)
-    must_tell(names, untold)
+    names = tuple(name for name in draws if name not in unidentifiable)
+    must_tell(names, unidentifiable)
     box = box_of(problem, names)
     optimum = box.unit_of(drone)
-    fits = [fit for one in found for fit in sorted(one.fits, key=lambda fit: fit.value)]
+    fits = [fit for one in answer for fit in sorted(one.fits, key=lambda fit: fit.value)]
     runs = [_in_box(fit, box) for fit in fits]
     optima = np.array([points[int(np.argmin(values))] for points, values in runs])
     optima[0] = optimum
     samples = box.unit(np.stack([draws[name] for name in names], axis=1))
     deviations = np.array([spread.get(name, 0.0) for name in names])
     estimates = estimates_of(box, optimum, optima, posterior.interval(samples), deviations)
-    segments = found[0].best.model.segments
-    looks = lag.looks(motors, found[0].samples, found[0].untold, drone)
+    segments = answer[0].best.model.segments
+    delay_estimates = lag.delay_estimates(
+        motors, answer[0].samples, answer[0].unidentifiable, drone
+    )
     return Identification(
         parameters=check(drone, "identified parameters"),
         estimates=estimates,
-        unidentified=untold,
+        unidentified=unidentifiable,
         objective="likelihood",
-        value=sum(one.best.value for one in found),
-        start_value=sum(one.best.model(problem.start) for one in found),
+        value=sum(one.best.value for one in answer),
+        start_value=sum(one.best.model(problem.start) for one in answer),
         source=problem.source,
         windows=segments,
         evaluations=sum(len(values) for _, values in runs),
         search=evaluations_table(box, runs),
         posterior=draws,
-        gains=tuple(gain for one in found for gain in one.gains),
-        notes=(*notes_on(estimates, segments), *notes, *lag.notes(looks, motors)),
-        lag_looks=looks,
+        gains=tuple(gain for one in answer for gain in one.gains),
+        notes=(*notes_on(estimates, segments), *notes, *lag.notes(delay_estimates, motors)),
+        lag_looks=delay_estimates,
     )
 
 
@@ -156,14 +158,18 @@ def _must_be_shown(over: Sequence[str] | None) -> None:
         )
 
 
-def _asked(problem: Problem, first: tuple[str, ...], shown: tuple[str, ...]) -> tuple[str, ...]:
+def _names_of(
+    problem: Problem, first: tuple[str, ...], sensor_names: tuple[str, ...]
+) -> tuple[str, ...]:
     """What is asked of a sensor."""
-    return first if problem.over is None else tuple(one for one in problem.over if one in shown)
+    return (
+        first if problem.over is None else tuple(one for one in problem.over if one in sensor_names)
+    )
 
 
 def _force(problem: Problem, settings: Likelihood, motors: MotorResponse | None) -> Answer | None:
     """What the accelerometer tells, given the gyro's lag where it tells none itself."""
-    names, start = _asked(problem, FORCE, OF_ACCELEROMETER), problem.start
+    names, start = _names_of(problem, FORCE, OF_ACCELEROMETER), problem.start
     if not names:
         return None
     by_law = all(
@@ -175,32 +181,34 @@ def _force(problem: Problem, settings: Likelihood, motors: MotorResponse | None)
     }
     model = AccelerometerErrors.of(problem.flights, priors)
     groups = FORCE_GROUPS if problem.over is None else {}
-    found = _ask_sensor(problem, settings, model, names, groups, start)
-    plausible = _plausible(problem, tuple(found.samples), priors)
-    lost = [name for name in DELAYS if name in names and not _lag_is_told(found, plausible)]
+    answer = _ask_sensor(problem, settings, model, names, groups, start)
+    plausible = _plausible(problem, tuple(answer.samples), priors)
+    lost = [name for name in DELAYS if name in names and not _lag_is_told(answer, plausible)]
     if lost and motors and motors.is_told and set(DELAYS) < set(names):
         chosen = problem.generator.integers(len(motors.lag), size=RESAMPLES)
-        seen = {LAG: motors.lag[chosen], "latency": motors.latency[chosen]}
-        drone = replace(start, **{name: np.float32(np.median(seen[name])) for name in DELAYS})
+        measured_delays = {LAG: motors.lag[chosen], "latency": motors.latency[chosen]}
+        drone = replace(
+            start, **{name: np.float32(np.median(measured_delays[name])) for name in DELAYS}
+        )
         rest = tuple(name for name in names if name not in DELAYS)
-        again = _ask_sensor(problem, settings, model, rest, {}, drone, seen)
+        again = _ask_sensor(problem, settings, model, rest, {}, drone, measured_delays)
         usual = motors.usual_latency
-        return again if usual is None else replace_(again, untold={"latency": usual})
+        return again if usual is None else replace_(again, unidentifiable={"latency": usual})
     if lost:
-        lost = [name for name in found.samples if name in MOTORS]
+        lost = [name for name in answer.samples if name in MOTORS]
     if "thrust_linear" in names and not is_told(
-        found.posterior.error["thrust_linear"], plausible["thrust_linear"]
+        answer.posterior.error["thrust_linear"], plausible["thrust_linear"]
     ):
         lost.append("thrust_linear")
     if not lost:
-        return found
-    less = found.without({name: plausible[name] for name in lost}, start, problem.generator)
-    kept = tuple(name for name in found.samples if name not in lost)
-    if not kept:
+        return answer
+    less = answer.without({name: plausible[name] for name in lost}, start, problem.generator)
+    names_left = tuple(name for name in answer.samples if name not in lost)
+    if not names_left:
         return less
     known = {name: less.samples[name] for name in lost}
-    again = _ask_sensor(problem, settings, model, kept, {}, less.best.drone, known)
-    return replace_(again, untold=less.untold, gains=found.gains)
+    again = _ask_sensor(problem, settings, model, names_left, {}, less.best.drone, known)
+    return replace_(again, unidentifiable=less.unidentifiable, gains=answer.gains)
 
 
 def _ask_sensor(
@@ -232,19 +240,19 @@ def _plausible(
 ) -> dict[str, tuple[float, float]]:
     """Plausible range of each parameter: of a prior the uniform one of the same variance."""
     limits = box_of(problem, names).limits
-    found = prior_ranges(problem.start, limits)
-    for name in found.keys() & priors.keys():
+    answer = prior_ranges(problem.start, limits)
+    for name in answer.keys() & priors.keys():
         (mean, deviation), (low, high) = priors[name], limits[name]
         reach = np.sqrt(3.0) * deviation
-        found[name] = max(low, float(mean - reach)), min(high, float(mean + reach))
-    return found
+        answer[name] = max(low, float(mean - reach)), min(high, float(mean + reach))
+    return answer
 
 
-def _lag_is_told(found: Answer, plausible: Ranges) -> bool:
+def _lag_is_told(answer: Answer, plausible: Ranges) -> bool:
     """Whether lag and latency together are told, and neither lies at a search bound."""
-    if np.isinf([found.posterior.error.get(name, 0.0) for name in DELAYS]).any():
+    if np.isinf([answer.posterior.error.get(name, 0.0) for name in DELAYS]).any():
         return False
-    samples = sum(found.samples[name] for name in DELAYS if name in found.samples)
+    samples = sum(answer.samples[name] for name in DELAYS if name in answer.samples)
     return is_told(
         float(np.std(samples)), plausible.get(DELAYS[0], plausible.get(DELAYS[1], (0, 0)))
     )
@@ -252,17 +260,17 @@ def _lag_is_told(found: Answer, plausible: Ranges) -> bool:
 
 def _torque(problem: Problem, settings: Likelihood, force: Answer | None) -> Answer | None:
     """What the gyro tells, given what the accelerometer tells."""
-    names = _asked(problem, TORQUE, OF_GYRO)
+    names = _names_of(problem, TORQUE, OF_GYRO)
     if not names:
         return None
     known, drone = ({}, problem.start) if force is None else (force.samples, force.best.drone)
     model = GyroErrors.of(problem.flights)
     groups = TORQUE_GROUPS if problem.over is None else {}
-    found = _ask_sensor(problem, settings, model, names, groups, drone, known)
+    answer = _ask_sensor(problem, settings, model, names, groups, drone, known)
     plausible = _plausible(problem, names, {})
-    error = found.posterior.error
+    error = answer.posterior.error
     lost = {name: plausible[name] for name in names if not is_told(error[name], plausible[name])}
-    return found.without(lost, problem.start, problem.generator)
+    return answer.without(lost, problem.start, problem.generator)
 
 
 def _with_inertia_z(
@@ -270,13 +278,13 @@ def _with_inertia_z(
     drone: Parameters,
     draws: dict[str, Float[np.ndarray, "N"]],
     spread: dict[str, float],
-    untold: Ranges,
+    unidentifiable: Ranges,
 ) -> tuple[Parameters, dict[str, Float[np.ndarray, "N"]], dict[str, float], list[str]]:
     """What is told, with the inertia about z in the start's ratio to those about x and y.
 
     Torques about z follow, since yaw shows them as shares of that inertia.
     """
-    told_of = draws.keys() - untold.keys()
+    told_of = draws.keys() - unidentifiable.keys()
     if not told_of.intersection(ABOUT_Z) or "inertia_z" in draws:
         return drone, draws, spread, []
     level = [name for name in ("inertia_x", "inertia_y") if name in told_of]

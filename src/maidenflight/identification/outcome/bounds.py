@@ -66,34 +66,36 @@ def any_reached(drone: Parameters, limits: Mapping[str, tuple[float, float]]) ->
 
 def at_bounds(estimates: Mapping[str, Estimate]) -> dict[str, str]:
     """What to say and do of each estimate at a search bound, by the parameter's name."""
-    found = {}
+    names_at = {}
     for name, estimate in estimates.items():
         bound = bound_reached(name, estimate)
         if bound is not None:
-            found[name] = (
-                f"{name} = {estimate.value:.4g} lies at its search bound {_shown(name, bound)}, "
+            names_at[name] = (
+                f"{name} = {estimate.value:.4g} lies at its search bound "
+                f"{_format_bound(name, bound)}, "
                 f"and its interval is too narrow; {_cure(name, bound, estimates)}"
             )
-    return found
+    return names_at
 
 
 def cut_off(estimates: Mapping[str, Estimate]) -> dict[str, str]:
     """The same of estimates of which only the interval reaches a search bound."""
-    found = {}
+    names_at = {}
     for name, estimate in estimates.items():
         if estimate.bounds is None:
             continue
         ends = (reached(name, end, estimate.bounds) for end in estimate.interval)
         bounds = [bound for bound in ends if bound is not None]
         if bounds and bound_reached(name, estimate) is None:
-            found[name] = (
-                f"the interval of {name} is cut off at its search bound {_shown(name, bounds[0])}; "
+            names_at[name] = (
+                f"the interval of {name} is cut off at its search bound "
+                f"{_format_bound(name, bounds[0])}; "
                 f"{_cure(name, bounds[0], estimates)}"
             )
-    return found
+    return names_at
 
 
-def _shown(name: str, bound: float) -> str:
+def _format_bound(name: str, bound: float) -> str:
     return f"{bound:.4g} {_quantity(name).unit}".removesuffix(" -")
 
 
@@ -140,10 +142,10 @@ def must_lie_within_bounds(drone: DroneFile) -> None:
     Raises:
         InputError: names the parameters, their bounds, and what to do.
     """
-    found = at_bounds(drone.estimates)
-    if found:
+    names_at = at_bounds(drone.estimates)
+    if names_at:
         raise InputError(
-            f"{drone.name}: {'; '.join(found.values())}. Identify again, or accept it with "
+            f"{drone.name}: {'; '.join(names_at.values())}. Identify again, or accept it with "
             "--accept-bounds."
         )
 
@@ -151,8 +153,8 @@ def must_lie_within_bounds(drone: DroneFile) -> None:
 def of_seen_lag(estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
     """Estimates whose lag was not searched for but seen, with the bounds within which it is."""
     lag = estimates["motor_time_constant"]
-    seen = _seen_lags(estimates)
-    low, high = np.clip(seen if lag.bounds is None else lag.bounds, *seen)
+    lags = _seen_lags(estimates)
+    low, high = np.clip(lags if lag.bounds is None else lag.bounds, *lags)
     return {**estimates, "motor_time_constant": replace(lag, bounds=(float(low), float(high)))}
 
 

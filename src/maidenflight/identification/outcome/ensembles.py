@@ -105,16 +105,16 @@ def drone_of_the_day(
         InputError: no constant torque was identified, or no flight is long enough to tell one.
     """
     if not set(TRIM) & set(estimates):
-        raise InputError(_UNTOLD.format(where=where))
+        raise InputError(_DAY_EFFECTS.format(where=where))
     # Pieces of one flight have its trim: they are no flights of their own.
     rows = [trim(pieces, drone) for pieces in by_log(flights).values()]
-    known, errors = trims.told(rows)
+    known, errors = trims.with_standard_errors(rows)
     if not len(known):
         raise InputError(
             f"none of {len(rows)} flights of the day tells a constant torque. Give one of "
             f"{2 * SEGMENT_S:g} s or more with the motors' commands."
         )
-    told, values = dict(estimates), {}
+    text, values = dict(estimates), {}
     for place, name in enumerate(_IN_A_TRIM):
         old = estimates.get(name)
         if old is None or not old.between_sd > 0.0:
@@ -126,12 +126,12 @@ def drone_of_the_day(
         value = float((before * old.value + weights @ known[:, place]) / total)
         deviation = float(np.sqrt(1.0 / total + within**2))
         ends = value - 1.96 * deviation, value + 1.96 * deviation
-        told[name] = Estimate(value, ends, (value,), deviation)
+        text[name] = Estimate(value, ends, (value,), deviation)
         values[name] = np.float32(value)
-    return check(replace(drone, **values), where), told
+    return check(replace(drone, **values), where), text
 
 
-_UNTOLD = (
+_DAY_EFFECTS = (
     "{where}: none of torque_bias_x, torque_bias_y, torque_bias_z was identified, so it is not "
     "known how trims differ from flight to flight. Identify it from flights by likelihood, or "
     "choose another randomization."
@@ -154,7 +154,7 @@ def trim_ensemble(
     """
     names = [name for name in BETWEEN_FLIGHTS if name in estimates]
     if not set(TRIM) & set(names):
-        raise InputError(_UNTOLD.format(where=where))
+        raise InputError(_DAY_EFFECTS.format(where=where))
     deviations = np.array([estimates[name].between_sd for name in names])
     # A low-discrepancy sequence represents the distribution better than as many random points.
     sobol = scipy.stats.qmc.Sobol(len(names), rng=np.random.default_rng(0)).random(count)

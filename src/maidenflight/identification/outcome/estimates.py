@@ -228,11 +228,11 @@ def doubts(noise: Mapping[str, float], flights: Sequence[Flight]) -> list[str]:
             f"rows are {1e3 * period:.3g} ms apart: the lag may be a tenth too short with an "
             "accelerometer, and nearly twice too long without; log at 100 Hz or faster."
         )
-    found = noise.get("actuator_noise", 0.0)
-    if found >= MAX_MOTOR_NOISE:
+    noise_level = noise.get("actuator_noise", 0.0)
+    if noise_level >= MAX_MOTOR_NOISE:
         notes.append(
-            f"motors seem to differ from their commands by {found:.2f} of full thrust, too much "
-            "for motors: the log's commands are samples of a faster loop, so that lag and inertia "
+            f"motors seem to differ from their commands by {noise_level:.2f} of full thrust, "
+            "too much for motors: the log's commands are samples of a faster loop, so that lag and inertia "
             "cannot be trusted. Fly a policy at the log's rate, or record with more excitation."
         )
     return notes
@@ -246,5 +246,5 @@ def notes_on(estimates: Mapping[str, Estimate], segments: int) -> list[str]:
             f"each interval rests on {segments} segments of flight and is too narrow; record at "
             f"least {_FEWEST_SEGMENTS * SEGMENT_SECONDS:.0f} s."
         )
-    said = (at_bounds(estimates) | cut_off(estimates)).values()
-    return [*notes, *(f"{one}." for one in said)]
+    sentences = (at_bounds(estimates) | cut_off(estimates)).values()
+    return [*notes, *(f"{one}." for one in sentences)]

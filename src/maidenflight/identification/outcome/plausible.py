@@ -17,7 +17,7 @@ OTHER_DAY = 0.015
 """Standard deviation of thrust from day to day, a share: that of the air's density over 4.5 K or 15
 hPa, without battery and propellers. Three sets of flights of one Crazyflie differ by 3 % in what
 hovering takes (paper/notes/identification.md)."""
-TOLD = 0.5
+VARIANCE_SHARE = 0.5
 """Share of its variance beforehand below which a parameter's variance must lie for flights to tell
 it: they then say more than is known without them."""
 UNIFORM = 12.0
@@ -68,19 +68,19 @@ def prior_ranges(start: Parameters, bounds: Ranges) -> dict[str, tuple[float, fl
         "torque_bias_z": (-0.014 * torque, 0.014 * torque),
         **{f"drag_{axis}": (0.0, 0.5) for axis in "xyz"},
     }
-    found = {}
+    ranges = {}
     for name, (lowest, highest) in bounds.items():
         here = float(component(start, name))
         low, high = values.get(name, (lowest, highest))
         if name in factors:
             low, high = (factor * here for factor in factors[name])
-        found[name] = (max(min(low, here), lowest), min(max(high, here), highest))
-    return found
+        ranges[name] = (max(min(low, here), lowest), min(max(high, here), highest))
+    return ranges
 
 
 def is_told(deviation: float, prior: tuple[float, float]) -> bool:
     """Whether flights say more of a parameter than the range that is plausible without them."""
-    return bool(deviation**2 < TOLD * (prior[1] - prior[0]) ** 2 / UNIFORM)
+    return bool(deviation**2 < VARIANCE_SHARE * (prior[1] - prior[0]) ** 2 / UNIFORM)
 
 
 def other_days(

@@ -90,18 +90,18 @@ def _must_be_frequent(flights: Sequence[Flight]) -> None:
         )
 
 
-def must_tell(names: Collection[str], untold: Collection[str]) -> None:
+def must_tell(names: Collection[str], unidentifiable: Collection[str]) -> None:
     """Refuses flights that tell nothing of what is asked for.
 
     Args:
         names: parameters that they tell.
-        untold: the others.
+        unidentifiable: the others.
 
     Raises:
         InputError: there are no `names`.
     """
     if not names:
         raise InputError(
-            f"these flights cannot tell {', '.join(untold)}: intervals are as wide as what is "
-            "plausible without them. Fly with more excitation."
+            f"these flights cannot tell {', '.join(unidentifiable)}: "
+            "intervals are as wide as what is plausible without them. Fly with more excitation."
         )

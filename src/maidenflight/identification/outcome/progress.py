@@ -31,7 +31,7 @@ class Progress(NamedTuple):
     """Of the group of parameters that was tried last, while others are."""
 
     @property
-    def untold(self) -> list[str]:
+    def unidentifiable(self) -> list[str]:
         """Returns the parameters of `expected` that the flights do not determine."""
         return [name for name, one in (self.expected or {}).items() if not one.identifiable]
 
@@ -65,9 +65,11 @@ class Reporter:
         self.stage(CHOICE, 0, of)
         return lambda gain: self.stage(CHOICE, next(tried), of, gain)
 
-    def expected(self, found: Mapping[str, Expected]) -> None:
+    def expected(self, expectations: Mapping[str, Expected]) -> None:
         """Tells what the flights can tell."""
-        self._tell(self._now._replace(stage=EXPECTING, done=1, of=1, expected=found, gain=None))
+        self._tell(
+            self._now._replace(stage=EXPECTING, done=1, of=1, expected=expectations, gain=None)
+        )
 
     def evaluated(self, planned: int = 0) -> None:
         """Counts an evaluation of the objective, of so many planned where that is known."""

@@ -142,10 +142,10 @@ class Objective:
 
         def sums(first: int, end: int) -> tuple[Array, ...]:
             share = Share(self.size, every, first, end)
-            found = _normal_equations(
+            equations = _normal_equations(
                 self._windows, parameters, self._settings, share, self.steps, tuple(names)
             )
-            return tuple(part[first:end] for part in found)
+            return tuple(part[first:end] for part in equations)
 
         used = -(-self.size // every)
         loss, *derivatives = (

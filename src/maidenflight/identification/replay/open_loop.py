@@ -46,10 +46,10 @@ def simulate(window: Windows, parameters: Parameters, steps: int) -> Float[Array
     Returns:
         Position, velocity, attitude and body rates in the T rows after the start.
     """
-    given, places, speed = under_way(window, parameters, steps)
+    commands_in, places, speed = under_way(window, parameters, steps)
 
     def advance(state: State, newest: Array) -> tuple[State, Array]:
-        line = DelayLine(given, newest)
+        line = DelayLine(commands_in, newest)
         state = stepping.drive_entries(dynamics.midpoint, state, line, steps, parameters)
         return state, jnp.stack(columns(state))
 
@@ -79,14 +79,14 @@ def under_way(
         All rotor speed commands, newest first; the place among them of each row's newest command;
         and the rotor speeds at the start.
     """
-    given, rows = commands(window), places(window, stride)
+    commands_in, rows = commands(window), places(window, stride)
 
     def spin(speed: Array, newest: Array) -> tuple[Array, None]:
-        return stepping.spin(speed, DelayLine(given, newest), steps, parameters), None
+        return stepping.spin(speed, DelayLine(commands_in, newest), steps, parameters), None
 
-    before = jnp.arange(rows.shape[0], given.shape[0])[::-1]
-    speed, _ = lax.scan(spin, given[-1], before)
-    return given, rows, speed
+    before = jnp.arange(rows.shape[0], commands_in.shape[0])[::-1]
+    speed, _ = lax.scan(spin, commands_in[-1], before)
+    return commands_in, rows, speed
 
 
 def commands(window: Windows) -> Float[Array, "history+TS 4"]:

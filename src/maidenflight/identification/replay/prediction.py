@@ -203,7 +203,7 @@ def _window_rows(
         for model, values in rows.items():
             time = {"time": np.round(np.arange(values.shape[1]) * period, 6)}
             signals = dict(zip(_SIGNALS, values[number].astype(np.float64).T, strict=True))
-            said = {
+            columns = {
                 "window": number + 1,
                 "flight": flight,
                 "start": round(first * period, 6),
@@ -212,7 +212,7 @@ def _window_rows(
             parts.append(
                 polars.DataFrame(
                     {
-                        **{name: [value] * values.shape[1] for name, value in said.items()},
+                        **{name: [value] * values.shape[1] for name, value in columns.items()},
                         **time,
                         **signals,
                     }
@@ -254,16 +254,17 @@ def _rows(horizons: Sequence[float], period: float) -> Int[np.ndarray, "K"]:
         or times.min() < period / 2
         or times.max() > 1e6
     ):
-        said = ", ".join(f"{time:g}" for time in times) or "none"
+        columns = ", ".join(f"{time:g}" for time in times) or "none"
         raise InputError(
-            f"horizons: {said}; expected one or more times in seconds, each at least a row "
+            f"horizons: {columns}; expected one or more times in seconds, each at least a row "
             f"({period:g} s)."
         )
     rows = np.unique(np.maximum(np.round(times / period), 1)).astype(int)
     if rows.size < times.size:
-        said = ", ".join(f"{time:g}" for time in times)
+        columns = ", ".join(f"{time:g}" for time in times)
         raise InputError(
-            f"horizons: {said}; two of them fall on one row (every {period:g} s). Name each once."
+            f"horizons: {columns}; two of them fall on one row (every {period:g} s). "
+            "Name each once."
         )
     return rows
 

@@ -56,13 +56,13 @@ def identified(problem: Problem, settings: Replay) -> Identification:
     everything = [*runs, (drawn.points, drawn.losses)]
     points, losses = (np.concatenate(parts) for parts in zip(*everything, strict=True))
     optimum = points[int(np.argmin(losses))]
-    found = check(box.drone(start, optimum), "identified parameters")
-    valley = _valley(box, optimum, objective, found)
+    drone = check(box.drone(start, optimum), "identified parameters")
+    valley = _valley(box, optimum, objective, drone)
     estimates = estimates_of(
         box, optimum, optima, drawn.interval(), _between_segment_sd(box, drawn), valley
     )
     return Identification(
-        parameters=found,
+        parameters=drone,
         estimates=estimates,
         objective="replay",
         value=float(losses.min()),

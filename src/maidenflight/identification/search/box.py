@@ -83,7 +83,7 @@ class Box:
         values = np.array([float(component(drone, name)) for name in self.names])
         return np.clip(self.unit(values), 0.0, 1.0)
 
-    def beside(self, ranges: Mapping[str, tuple[float, float]]) -> "Box":
+    def with_ranges(self, ranges: Mapping[str, tuple[float, float]]) -> "Box":
         """The box of these parameters and others, with the others' ranges as bounds."""
         lows, highs = ([ends[side] for ends in ranges.values()] for side in (0, 1))
         return Box((*self.names, *ranges), (*self.lower, *lows), (*self.upper, *highs))
@@ -136,7 +136,7 @@ def physical_bounds(start: Parameters) -> dict[str, tuple[float, float]]:
     Torques in units of its weight times its arm.
     """
     torque = float(start.mass * start.gravity) * arm_length(start)
-    around = {
+    bounds_near = {
         name: float(component(start, name)) for name in ("inertia_x", "inertia_y", "inertia_z")
     }
     return {
@@ -153,5 +153,5 @@ def physical_bounds(start: Parameters) -> dict[str, tuple[float, float]]:
         "thrust_linear": (0.0, 1.0),
         **{f"torque_bias_{axis}": (-0.2 * torque, 0.2 * torque) for axis in "xyz"},
         **{f"drag_{axis}": (0.0, 3.0) for axis in "xyz"},
-        **{name: (0.3 * value, 3.0 * value) for name, value in around.items()},
+        **{name: (0.3 * value, 3.0 * value) for name, value in bounds_near.items()},
     }

@@ -49,15 +49,15 @@ def kinks(box: Box, time_step: float) -> list[Float[np.ndarray, "k"]]:
     They are latencies of whole physics steps: a command acts on a step by its mean over it, which
     is linear in the latency until the command arrives in another step.
     """
-    found = []
+    descent = []
     for name, low, high in zip(box.names, box.lower, box.upper, strict=True):
         steps = (
             np.arange(np.ceil(low / time_step), np.floor(high / time_step) + 1)
             if name == "latency"
             else np.empty(0)
         )
-        found.append((steps * time_step - low) / (high - low))
-    return found
+        descent.append((steps * time_step - low) / (high - low))
+    return descent
 
 
 def minimise(
@@ -100,10 +100,10 @@ def minimise(
 
     def on_each(every: int) -> Callable[[np.ndarray], NormalEquations]:
         def derived(point: np.ndarray) -> NormalEquations:
-            found = equations(np.clip(point, INSIDE, 1 - INSIDE), every)
+            descent = equations(np.clip(point, INSIDE, 1 - INSIDE), every)
             if every == 1:
-                record(point, found.loss)
-            return found
+                record(point, descent.loss)
+            return descent
 
         return derived
 
@@ -114,17 +114,17 @@ def minimise(
     if far > MIDDLE:
         stages.append((MIDDLE, kinks, Rules(0, _MIDDLE_STEPS, _MIDDLE_SMALL)))
     stages.append((1, kinks, Rules(_FEWEST, max(0, evaluations - 3), _SMALL)))
-    point, curvature, found = generator.random(len(kinks)), None, None
+    point, curvature, result = generator.random(len(kinks)), None, None
     for every, places, rules in stages:
         damping = 1.0 if curvature is None else 0.0
-        found = descend(on_each(every), point, rules, partial(cell, places), damping, curvature)
-        point, curvature = found.ahead, found.equations.curvature
-    assert found is not None
+        result = descend(on_each(every), point, rules, partial(cell, places), damping, curvature)
+        point, curvature = result.ahead, result.equations.curvature
+    assert result is not None
     # The last two evaluations are without derivatives, at a fifth of the cost.
     if len(losses) < evaluations:
-        loss = plain(found.ahead)
+        loss = plain(result.ahead)
         if len(losses) < evaluations:
-            plain(_along(found, loss))
+            plain(_along(result, loss))
     return np.array(points), np.array(losses)
 
 
@@ -147,10 +147,10 @@ def cell(
     return low, high
 
 
-def _along(found: Descent, loss: float) -> Float[np.ndarray, "d"]:
+def _along(descent: Descent, loss: float) -> Float[np.ndarray, "d"]:
     """The lowest point on the line of the last step, by a parabola; `loss` is that at its end."""
-    shift = found.ahead - found.point
-    slope = float(found.equations.gradient @ shift)
-    bend = 2 * (loss - found.equations.loss - slope)
+    shift = descent.ahead - descent.point
+    slope = float(descent.equations.gradient @ shift)
+    bend = 2 * (loss - descent.equations.loss - slope)
     share = np.clip(-slope / bend, 0.25, 4.0) if bend > 0 else 2.0
-    return np.clip(found.point + share * shift, found.low, found.high)
+    return np.clip(descent.point + share * shift, descent.low, descent.high)

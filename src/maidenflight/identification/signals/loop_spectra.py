@@ -36,7 +36,7 @@ BANDS = 8
 """Parts of these frequencies in which set-points and disturbances have sizes of their own."""
 _POWERS = (0, -1, -2, 1)
 """Powers of s by which a controller acts on the rate."""
-_AROUND = 2 * np.pi * 4.0
+_CENTRE = 2 * np.pi * 4.0
 """Frequency at which the weights of all powers are in like units [rad/s]."""
 _ANSWER, _ANSWER_DEVIATION = 0.002, 0.002
 """Delay from a measurement to the answer of an on-board controller [s]."""
@@ -65,7 +65,7 @@ class Spectra(NamedTuple):
     """Of the motion with the command."""
     band: Int[np.ndarray, "F"]
     """Number of the band of each line."""
-    looks: float
+    averages: float
     """Independent stretches in these sums."""
     clear: float
     """Times by which the command is stronger than near half the log's rate, up to `SLOW`."""
@@ -129,13 +129,13 @@ def spectra(
     edges = np.geomspace(0.999 * LOWEST, 1.001 * HIGHEST, BANDS + 1)
     _, band = np.unique(np.digitize(frequencies[used], edges), return_inverse=True)
     drives, moves = (np.sum(np.abs(one) ** 2, axis=0) for one in (u, y))
-    looks = drive.shape[1] * len(drive) / rows
+    averages = drive.shape[1] * len(drive) / rows
     fast = frequencies > 0.7 * frequencies[-1]
     noise = np.mean(np.abs(lines(drive, fast)) ** 2) * scale**2 * len(u) + 1e-30
     slow = np.bincount(band, drives / noise)[: band[frequencies[used] < SLOW][-1]]
     clear = slow / np.bincount(band)[: len(slow)]
     cross = np.sum(y * u.conj(), axis=0)
-    return Spectra(s, drives, moves, cross, band, looks, float(clear.min()))
+    return Spectra(s, drives, moves, cross, band, averages, float(clear.min()))
 
 
 class _Model:
@@ -145,24 +145,26 @@ class _Model:
     controller's weights and its delay, in units of their usual sizes.
     """
 
-    def __init__(self, seen: Spectra, delay: float, *, closed: bool) -> None:
-        self.seen, self.delay, self.closed = seen, delay, closed
-        z = seen.s / _AROUND
+    def __init__(self, spectra: Spectra, delay: float, *, closed: bool) -> None:
+        self.seen, self.delay, self.closed = spectra, delay, closed
+        z = spectra.s / _CENTRE
         self.basis = np.stack([z ** (power - 1) for power in _POWERS])
-        self.lines = np.bincount(seen.band) * seen.looks
+        self.lines = np.bincount(spectra.band) * spectra.averages
         self.unit = 1.0
 
     def start(self, lag: float) -> Float[np.ndarray, "d"]:
         """A loop of some lag that is stable, by least squares of either equation."""
-        seen, shape = self.seen, np.exp(-self.seen.s * self.delay) / (1 + self.seen.s * lag)
-        gain = np.sum(np.real(shape.conj() * seen.cross)) / np.sum(np.abs(shape) ** 2 * seen.drive)
+        spectra, shape = self.seen, np.exp(-self.seen.s * self.delay) / (1 + self.seen.s * lag)
+        gain = np.sum(np.real(shape.conj() * spectra.cross)) / np.sum(
+            np.abs(shape) ** 2 * spectra.drive
+        )
         x = np.array([np.log(lag), np.log(max(gain, 0.05))])
         if not self.closed:
             return x
-        late = self.basis * np.exp(-seen.s * _ANSWER)
-        matrix = np.einsum("if,jf,f->ij", late.conj(), late, seen.motion).real
+        late = self.basis * np.exp(-spectra.s * _ANSWER)
+        matrix = np.einsum("if,jf,f->ij", late.conj(), late, spectra.motion).real
         ridge = 1e-9 * np.trace(matrix) * np.eye(len(matrix))
-        weights = np.linalg.solve(matrix + ridge, -np.sum((late * seen.cross).real, axis=1))
+        weights = np.linalg.solve(matrix + ridge, -np.sum((late * spectra.cross).real, axis=1))
         self.unit = max(float(np.abs(weights).max()), 1e-3)
         x = np.concatenate([x, np.sqrt(np.maximum(weights / self.unit, 1e-3)), [1.0]])
         for _ in range(10):
@@ -173,31 +175,37 @@ class _Model:
 
     def __call__(self, x: Float[np.ndarray, "d"]) -> tuple[float, Float[np.ndarray, "d"]]:
         """Minus the log likelihood [nats] and its slope."""
-        seen, s, lag = self.seen, self.seen.s, np.exp(x[0])
+        spectra, s, lag = self.seen, self.seen.s, np.exp(x[0])
         response = np.exp(x[1] - s * self.delay) / (1 + s * lag)
-        left = seen.motion - 2 * (response.conj() * seen.cross).real
-        left = left + np.abs(response) ** 2 * seen.drive
-        disturbance = seen.means(left)
+        left = spectra.motion - 2 * (response.conj() * spectra.cross).real
+        left = left + np.abs(response) ** 2 * spectra.drive
+        disturbance = spectra.means(left)
         value = float(self.lines @ np.log(disturbance))
         # Conjugate slope with respect to G: the value moves by Re(conj(slope) dG).
-        by_response = (response * seen.drive - seen.cross) * 2 / disturbance[seen.band]
-        by_response = by_response * seen.looks
+        by_response = (response * spectra.drive - spectra.cross) * 2 / disturbance[spectra.band]
+        by_response = by_response * spectra.averages
         more = list[float]()
         if self.closed:
             late = self.basis * np.exp(-s * _ANSWER * x[-1])
             answer = self.unit * x[2:-1] ** 2 @ late
-            asked = seen.drive + 2 * (answer * seen.cross).real + np.abs(answer) ** 2 * seen.motion
-            setpoint, loop = seen.means(asked), 1 + response * answer
-            apart = (x[-1] - 1) * _ANSWER / _ANSWER_DEVIATION
-            jacobian = 2 * seen.looks * float(np.sum(np.log(np.abs(loop) + 1e-12)))
-            value += float(self.lines @ np.log(setpoint)) - jacobian + 0.5 * apart**2
-            by_answer = (seen.cross.conj() + answer * seen.motion) * 2 / setpoint[seen.band]
-            by_answer = seen.looks * (by_answer - 2 * (response / loop).conj())
-            by_response = by_response - 2 * seen.looks * (answer / loop).conj()
+            setpoint_power = (
+                spectra.drive
+                + 2 * (answer * spectra.cross).real
+                + np.abs(answer) ** 2 * spectra.motion
+            )
+            setpoint, loop = spectra.means(setpoint_power), 1 + response * answer
+            penalty = (x[-1] - 1) * _ANSWER / _ANSWER_DEVIATION
+            jacobian = 2 * spectra.averages * float(np.sum(np.log(np.abs(loop) + 1e-12)))
+            value += float(self.lines @ np.log(setpoint)) - jacobian + 0.5 * penalty**2
+            by_answer = (
+                (spectra.cross.conj() + answer * spectra.motion) * 2 / setpoint[spectra.band]
+            )
+            by_answer = spectra.averages * (by_answer - 2 * (response / loop).conj())
+            by_response = by_response - 2 * spectra.averages * (answer / loop).conj()
             later = np.sum(np.real(by_answer.conj() * -s * answer))
             more = [
                 *(2 * self.unit * x[2:-1] * np.sum((by_answer.conj() * late).real, axis=1)),
-                float(later + apart / _ANSWER_DEVIATION) * _ANSWER,
+                float(later + penalty / _ANSWER_DEVIATION) * _ANSWER,
             ]
         moved = by_response.conj() * response
         by_lag = np.sum(np.real(moved * -s * lag / (1 + s * lag)))
@@ -211,13 +219,13 @@ class _Model:
         weights = np.zeros(max(_POWERS) - lowest)
         for weight, power in zip(self.unit * x[2:-1] ** 2, _POWERS, strict=True):
             weights[power - 1 - lowest] += weight
-        d = _AROUND * (self.delay + _ANSWER * x[-1])
+        d = _CENTRE * (self.delay + _ANSWER * x[-1])
         ahead, behind = np.array([1, -d / 2, d * d / 12]), np.array([1, d / 2, d * d / 12])
-        motors = np.concatenate([np.zeros(-lowest), [1.0, _AROUND * np.exp(x[0])]])
+        motors = np.concatenate([np.zeros(-lowest), [1.0, _CENTRE * np.exp(x[0])]])
         loop = polynomial.polyadd(
             polynomial.polymul(motors, behind), np.exp(x[1]) * polynomial.polymul(weights, ahead)
         )
-        roots = polynomial.polyroots(loop) * _AROUND / (2 * np.pi)
+        roots = polynomial.polyroots(loop) * _CENTRE / (2 * np.pi)
         near = (np.abs(roots) > 1.6 * LOWEST) & (np.abs(roots) < 1.5 * HIGHEST)
         return not bool((near & (roots.real > 0)).any())
 
@@ -231,43 +239,43 @@ class _Model:
             return value, slope[len(fixed) :]
 
         with np.errstate(all="ignore"):
-            found = scipy.optimize.minimize(
+            optimum = scipy.optimize.minimize(
                 of_rest, start[len(fixed) :], jac=True, method="BFGS", options=_SEARCH
             )
-        return found.fun, np.concatenate([fixed, found.x])
+        return optimum.fun, np.concatenate([fixed, optimum.x])
 
     def sound(self, value: float, x: Float[np.ndarray, "d"]) -> bool:
         """Whether this is a loop that can have flown, of a lag that shows."""
         known = np.isfinite(value) and np.isfinite(x).all()
-        shown = known and _SEARCHED[0] < np.exp(x[0]) < _SEARCHED[1] and abs(x[1]) < 4.5
-        return bool(shown and self.stable(x))
+        in_range = known and _SEARCHED[0] < np.exp(x[0]) < _SEARCHED[1] and abs(x[1]) < 4.5
+        return bool(in_range and self.stable(x))
 
     def deviation(self, value: float, x: Float[np.ndarray, "d"]) -> float:
         """Standard error of the logarithm of the lag, from the loss of two others."""
         rises = []
         for change in (-_STEP, _STEP):
             moved = x + change * (np.arange(len(x)) == 0)
-            beside, there = self.best(moved, (moved[0],))
-            known = np.isfinite(beside) and np.isfinite(there).all() and self.stable(there)
-            rises.append(max(beside - value, 0.0) if known else _REACH)
+            nearby, there = self.best(moved, (moved[0],))
+            known = np.isfinite(nearby) and np.isfinite(there).all() and self.stable(there)
+            rises.append(max(nearby - value, 0.0) if known else _REACH)
         return float(1 / np.sqrt(2 * np.mean(rises) / _STEP**2 + 1.0))
 
 
 def lag_by_delay(
-    seen: Spectra, delays: Float[np.ndarray, "D"], *, closed: bool
+    spectra: Spectra, delays: Float[np.ndarray, "D"], *, closed: bool
 ) -> LagByDelay | None:
     """Returns the lag for each delay; None where no loop that can fly explains the spectra.
 
     Args:
-        seen: spectra of a command and of what follows it.
+        spectra: spectra of a command and of what follows it.
         delays: from the command to the signal, the sensor's own included [s].
         closed: whether a controller answers the signal.
     """
-    if min(seen.drive.min(), seen.motion.min()) <= 0.0:
+    if min(spectra.drive.min(), spectra.motion.min()) <= 0.0:
         return None
     count, first = len(delays), len(delays) // 3
     loss, lags, errors = np.full(count, np.inf), np.zeros(count), np.ones(count)
-    model = _Model(seen, float(delays[first]), closed=closed)
+    model = _Model(spectra, float(delays[first]), closed=closed)
     starts = []
     for lag in _STARTS:
         value, x = model.best(model.start(lag))
@@ -279,14 +287,14 @@ def lag_by_delay(
     for places in (range(first, count), range(first - 1, -1, -1)):
         x = best[1]
         for place in places:
-            model = _Model(seen, float(delays[place]), closed=closed)
+            model = _Model(spectra, float(delays[place]), closed=closed)
             model.unit = best[2]
-            value, found = best[:2] if place == first else model.best(x)
-            if not model.sound(value, found):
+            value, optimum = best[:2] if place == first else model.best(x)
+            if not model.sound(value, optimum):
                 break
-            x = found
-            loss[place], lags[place] = value, found[0]
-            errors[place] = model.deviation(value, found)
+            x = optimum
+            loss[place], lags[place] = value, optimum[0]
+            errors[place] = model.deviation(value, optimum)
             if value > loss.min() + _REACH:
                 break
     return LagByDelay(loss - loss.min(), lags, errors)

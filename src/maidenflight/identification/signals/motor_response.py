@@ -76,7 +76,7 @@ class MotorResponse:
     """Likewise."""
     usual_latency: tuple[float, float] | None
     """What 95 % of latencies are before and after these flights [s], if they do not narrow it."""
-    looks: tuple[Look, ...]
+    delay_estimates: tuple[Look, ...]
     notes: tuple[str, ...]
     per_flight: Mapping[str, tuple[float, float]]
     """Mean and variance of the logarithm of lag and latency together [s], by flight."""
@@ -92,7 +92,7 @@ class _Stretch(NamedTuple):
 
     flight: str
     signal: str
-    seen: LagByDelay
+    profile: LagByDelay
 
 
 class _Joined(NamedTuple):
@@ -121,8 +121,8 @@ class _Joined(NamedTuple):
         """Returns samples of lag and latency [s]."""
         place = generator.choice(len(self.weight), DRAWS, p=self.weight)
         total = self.log_total[place] + self.error[place] * generator.normal(size=DRAWS)
-        beside = np.gradient(LATENCIES)[place] * generator.uniform(-0.5, 0.5, DRAWS)
-        latency = np.maximum(LATENCIES[place] + beside, 0.0)
+        jitter = np.gradient(LATENCIES)[place] * generator.uniform(-0.5, 0.5, DRAWS)
+        latency = np.maximum(LATENCIES[place] + jitter, 0.0)
         lag = np.maximum(np.exp(total) - latency, SEEN_LAGS[0] / 2)
         return lag, latency
 
@@ -149,19 +149,19 @@ def motor_response(
         for one in flights
     ):
         return None
-    groups, found = by_log(flights), list[_Stretch]()
+    groups, stretches = by_log(flights), list[_Stretch]()
     longest = max(_LONGEST, sum(one.duration for one in flights) / _MOST)
     for number, parts in enumerate(groups.values(), 1):
         for part in parts:
-            found += _stretches(part, drone, longest)
+            stretches += _stretches(part, drone, longest)
         if on_flight is not None:
             on_flight(number, len(groups))
-    if not found:
+    if not stretches:
         return None
     before = _before(flights)
-    joined = _joined(found, before)
+    joined = _joined(stretches, before)
     lag, latency = joined.draw(generator)
-    names = dict.fromkeys(one.flight for one in found)
+    names = dict.fromkeys(one.flight for one in stretches)
     left_out = [name for name in groups if name not in names]
     note = (
         f"{', '.join(left_out)}: too short, or commands and motion do not show the motors' lag; "
@@ -169,9 +169,9 @@ def motor_response(
     )
 
     def joined_by(field: str, value: str) -> _Joined:
-        return _joined([one for one in found if getattr(one, field) == value], before)
+        return _joined([one for one in stretches if getattr(one, field) == value], before)
 
-    signals = dict.fromkeys(one.signal for one in found)
+    signals = dict.fromkeys(one.signal for one in stretches)
     return MotorResponse(
         lag,
         latency,
@@ -187,8 +187,10 @@ def _before(flights: Sequence[Flight]) -> Float[np.ndarray, "D"]:
 
     Mostly as `USUAL`, but logs of samples may have read commands a row apart from the gyro.
     """
-    held = all(flight.zero_order_hold for flight in flights)
-    size = np.hypot(USUAL_DEVIATION, 0.0 if held else min(flights[0].period, 0.01) / np.sqrt(12))
+    zero_order_hold = all(flight.zero_order_hold for flight in flights)
+    size = np.hypot(
+        USUAL_DEVIATION, 0.0 if zero_order_hold else min(flights[0].period, 0.01) / np.sqrt(12)
+    )
     wide = np.gradient(LATENCIES)
     near = np.exp(-0.5 * ((LATENCIES - USUAL) / size) ** 2) * wide
     return (1 - _UNUSUAL) * near / near.sum() + _UNUSUAL * wide / wide.sum()
@@ -211,7 +213,7 @@ def _usual(
 
 def _stretches(flight: Flight, drone: Parameters, longest: float) -> Iterator[_Stretch]:
     """What each signal shows over parts of a piece of flight."""
-    held, parts = flight.zero_order_hold, max(1, round(flight.duration / longest))
+    zero_order_hold, parts = flight.zero_order_hold, max(1, round(flight.duration / longest))
     ends = np.linspace(0, len(flight), parts + 1).astype(int)
     for begin, end in zip(ends[:-1], ends[1:], strict=True):
         part = flight.part(begin, end)
@@ -219,41 +221,49 @@ def _stretches(flight: Flight, drone: Parameters, longest: float) -> Iterator[_S
             continue
         for signal, one, delay in _signals(part, drone):
             rotors = signal == _ROTORS
-            if one.coherence < _COHERENT if rotors else not (held or one.clear > _CLEAR):
+            if one.coherence < _COHERENT if rotors else not (zero_order_hold or one.clear > _CLEAR):
                 continue
-            seen = lag_by_delay(one, LATENCIES + delay, closed=not rotors)
-            if seen is not None:
-                yield _Stretch(flight.name, signal, seen)
+            profile = lag_by_delay(one, LATENCIES + delay, closed=not rotors)
+            if profile is not None:
+                yield _Stretch(flight.name, signal, profile)
 
 
 def _signals(flight: Flight, drone: Parameters) -> Iterator[tuple[str, Spectra, float]]:
     """Name, spectra with the commands, and the sensor's delay [s] of what hears the motors."""
-    held, period = flight.zero_order_hold, flight.period
+    zero_order_hold, period = flight.zero_order_hold, flight.period
     if flight.rotor_speed is not None:
-        asked = np.sqrt(np.maximum(flight.command.astype(float), 0.0))
+        speed_setpoint = np.sqrt(np.maximum(flight.command.astype(float), 0.0))
         speeds = flight.rotor_speed.astype(float)
-        yield _ROTORS, spectra(asked, speeds, period, held=held, differentiate=False), 0.0
+        yield (
+            _ROTORS,
+            spectra(speed_setpoint, speeds, period, held=zero_order_hold, differentiate=False),
+            0.0,
+        )
         return
     turned = levers(drone)[:, :2]
     torque = flight.command.astype(float) @ (turned / np.abs(turned).max(axis=0))
     rates = flight.body_rates.astype(float)
     for axis, signal in enumerate(_GYRO):
         pair = torque[:, [axis]], rates[:, [axis]]
-        yield signal, spectra(*pair, period, held=held, differentiate=True), flight.gyro_delay
+        yield (
+            signal,
+            spectra(*pair, period, held=zero_order_hold, differentiate=True),
+            flight.gyro_delay,
+        )
 
 
-def _joined(found: Sequence[_Stretch], before: Float[np.ndarray, "D"]) -> _Joined:
+def _joined(stretches: Sequence[_Stretch], before: Float[np.ndarray, "D"]) -> _Joined:
     """Joins stretches for each latency that any of them allows.
 
     Whatever the model lacks is common to the stretches of one drone, so that their likelihoods of
     the latency are taken to the power of one over the root of their number.
     """
-    loss = np.minimum([one.seen.loss for one in found], _CLEARLY).sum(axis=0)
-    weight = np.log(before) - loss / np.sqrt(len(found))
+    loss = np.minimum([one.profile.loss for one in stretches], _CLEARLY).sum(axis=0)
+    weight = np.log(before) - loss / np.sqrt(len(stretches))
     weight = np.exp(weight - weight.max())
     mean, error = np.zeros((2, len(LATENCIES)))
     for place, latency in enumerate(LATENCIES):
-        here = [one.seen for one in found if np.isfinite(one.seen.loss[place])]
+        here = [one.profile for one in stretches if np.isfinite(one.profile.loss[place])]
         if not here:
             weight[place] = 0.0
             continue

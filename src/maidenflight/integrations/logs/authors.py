@@ -11,7 +11,7 @@ import numpy as np
 
 from maidenflight.errors import InputError
 from maidenflight.flights import tables
-from maidenflight.flights.formats import Found, TableFormat
+from maidenflight.flights.formats import LoggedFlights, TableFormat
 from maidenflight.flights.log import Flight, flight_of
 from maidenflight.flights.tables import Table
 from maidenflight.simulator.physics import battery
@@ -56,7 +56,7 @@ def recognises(table: Table) -> bool:
     return table.share(COLUMNS) >= 0.6
 
 
-def flights(table: Table) -> Found:
+def flights(table: Table) -> LoggedFlights:
     """Reads one file; where time runs backwards or leaps another flight begins.
 
     Returns:
@@ -72,18 +72,18 @@ def flights(table: Table) -> Found:
     starts = [0, *(np.flatnonzero((step < 0) | (step > GAP)) + 1), len(time)]
     parts = list(zip(starts[:-1], starts[1:], strict=True))
     _refuse_another_rate(table.name, [time[start:stop] for start, stop in parts])
-    found = []
+    logs = []
     for number, (start, stop) in enumerate(parts, 1):
         part = {name: values[start:stop] for name, values in column.items()}
         flight = _flight(part, table.name if len(parts) == 1 else f"{table.name} part {number}")
-        found.append((flight, np.arange(len(flight)) * PERIOD))
+        logs.append((flight, np.arange(len(flight)) * PERIOD))
     where = ", ".join(table.place(start) for start, _ in parts[1:4])
     notes = (
         [f"{table.name}: {len(parts)} flights in one file; time runs backwards or leaps at {where}"]
         if len(parts) > 1
         else []
     )
-    return found, notes
+    return logs, notes
 
 
 def _refuse_another_rate(name: str, times: list[np.ndarray]) -> None:
@@ -121,7 +121,7 @@ def _flight(table: dict[str, np.ndarray], name: str) -> Flight:
     # Where the network commanded the motors, its own command equals that of the motors.
     wanted = (np.clip(columns("n0", "n1", "n2", "n3"), -1.0, 1.0) + 1.0) / 2.0
     free = np.isfinite(command) & (ratio < _SATURATED)
-    held = bool(free.any() and np.median(np.abs(command - wanted)[free]) < 0.02)
+    zero_order_hold = bool(free.any() and np.median(np.abs(command - wanted)[free]) < 0.02)
     clock = (np.round(table["time"][0] / PERIOD) + np.arange(len(voltage))) * PERIOD
     angle = 2 * np.pi * clock / 3.0
     setpoint = np.stack(
@@ -137,7 +137,7 @@ def _flight(table: dict[str, np.ndarray], name: str) -> Flight:
         command=command,
         battery=voltage,
         setpoint=setpoint,
-        zero_order_hold=held,
+        zero_order_hold=zero_order_hold,
     )
 
 

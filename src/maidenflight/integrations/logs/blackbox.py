@@ -24,7 +24,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.errors import InputError, optional
-from maidenflight.flights.formats import Found, Recording
+from maidenflight.flights.formats import LoggedFlights, Recording
 from maidenflight.flights.log import LONGEST_DELAY, Flight, flight_of
 from maidenflight.flights.streams import rates, streams
 from maidenflight.integrations.logs import blackbox_header
@@ -44,7 +44,7 @@ REMEDY = (
 )
 
 
-def flights(path: Path, name: str) -> Found:
+def flights(path: Path, name: str) -> LoggedFlights:
     """The flights in a file, unchecked, with the times of their rows [s], and what was assumed.
 
     Args:
@@ -63,20 +63,20 @@ def flights(path: Path, name: str) -> Found:
         count = Reader(str(path)).log_count
     except Exception as error:
         raise InputError(f"{name}: {_unreadable(error)}") from error
-    found, notes, refused = [], [], []
+    logs, notes, refused = [], [], []
     for number in range(1, count + 1):
         title = name if count == 1 else f"{name}, log {number}"
         try:
-            flight, time, said = _of_log(Parser, path, number, title)
+            flight, time, log_notes = _of_log(Parser, path, number, title)
         except InputError as error:
             refused.append(str(error))
             continue
-        found.append((flight, time))
-        notes += said
-    if not found:
+        logs.append((flight, time))
+        notes += log_notes
+    if not logs:
         more = f" And so in {len(refused) - 1} more logs of it." if len(refused) > 1 else ""
         raise InputError(f"{refused[0] if refused else f'{name}: no log in it.'}{more}")
-    return found, [*notes, *(f"not used: {reason}" for reason in refused)]
+    return logs, [*notes, *(f"not used: {reason}" for reason in refused)]
 
 
 def _unreadable(error: Exception) -> str:
@@ -106,8 +106,8 @@ def _of_log(
     ends = np.cumsum([len(names) for names in groups.values()])
     parts = np.split(rows[first], ends[:-1], axis=1)
     values = dict(zip(groups, parts, strict=True))
-    flight, said = _flight(name, time, values, groups, headers)
-    return flight, time - time[0], [*notes, *said]
+    flight, log_notes = _flight(name, time, values, groups, headers)
+    return flight, time - time[0], [*notes, *log_notes]
 
 
 @contextlib.contextmanager
@@ -137,24 +137,24 @@ def _groups(name: str, fields: list[str]) -> dict[str, list[str]]:
         "eRPM": 4,
         "omega": 4,
     }
-    found = {"time": ["time"]} if "time" in fields else {}
+    logs = {"time": ["time"]} if "time" in fields else {}
     for signal, count in wanted.items():
         columns = [f"{signal}[{number}]" for number in range(count)]
         if set(columns) <= set(fields):
-            found[signal] = columns
-    if "gyroUnfilt" in found:
-        found.pop("gyroADC", None)
+            logs[signal] = columns
+    if "gyroUnfilt" in logs:
+        logs.pop("gyroADC", None)
     for signal in ("vbatLatest", "vbat"):
         if signal in fields:
-            found["battery"] = [signal]
+            logs["battery"] = [signal]
             break
-    lacking = {"time", "accSmooth", "motor"} - set(found)
-    lacking |= set() if {"gyroUnfilt", "gyroADC"} & set(found) else {"gyroADC"}
+    lacking = {"time", "accSmooth", "motor"} - set(logs)
+    lacking |= set() if {"gyroUnfilt", "gyroADC"} & set(logs) else {"gyroADC"}
     if "motor[4]" in fields:
         raise InputError(f"{name}: more than four motors; expected a quadrotor in X.")
     if lacking:
         raise InputError(f"{name}: missing {', '.join(sorted(lacking))}. {REMEDY}")
-    return found
+    return logs
 
 
 def _rows(parser: Any, places: list[int]) -> tuple[Float[np.ndarray, "N c"], str]:
@@ -211,7 +211,7 @@ def _flight(
     elif "omega" in values:
         speed = values["omega"][:, list(_ORDER)]
         notes.append(f"{name}: rotor speeds of omega")
-    volts, said = _battery(name, len(time), values.get("battery"), headers)
+    volts, log_notes = _battery(name, len(time), values.get("battery"), headers)
     loop = (
         blackbox_header.number(headers, "looptime", 125.0)
         * blackbox_header.number(headers, "pid_process_denom", 1.0)
@@ -229,7 +229,7 @@ def _flight(
         gyro_delay=min(gyro_delay, LONGEST_DELAY),
         accelerometer=values["accSmooth"] / one_g * 9.81,
         rotor_speed=speed,
-    ), [*notes, *said, *rates.notes(name, needed, REMEDY)]
+    ), [*notes, *log_notes, *rates.notes(name, needed, REMEDY)]
 
 
 def _command(

@@ -18,7 +18,7 @@ import polars
 
 from maidenflight.errors import InputError
 from maidenflight.flights import compensation, tables
-from maidenflight.flights.formats import Found, TableFormat
+from maidenflight.flights.formats import LoggedFlights, TableFormat
 from maidenflight.flights.log import flight_of
 from maidenflight.flights.streams import attitudes, streams
 from maidenflight.flights.tables import Table
@@ -123,7 +123,7 @@ def recognises(table: Table) -> bool:
     return len(_KNOWN & set(table.frame.columns)) >= 3
 
 
-def flights(table: Table) -> Found:
+def flights(table: Table) -> LoggedFlights:
     """The flight in a table, unchecked, with the time of its rows [s], and what was assumed.
 
     Position, velocity and attitude may be missing together where there is an accelerometer.
@@ -150,10 +150,10 @@ def flights(table: Table) -> Found:
         for signal, way in chosen.items()
     }
     rows = len(read[clock])
-    volts = _held(values["battery"][:, 0]) if "battery" in values else np.full(rows, np.nan)
+    volts = _hold_last(values["battery"][:, 0]) if "battery" in values else np.full(rows, np.nan)
     needed = {signal: values[signal] for signal in SPELLINGS if signal in values}
     _refuse_rows_apart(
-        table.name, {name: found for name, found in needed.items() if name != "battery"}
+        table.name, {name: result for name, result in needed.items() if name != "battery"}
     )
     thrust = values["thrust"][:, 0] if "thrust" in values else None
     law, how = compensation.choose_law(table, values["PWM"], volts, thrust)
@@ -228,7 +228,7 @@ def _together(read: dict[str, np.ndarray], clock: str) -> dict[str, np.ndarray]:
     }
 
 
-def _held(values: np.ndarray) -> np.ndarray:
+def _hold_last(values: np.ndarray) -> np.ndarray:
     """Each gap filled by the number before it, the first by the one after."""
     series = polars.Series(values).fill_nan(None)
     return series.forward_fill().backward_fill().fill_null(float("nan")).to_numpy()

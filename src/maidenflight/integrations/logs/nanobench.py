@@ -27,7 +27,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from maidenflight.flights import compensation, tables
-from maidenflight.flights.formats import Found, TableFormat
+from maidenflight.flights.formats import LoggedFlights, TableFormat
 from maidenflight.flights.log import flight_of
 from maidenflight.flights.streams import attitudes
 from maidenflight.flights.tables import Table
@@ -55,7 +55,7 @@ def recognises(table: Table) -> bool:
     return table.share(COLUMNS) >= 0.6
 
 
-def flights(table: Table) -> Found:
+def flights(table: Table) -> LoggedFlights:
     """The flight in a table, unchecked, with the time of its rows [s], and a note on its commands.
 
     Raises:
@@ -111,18 +111,24 @@ def lag(
     if len(rates) <= 2 * (MAX_SHIFT_ROWS + HALF):
         return np.zeros(len(rates))
     turned = Rotation.from_euler("ZYX", np.nan_to_num(attitude)[:, ::-1])
-    seen = np.pad((turned[:-2].inv() * turned[2:]).as_rotvec() / (2 * PERIOD), ((1, 1), (0, 0)))
-    gyro, seen = (_band_passed(np.nan_to_num(values[:, :2])) for values in (rates, seen))
+    turn_rates = np.pad(
+        (turned[:-2].inv() * turned[2:]).as_rotvec() / (2 * PERIOD), ((1, 1), (0, 0))
+    )
+    gyro, turn_rates = (
+        _band_passed(np.nan_to_num(values[:, :2])) for values in (rates, turn_rates)
+    )
     lags = np.arange(-MAX_SHIFT_ROWS, MAX_SHIFT_ROWS + 1)
     matched = rows[::EVERY]
-    power = _around((gyro**2).sum(axis=1), HALF, matched)
-    power_series = (seen**2).sum(axis=1)
+    power = _windows_at((gyro**2).sum(axis=1), HALF, matched)
+    power_series = (turn_rates**2).sum(axis=1)
     match = np.empty((len(matched), len(lags)))
     for number, shift in enumerate(lags):
         moved = np.clip(rows - shift, 0, rows[-1])
-        both = _around(gyro[:, 0] * seen[moved, 0] + gyro[:, 1] * seen[moved, 1], HALF, matched)
+        both = _windows_at(
+            gyro[:, 0] * turn_rates[moved, 0] + gyro[:, 1] * turn_rates[moved, 1], HALF, matched
+        )
         match[:, number] = both / np.maximum(
-            np.sqrt(power * _around(power_series[moved], HALF, matched)), 1e-6
+            np.sqrt(power * _windows_at(power_series[moved], HALF, matched)), 1e-6
         )
     path = _smoothest_path(match)
     inner = np.clip(path, 1, len(lags) - 2)
@@ -139,10 +145,12 @@ def _band_passed(values: np.ndarray) -> np.ndarray:
 
 def _smooth(values: np.ndarray, half: int) -> np.ndarray:
     rows = np.arange(len(values))
-    return np.stack([_around(column, half, rows) for column in values.T], axis=1) / (2 * half + 1)
+    return np.stack([_windows_at(column, half, rows) for column in values.T], axis=1) / (
+        2 * half + 1
+    )
 
 
-def _around(values: np.ndarray, half: int, rows: np.ndarray) -> np.ndarray:
+def _windows_at(values: np.ndarray, half: int, rows: np.ndarray) -> np.ndarray:
     """Sum over `half` rows on either side of the given ones."""
     summed = np.concatenate([[0.0], np.cumsum(values)])
     return summed[np.minimum(rows + half + 1, len(values))] - summed[np.maximum(rows - half, 0)]

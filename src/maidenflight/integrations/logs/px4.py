@@ -82,10 +82,10 @@ def flight(
         force_delay,
         gyro_delay,
     )
-    logged, time, said = joining.flight(
+    logged, time, more_notes = joining.flight(
         name, signals, REMEDY, lambda at: _in_the_air(name, topics, at)
     )
-    return logged, time, [*gyro_notes, *motor_notes, *rotors.notes, *state_notes, *said]
+    return logged, time, [*gyro_notes, *motor_notes, *rotors.notes, *state_notes, *more_notes]
 
 
 def _gyro(name: str, topics: Topics, parameters: Parameters) -> tuple[Stream, float, list[str]]:
@@ -161,10 +161,10 @@ def _state(name: str, topics: Topics) -> tuple[Stream | None, list[str]]:
     moved = np.concatenate([place[1][:, :3] * _TURN, place[1][:, 3:] * _TURN], axis=1)
     where = streams.stream(place[0], np.where(valid[:, None], moved, np.nan))
     quaternion = turned[1][:, [1, 2, 3, 0]] * [1.0, -1.0, -1.0, 1.0]
-    found, notes = joining.state(name, where, streams.stream(turned[0], quaternion))
-    if found is not None:
+    series, notes = joining.state(name, where, streams.stream(turned[0], quaternion))
+    if series is not None:
         notes = [f"{name}: position, velocity and attitude of PX4's estimator, x north, z up"]
-    return found, notes
+    return series, notes
 
 
 def _in_the_air(
@@ -174,10 +174,10 @@ def _in_the_air(
     ground = np.zeros(len(at), bool)
     landed = columns(topics, "vehicle_land_detected", "landed")
     if landed is not None:
-        ground |= streams.held(at, streams.stream(*landed))[:, 0] > 0
+        ground |= streams.hold_last(at, streams.stream(*landed))[:, 0] > 0
     status = columns(topics, "vehicle_status", "arming_state")
     if status is not None:
-        state = streams.held(at, streams.stream(*status))[:, 0]
+        state = streams.hold_last(at, streams.stream(*status))[:, 0]
         ground |= np.isfinite(state) & (state != 2)
     if not ground.any():
         return ~ground, []
@@ -195,5 +195,5 @@ def _in_the_air(
 
 
 def _battery(topics: Topics) -> Stream | None:
-    found = columns(topics, "battery_status", "voltage_v")
-    return None if found is None else streams.stream(*found)
+    series = columns(topics, "battery_status", "voltage_v")
+    return None if series is None else streams.stream(*series)

@@ -68,8 +68,8 @@ def mix(rotors: tuple[Rotor, ...]) -> Float[np.ndarray, "M 4"]:
         for column, count in zip(inverse.T[:2], turning, strict=True)
     )
     scale = np.array([tilt, tilt, inverse[:, 2].max(), np.abs(inverse[:, 3]).mean()])
-    found = inverse / np.where(scale > np.finfo(np.float32).eps, scale, 1.0)
-    return np.where(np.abs(found) < _SMALL, 0.0, found)
+    scaled = inverse / np.where(scale > np.finfo(np.float32).eps, scale, 1.0)
+    return np.where(np.abs(scaled) < _SMALL, 0.0, scaled)
 
 
 def motors(
@@ -86,19 +86,19 @@ def motors(
     by_axis = mix(rotors)
     roll, pitch, yaw, thrust = by_axis.T
     if airmode == YAW_AIRMODE:
-        asked = _yield(setpoints @ by_axis.T, thrust)
-        return np.clip(_yield(asked, yaw), 0.0, 1.0)
-    asked = setpoints[:, [0, 1, 3]] @ by_axis[:, [0, 1, 3]].T
+        outputs = _yield(setpoints @ by_axis.T, thrust)
+        return np.clip(_yield(outputs, yaw), 0.0, 1.0)
+    outputs = setpoints[:, [0, 1, 3]] @ by_axis[:, [0, 1, 3]].T
     if airmode == ROLL_PITCH_AIRMODE:
-        asked = _yield(asked, thrust)
+        outputs = _yield(outputs, thrust)
     else:
-        asked = _yield(_yield(_yield(asked, thrust, less=True), roll), pitch)
-    asked = _yield(asked + setpoints[:, 2:3] * yaw, yaw, most=1.0 + _YAW_MARGIN)
-    return np.clip(_yield(asked, thrust, less=True), 0.0, 1.0)
+        outputs = _yield(_yield(_yield(outputs, thrust, less=True), roll), pitch)
+    outputs = _yield(outputs + setpoints[:, 2:3] * yaw, yaw, most=1.0 + _YAW_MARGIN)
+    return np.clip(_yield(outputs, thrust, less=True), 0.0, 1.0)
 
 
 def _yield(
-    asked: Float[np.ndarray, "N M"],
+    outputs: Float[np.ndarray, "N M"],
     along: Float[np.ndarray, "M"],
     most: float = 1.0,
     less: bool = False,
@@ -106,23 +106,23 @@ def _yield(
     """Commands moved along an axis of the mix, by what lessens their saturation.
 
     Args:
-        asked: commands, which may lie outside [0, `most`].
+        outputs: commands, which may lie outside [0, `most`].
         along: the axis' column of the mix.
         most: the greatest command.
         less: whether to leave alone what would have to rise along thrust.
     """
-    gain = _gain(asked, along, most)
-    again = np.ones(len(asked), bool) if not less else gain >= 0.0
-    asked = asked + np.where(again, gain, 0.0)[:, None] * along
-    return asked + np.where(again, 0.5 * _gain(asked, along, most), 0.0)[:, None] * along
+    gain = _gain(outputs, along, most)
+    again = np.ones(len(outputs), bool) if not less else gain >= 0.0
+    outputs = outputs + np.where(again, gain, 0.0)[:, None] * along
+    return outputs + np.where(again, 0.5 * _gain(outputs, along, most), 0.0)[:, None] * along
 
 
 def _gain(
-    asked: Float[np.ndarray, "N M"], along: Float[np.ndarray, "M"], most: float
+    outputs: Float[np.ndarray, "N M"], along: Float[np.ndarray, "M"], most: float
 ) -> np.ndarray:
     """By how much of an axis the worst saturations on both sides lessen."""
     strong = np.abs(along) >= _WEAK
     if not strong.any():
-        return np.zeros(len(asked))
-    beyond = (np.clip(asked, 0.0, most) - asked)[:, strong] / along[strong]
+        return np.zeros(len(outputs))
+    beyond = (np.clip(outputs, 0.0, most) - outputs)[:, strong] / along[strong]
     return np.minimum(beyond.min(axis=1), 0.0) + np.maximum(beyond.max(axis=1), 0.0)

@@ -62,21 +62,21 @@ def check_airframe(name: str, parameters: Parameters) -> None:
         InputError: what it is, and which parameter says so.
     """
 
-    def said(key: str) -> int:
+    def whole_number(key: str) -> int:
         return int(parameters.get(key, 0))
 
-    rotors = said("CA_ROTOR_COUNT")
-    what = _AIRFRAMES.get(said("CA_AIRFRAME")), "CA_AIRFRAME"
+    rotors = whole_number("CA_ROTOR_COUNT")
+    what = _AIRFRAMES.get(whole_number("CA_AIRFRAME")), "CA_AIRFRAME"
     if what[0] is None and "CA_AIRFRAME" in parameters and rotors == 4:
         return  # The allocation of the motors is what flies; the others are for display.
-    if what[0] is None and said("MAV_TYPE") not in _QUADROTORS:
-        what = _VEHICLES.get(said("MAV_TYPE"), "another vehicle"), "MAV_TYPE"
+    if what[0] is None and whole_number("MAV_TYPE") not in _QUADROTORS:
+        what = _VEHICLES.get(whole_number("MAV_TYPE"), "another vehicle"), "MAV_TYPE"
     if what[0] is None and not rotors:
-        what = _FRAMES.get(said("SYS_AUTOSTART") // 1000), "SYS_AUTOSTART"
+        what = _FRAMES.get(whole_number("SYS_AUTOSTART") // 1000), "SYS_AUTOSTART"
     if what[0] is not None:
         raise InputError(
-            f"{name}: its airframe is another: {what[0]} ({what[1]} {said(what[1])}); expected a "
-            "quadrotor in X, which is what maidenflight simulates."
+            f"{name}: its airframe is another: {what[0]} ({what[1]} {whole_number(what[1])}); "
+            "expected a quadrotor in X, which is what maidenflight simulates."
         )
 
 
@@ -114,8 +114,8 @@ def rotors(name: str, parameters: Parameters) -> Rotors:
             "expected four in X, which is what maidenflight simulates."
         )
     order = tuple(next(number for number in where if where[number] == corner) for corner in corners)
-    told = ", ".join(f"({placed[number][0]:.3g}, {placed[number][1]:.3g})" for number in order)
-    notes = [f"{name}: rotors at {told} m forward, left; PX4's motors {_numbered(order)}"]
+    text = ", ".join(f"({placed[number][0]:.3g}, {placed[number][1]:.3g})" for number in order)
+    notes = [f"{name}: rotors at {text} m forward, left; PX4's motors {_numbered(order)}"]
     turns = [parameters.get(f"CA_ROTOR{number}_KM", 0.0) for number in order]
     if all(turns) and [np.sign(turn) for turn in turns] != [1, -1, 1, -1]:
         notes.append(
@@ -151,11 +151,11 @@ def motors(
 
 def _shares(name: str, topics: Topics, parameters: Parameters, factor: float) -> tuple[Stream, str]:
     """Commands of PX4's motors as they were logged, and of which topic; without rows if not."""
-    told = columns(topics, "actuator_motors", *vector("control", 4), clock="timestamp_sample")
-    if told is not None and len(told[0]) > 1:
+    text = columns(topics, "actuator_motors", *vector("control", 4), clock="timestamp_sample")
+    if text is not None and len(text[0]) > 1:
         # Not a number is a motor that is stopped.
-        share = np.clip(np.nan_to_num(told[1], nan=0.0), 0.0, None)
-        return streams.stream(told[0], share), f"{name}: motors of actuator_motors"
+        share = np.clip(np.nan_to_num(text[1], nan=0.0), 0.0, None)
+        return streams.stream(text[0], share), f"{name}: motors of actuator_motors"
     sent, low, high, channels = _outputs(name, topics, parameters)
     signal = np.clip((sent[1] - low) / (high - low), 0.0, None)
     share = factor * signal**2 + (1.0 - factor) * signal
@@ -183,13 +183,13 @@ def _outputs(
     )
     channels, prefix = (0, 1, 2, 3), ""
     for prefix in prefixes:
-        held = {
+        outputs_by_motor = {
             int(value) - 101: channel - 1
             for (owner, channel), value in functions.items()
             if owner == prefix and value in (101, 102, 103, 104)
         }
-        if len(held) == 4:
-            channels = tuple(held[motor] for motor in range(4))
+        if len(outputs_by_motor) == 4:
+            channels = tuple(outputs_by_motor[motor] for motor in range(4))
             break
     sent = columns(topics, "actuator_outputs", *(f"output[{channel}]" for channel in channels))
     if sent is None or len(sent[0]) < 2:
@@ -215,12 +215,12 @@ def _outputs(
         usual = (1.0, float(_CAN_MOST)) if prefix == "UAVCAN_EC" else (1000.0, 2000.0)
         low, high = bound("MIN", usual[0]), bound("MAX", usual[1])
     if not (high > low).all() or not 0.9 * low.min() <= typical <= 1.05 * high.max():
-        looks = " They look like raw commands to ESCs on a CAN bus, 0 to 8191." if (
+        hint = " They look like raw commands to ESCs on a CAN bus, 0 to 8191." if (
             2200.0 < typical <= _CAN_MOST
         ) else ""  # fmt: skip
         raise InputError(
             f"{name}: actuator_outputs of typically {typical:.4g} do not lie between "
-            f"{low.min():g} and {high.max():g}, the outputs' least and most.{looks} Log "
+            f"{low.min():g} and {high.max():g}, the outputs' least and most.{hint} Log "
             "actuator_motors, which PX4 does since 1.13."
         )
     return sent, low, high, channels
@@ -241,11 +241,11 @@ def _is_dshot(prefix: str, turning: Float[np.ndarray, "M"], parameters: Paramete
 def rotor_speed(topics: Topics, order: tuple[int, ...]) -> Stream | None:
     """Speeds of our motors that the ESCs tell [rad/s]."""
     fields = [f"esc[{number}].esc_rpm" for number in range(4)]
-    told = columns(topics, "esc_status", *fields)
-    if told is None or not np.any(told[1]):
+    text = columns(topics, "esc_status", *fields)
+    if text is None or not np.any(text[1]):
         return None
     escs = _by_function(topics["esc_status"])
-    return streams.stream(told[0], np.abs(told[1][:, escs][:, list(order)]) * 2 * np.pi / 60)
+    return streams.stream(text[0], np.abs(text[1][:, escs][:, list(order)]) * 2 * np.pi / 60)
 
 
 def _by_function(fields: Mapping[str, np.ndarray]) -> Int[np.ndarray, "4"]:

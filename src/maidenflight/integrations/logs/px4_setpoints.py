@@ -53,14 +53,14 @@ def motors(
     """
     if logged.rate >= 0.97 * rates.LEAST_HZ:
         return None
-    asked, topic = _setpoints(topics)
-    if asked is None or asked.rate < 0.97 * rates.LEAST_HZ:
+    setpoints, topic = _setpoints(topics)
+    if setpoints is None or setpoints.rate < 0.97 * rates.LEAST_HZ:
         return None
     rotors = _rotors(parameters)
     commands = px4_allocation.motors(
-        asked.values, rotors or _QUAD_X, int(parameters.get("MC_AIRMODE", 0))
+        setpoints.values, rotors or _QUAD_X, int(parameters.get("MC_AIRMODE", 0))
     )
-    rebuilt = Stream(asked.time, commands)
+    rebuilt = Stream(setpoints.time, commands)
     share = _explained(logged, rebuilt)
     how = "the logged allocation (CA_ROTORn)" if rotors else "PX4's mixer of a quadrotor in X"
     if share is None:
@@ -89,19 +89,19 @@ def _setpoints(topics: Topics) -> tuple[Stream | None, str]:
         known = np.isfinite(pushing.values[:, 0])
         pushed = streams.between(turning.time, pushing.part(known))
         rows = np.concatenate([turning.values, pushed], axis=1)
-        kept = np.isfinite(rows).all(axis=1)
-        return Stream(turning.time[kept], rows[kept]), " and ".join(TOPICS[:2])
+        finite = np.isfinite(rows).all(axis=1)
+        return Stream(turning.time[finite], rows[finite]), " and ".join(TOPICS[:2])
     controls = columns(topics, TOPICS[2], *vector("control", 4), clock="timestamp_sample")
     if controls is None:
         return None, ""
-    found = streams.stream(controls[0], controls[1] * [1.0, 1.0, 1.0, -1.0])
-    sound = np.asarray(np.isfinite(found.values).all(axis=1))
-    return found.part(sound), TOPICS[2]
+    rebuilt_rows = streams.stream(controls[0], controls[1] * [1.0, 1.0, 1.0, -1.0])
+    sound = np.asarray(np.isfinite(rebuilt_rows.values).all(axis=1))
+    return rebuilt_rows.part(sound), TOPICS[2]
 
 
 def _rotors(parameters: Parameters) -> tuple[Rotor, ...] | None:
     """The rotors that PX4's parameters describe; none where they have no places."""
-    found = tuple(
+    rebuilt_rows = tuple(
         Rotor(
             parameters.get(f"CA_ROTOR{number}_PX", 0.0),
             parameters.get(f"CA_ROTOR{number}_PY", 0.0),
@@ -110,7 +110,7 @@ def _rotors(parameters: Parameters) -> tuple[Rotor, ...] | None:
         )
         for number in range(4)
     )
-    return found if any(one.forward or one.right for one in found) else None
+    return rebuilt_rows if any(one.forward or one.right for one in rebuilt_rows) else None
 
 
 def _explained(logged: Stream, rebuilt: Stream) -> float | None:
@@ -126,8 +126,10 @@ def _explained(logged: Stream, rebuilt: Stream) -> float | None:
     known &= np.isfinite(logged.values).all(axis=1) & (np.nan_to_num(logged.values) > 0).all(axis=1)
     if known.sum() < _LEAST_ROWS:
         return None
-    told, found = logged.values[known], rebuilt.values[near[known]]
-    shares = [_share(of(told), of(found)) for of in (_mean, lambda rows: rows - _mean(rows))]
+    logged_rows, rebuilt_rows = logged.values[known], rebuilt.values[near[known]]
+    shares = [
+        _share(of(logged_rows), of(rebuilt_rows)) for of in (_mean, lambda rows: rows - _mean(rows))
+    ]
     return min((one for one in shares if one is not None), default=None)
 
 
@@ -135,7 +137,9 @@ def _mean(rows: Float[np.ndarray, "N M"]) -> Float[np.ndarray, "N 1"]:
     return rows.mean(axis=1, keepdims=True)
 
 
-def _share(told: np.ndarray, found: np.ndarray) -> float | None:
+def _share(logged_rows: np.ndarray, rebuilt_rows: np.ndarray) -> float | None:
     """Share of variance that is explained; none of what does not change."""
-    spread = np.sum((told - told.mean(axis=0)) ** 2)
-    return float(1.0 - np.sum((told - found) ** 2) / spread) if spread > 1e-6 else None
+    spread = np.sum((logged_rows - logged_rows.mean(axis=0)) ** 2)
+    return (
+        float(1.0 - np.sum((logged_rows - rebuilt_rows) ** 2) / spread) if spread > 1e-6 else None
+    )

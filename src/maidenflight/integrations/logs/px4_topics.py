@@ -20,14 +20,14 @@ def columns(
     topics: Topics, topic: str, *fields: str, clock: str = "timestamp"
 ) -> tuple[Float[np.ndarray, "M"], Float[np.ndarray, "M K"]] | None:
     """Times [s] and some fields of a topic, if it has them all."""
-    found = topics.get(topic)
-    if found is None or not {"timestamp", *fields} <= set(found):
+    rows = topics.get(topic)
+    if rows is None or not {"timestamp", *fields} <= set(rows):
         return None
-    stamps = found["timestamp"].astype(float)
-    sampled = found.get(clock)
+    stamps = rows["timestamp"].astype(float)
+    sampled = rows.get(clock)
     if sampled is not None:
         stamps = np.where(sampled > 0, sampled.astype(float), stamps)
-    return stamps * 1e-6, np.stack([found[field].astype(float) for field in fields], axis=1)
+    return stamps * 1e-6, np.stack([rows[field].astype(float) for field in fields], axis=1)
 
 
 def vector(field: str, count: int) -> tuple[str, ...]:

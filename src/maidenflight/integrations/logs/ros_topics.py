@@ -80,7 +80,7 @@ _REMEDY = (
 def of_mavros(topics: list[str]) -> dict[str, Layout]:
     """Layouts of drones whose MAVROS was recorded, by the beginning of their topics' names."""
     marks = sorted({topic.rpartition("mavros/")[0] for topic in topics if "mavros/" in topic})
-    found: dict[str, Layout] = {}
+    layouts: dict[str, Layout] = {}
     for mark in marks:
         sources = {}
         for signal, (ends, fields) in _MAVROS.items():
@@ -88,11 +88,11 @@ def of_mavros(topics: list[str]) -> dict[str, Layout]:
             if there:
                 sources[signal] = Source(there[0], fields)
         if set(NEEDED) <= set(sources):
-            found[mark] = Layout(sources, Motors(1000.0, 2000.0), remedy=_REMEDY)
-    return found
+            layouts[mark] = Layout(sources, Motors(1000.0, 2000.0), remedy=_REMEDY)
+    return layouts
 
 
-def beside(path: Path) -> Path:
+def map_path(path: Path) -> Path:
     """Where the file lies that says what the topics of a recording are."""
     return path.with_name(f"{path.stem}.topics.toml")
 

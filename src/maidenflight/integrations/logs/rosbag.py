@@ -19,7 +19,7 @@ import numpy as np
 import polars
 
 from maidenflight.errors import InputError, optional
-from maidenflight.flights.formats import Found, Recording
+from maidenflight.flights.formats import LoggedFlights, Recording
 from maidenflight.flights.log import Flight
 from maidenflight.flights.maps import signal_map
 from maidenflight.flights.streams import streams
@@ -80,7 +80,7 @@ class Bag(NamedTuple):
     """Message types without a definition."""
 
 
-def flights(path: Path, name: str) -> Found:
+def flights(path: Path, name: str) -> LoggedFlights:
     """The flights in a recording, unchecked, with the times of their rows [s], and notes.
 
     Args:
@@ -91,20 +91,20 @@ def flights(path: Path, name: str) -> Found:
         InputError: it is damaged, its topics are not known, or a signal is missing; or `rosbags` is
             lacking.
     """
-    told = ros_topics.beside(path)
-    said = ros_topics.read(told) if told.exists() else None
+    map_file = ros_topics.map_path(path)
+    layout_notes = ros_topics.read(map_file) if map_file.exists() else None
     with _opened(path, name) as bag:
-        if isinstance(said, Variables):
-            return _of_variables(bag, said)
-        if said is not None:
-            return _together([_of_layout(bag, name, said)])
-        found = [*_of_px4(bag), *_of_mavros(bag)]
-        if found:
-            return _together(found)
+        if isinstance(layout_notes, Variables):
+            return _of_variables(bag, layout_notes)
+        if layout_notes is not None:
+            return _together([_of_layout(bag, name, layout_notes)])
+        logs = [*_of_px4(bag), *_of_mavros(bag)]
+        if logs:
+            return _together(logs)
         topics = ", ".join(f"{topic} ({kind})" for topic, kind in bag.types.items())
         raise InputError(
             f"{name}: none of its topics are known ({topics[:600] or 'there are none'}). Say in "
-            f"{told.name} beside it which hold body rates, accelerometer and motors; see "
+            f"{map_file.name} beside it which hold body rates, accelerometer and motors; see "
             "docs/flight-log.md."
         )
 
@@ -179,9 +179,9 @@ def _first(path: Path) -> bytes:
         return file.read(16)
 
 
-def _together(found: list[tuple[Flight, np.ndarray, list[str]]]) -> Found:
-    notes = [note for *_, some in found for note in some]
-    return [(flight, time) for flight, time, _ in found], notes
+def _together(logs: list[tuple[Flight, np.ndarray, list[str]]]) -> LoggedFlights:
+    notes = [note for *_, some in logs for note in some]
+    return [(flight, time) for flight, time, _ in logs], notes
 
 
 class _Fields:
@@ -231,7 +231,7 @@ def _collected(
     bag: Bag, wanted: Mapping[str, tuple[str, ...]]
 ) -> tuple[dict[str, _Fields], list[str]]:
     """Fields of topics, and notes on what of the recording is damaged."""
-    found = {topic: _Fields(fields) for topic, fields in wanted.items()}
+    logs = {topic: _Fields(fields) for topic, fields in wanted.items()}
     faults, stopped = 0, ""
     try:
         for topic, stamp, message in bag.messages(list(wanted)):
@@ -241,13 +241,13 @@ def _collected(
                     stopped = "too many messages cannot be decoded"
                     break
                 continue
-            found[topic].add(stamp, message)
+            logs[topic].add(stamp, message)
     except Exception as error:
         stopped = " ".join(str(error).split())[:100] or type(error).__name__
     notes = [f"{bag.name}: {faults} messages cannot be decoded and are left out"] if faults else []
     if stopped:
         notes.append(f"{bag.name}: damaged ({stopped}); what was read before is used")
-    return found, notes
+    return logs, notes
 
 
 def _of_px4(bag: Bag) -> list[tuple[Flight, np.ndarray, list[str]]]:
@@ -257,7 +257,7 @@ def _of_px4(bag: Bag) -> list[tuple[Flight, np.ndarray, list[str]]]:
         parts = _PX4_TOPIC.fullmatch(topic)
         if kind.startswith(_PX4_TYPE) and parts and parts[3] in _PX4_FIELDS:
             drones.setdefault(parts[1], {})[topic] = parts[3]
-    found = []
+    logs = []
     for mark, known in drones.items():
         wanted = {
             topic: ("timestamp", "timestamp_sample", *_PX4_FIELDS[kind])
@@ -274,21 +274,21 @@ def _of_px4(bag: Bag) -> list[tuple[Flight, np.ndarray, list[str]]]:
             if len(rows):
                 topics[known[topic]] = columns
         name = bag.name if len(drones) == 1 else f"{bag.name}, {mark}"
-        flight, time, said = px4.flight(name, topics, {})
-        found.append((flight, time, [*notes, *said]))
-    return found
+        flight, time, layout_notes = px4.flight(name, topics, {})
+        logs.append((flight, time, [*notes, *layout_notes]))
+    return logs
 
 
 def _of_mavros(bag: Bag) -> list[tuple[Flight, np.ndarray, list[str]]]:
     layouts = ros_topics.of_mavros(list(bag.types))
-    found = []
+    logs = []
     for mark, layout in layouts.items():
         name = bag.name if len(layouts) == 1 else f"{bag.name}, {mark}"
         flight, time, notes = _of_layout(bag, name, layout)
         low, high, _ = layout.motors
         what = f"{name}: motors of rc/out between {low:g} and {high:g}, as in an X"
-        found.append((flight, time, [*notes, what]))
-    return found
+        logs.append((flight, time, [*notes, what]))
+    return logs
 
 
 def _of_layout(bag: Bag, name: str, layout: Layout) -> tuple[Flight, np.ndarray, list[str]]:
@@ -313,8 +313,8 @@ def _of_layout(bag: Bag, name: str, layout: Layout) -> tuple[Flight, np.ndarray,
         signal: _stream(read[source.topic], source, layout.received)
         for signal, source in sources.items()
     }
-    flight, time, said = signal_map.flight(name, read_signals, layout.motors, layout.remedy)
-    return flight, time, [*notes, *said]
+    flight, time, layout_notes = signal_map.flight(name, read_signals, layout.motors, layout.remedy)
+    return flight, time, [*notes, *layout_notes]
 
 
 def _stream(fields: _Fields, source: Source, received: bool) -> Stream:
@@ -326,20 +326,20 @@ def _stream(fields: _Fields, source: Source, received: bool) -> Stream:
     return streams.stream(np.where(np.isfinite(values).all(axis=1), stamps, np.nan), values)
 
 
-def _of_variables(bag: Bag, said: Variables) -> Found:
+def _of_variables(bag: Bag, layout_notes: Variables) -> LoggedFlights:
     """Log variables of a Crazyflie, read as those that its radio logs."""
-    missing = [topic for topic in said.names if topic not in bag.types]
+    missing = [topic for topic in layout_notes.names if topic not in bag.types]
     if missing:
         raise InputError(
             f"{bag.name}: no topic {', '.join(missing)}; it has {', '.join(bag.types)[:600]}."
         )
     wanted = {
         topic: ("timestamp", *(f"values[{place}]" for place in range(len(names))))
-        for topic, names in said.names.items()
+        for topic, names in layout_notes.names.items()
     }
     read, notes = _collected(bag, wanted)
     frames = []
-    for topic, names in said.names.items():
+    for topic, names in layout_notes.names.items():
         if read[topic].lacking:
             raise InputError(
                 f"{bag.name}: messages of {topic} do not hold {len(names)} values and a timestamp. "
@@ -349,9 +349,11 @@ def _of_variables(bag: Bag, said: Variables) -> Found:
         frames.append(polars.DataFrame(rows, schema=["timestamp", *names], orient="row"))
     frame = polars.concat(frames, how="diagonal").sort("timestamp", maintain_order=True)
     if not frame.height:
-        raise InputError(f"{bag.name}: no messages in {', '.join(said.names)}. Leave it out.")
-    found, more = cflib.flights(Table(bag.name, frame))
-    return found, [*notes, *more]
+        raise InputError(
+            f"{bag.name}: no messages in {', '.join(layout_notes.names)}. Leave it out."
+        )
+    logs, more = cflib.flights(Table(bag.name, frame))
+    return logs, [*notes, *more]
 
 
 MCAP = Recording("MCAP recording", (".mcap",), b"\x89MCAP", flights)

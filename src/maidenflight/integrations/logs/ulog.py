@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from maidenflight.errors import InputError, optional
-from maidenflight.flights.formats import Found, Recording
+from maidenflight.flights.formats import LoggedFlights, Recording
 from maidenflight.integrations.logs import px4, px4_motors
 from maidenflight.integrations.logs.px4_topics import REMEDY, vector
 
@@ -20,7 +20,7 @@ _HEAD, _MESSAGE_HEAD = 16, 3
 """Bytes of the file's and of a message's head."""
 
 
-def flights(path: Path, name: str) -> Found:
+def flights(path: Path, name: str) -> LoggedFlights:
     """The flight in a ULog, unchecked, with the time of its rows [s], and what was assumed.
 
     Only the topics that are needed are held in memory.
@@ -62,8 +62,8 @@ def flights(path: Path, name: str) -> Found:
         notes.append(
             f"{name}: {len(read.dropouts)} dropouts of the logger, {lost / 1000:.2g} s altogether"
         )
-    flight, time, said = px4.flight(name, topics, parameters)
-    return [(flight, time)], [*notes, *said]
+    flight, time, log_notes = px4.flight(name, topics, parameters)
+    return [(flight, time)], [*notes, *log_notes]
 
 
 def _numbers(parameters: Mapping[str, Any]) -> dict[str, float]:
@@ -87,13 +87,13 @@ def _torn_bytes(path: Path) -> int:
 
 def _topics(data: Iterable[Any]) -> dict[str, dict[str, np.ndarray]]:
     """Fields by topic; of several instances the first, of outputs the one that changes most."""
-    found: dict[str, dict[str, np.ndarray]] = {}
+    topics: dict[str, dict[str, np.ndarray]] = {}
     for one in data:
         fields = {name: values for name, values in one.data.items() if values.ndim == 1}
-        held = found.get(one.name)
-        if "timestamp" in fields and (held is None or _changes(fields) > _changes(held)):
-            found[one.name] = fields
-    return found
+        former = topics.get(one.name)
+        if "timestamp" in fields and (former is None or _changes(fields) > _changes(former)):
+            topics[one.name] = fields
+    return topics
 
 
 def _changes(fields: Mapping[str, np.ndarray]) -> float:

@@ -77,7 +77,9 @@ def table(raw: bytes, name: str) -> Table:
     if not places:
         raise InputError(f"{name}: no rows, the log holds no record. Leave it out.")
     bytes_ = np.frombuffer(raw, np.uint8)
-    tables = {number: _gathered(bytes_, found, events[number]) for number, found in places.items()}
+    tables = {
+        number: _gathered(bytes_, offsets, events[number]) for number, offsets in places.items()
+    }
     main = max(tables, key=lambda number: len(tables[number]))
     frame = _joined(tables, events, main, unit)
     return Table(name, frame, head={"event": events[main].name}, notes=notes)

@@ -11,7 +11,7 @@ from maidenflight.reporting import text
 from maidenflight.reporting.figures import charts, intervals
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec
 
-_TOLD = {"name": "", "value": "value", "between": "95 % interval", "source": ""}
+_TOOLTIP = {"name": "", "value": "value", "between": "95 % interval", "source": ""}
 _ENTRIES = {
     "identified": Entry("identified, 95 % interval", "orange", "bar", "identified"),
     "unidentified": Entry("plausible, not identifiable", "line", "thick", "unidentified"),
@@ -20,43 +20,45 @@ _ENTRIES = {
     "paper": Entry("paper", "purple", "tick", "paper"),
 }
 """The legend, by series."""
-Beside = Mapping[str, Mapping[str, Sequence[float]]]
+References = Mapping[str, Mapping[str, Sequence[float]]]
 """What is known of parameters besides, by series and parameter: one value or more [SI]."""
 
 
-def identification(found: Identification, start: Parameters) -> Figure:
+def identification(result: Identification, start: Parameters) -> Figure:
     """Intervals beside the start's values, looks at the motors' lag, and gains of groups.
 
     Args:
-        found: the result.
+        result: the result.
         start: the drone that the search began with.
     """
-    source = found.source
+    source = result.source
     kind = "flight" if not source.simulated else "flight, some or all simulated"
-    names = [*found.estimates, *found.unidentified]
+    names = [*result.estimates, *result.unidentified]
     begun = {"start": {name: [float(component(start, name))] for name in names}}
-    figure = estimates(found.estimates, found.unidentified, begun)
+    figure = estimates(result.estimates, result.unidentified, begun)
     panels = [*figure.panels]
-    panels += [_looks(found.lag_looks)] if found.lag_looks else []
-    panels += [_gains(found.gains)] if found.gains else []
+    panels += [_draw_delays(result.lag_looks)] if result.lag_looks else []
+    panels += [_gains(result.gains)] if result.gains else []
     title = f"Identified from {source.seconds:.0f} s of {kind}"
     return Figure(title, panels, figure.legend, columns=1)
 
 
 def estimates(
-    known: Mapping[str, Estimate], unknown: Mapping[str, tuple[float, float]], beside: Beside
+    known: Mapping[str, Estimate],
+    unknown: Mapping[str, tuple[float, float]],
+    references: References,
 ) -> Figure:
     """Returns a row a parameter, each on a scale of its own.
 
     Args:
         known: estimates by parameter.
         unknown: plausible ranges of what could not be identified.
-        beside: what else is marked, the first in numbers too.
+        references: what else is marked, the first in numbers too.
     """
     names, marks = [], []
     for row, name in enumerate((*known, *unknown)):
         low, high = known[name].interval if name in known else unknown[name]
-        others = {series: values[name] for series, values in beside.items() if name in values}
+        others = {series: values[name] for series, values in references.items() if name in values}
         ends = charts.margin([low, high, *(value for each in others.values() for value in each)])
         scale, digits, unit = text.rounding(name, low, high)
 
@@ -81,20 +83,20 @@ def estimates(
             look |= {"row": row, "kind": "line", "name": common["name"], "source": series}
             marks += [{**look, "x": place(each), "value": written(each)} for each in values]
         first = next(iter(others), None)
-        told = f", {first} {' .. '.join(map(written, others[first]))}" if first else ""
-        names.append((common["name"], f"{numbers}{told} {unit}".rstrip()))
+        reference_text = f", {first} {' .. '.join(map(written, others[first]))}" if first else ""
+        names.append((common["name"], f"{numbers}{reference_text} {unit}".rstrip()))
     x = charts.number("x", **charts.within(0.0, 1.0), axis=None)
     used = {mark["series"] for mark in marks}
     legend = [entry for series, entry in _ENTRIES.items() if series in used]
-    return Figure("Estimates", [intervals.rows(names, marks, x, _TOLD)], legend, columns=1)
+    return Figure("Estimates", [intervals.rows(names, marks, x, _TOOLTIP)], legend, columns=1)
 
 
-def _looks(looks: Sequence[Look]) -> Spec:
+def _draw_delays(delay_estimates: Sequence[Look]) -> Spec:
     """A row a signal, on one axis in milliseconds; the last is what was taken."""
     names, marks = [], []
-    for row, look in enumerate(looks):
+    for row, look in enumerate(delay_estimates):
         value, low, high = (1e3 * each for each in (look.value, *look.interval))
-        colour = charts.paint("orange" if row == len(looks) - 1 else "blue")
+        colour = charts.paint("orange" if row == len(delay_estimates) - 1 else "blue")
         bar = {"row": row, "kind": "bar", "x": low, "x2": high, "colour": colour}
         marks += [bar, {"row": row, "kind": "value", "x": value, "colour": colour}]
         names.append((look.signal, f"{value:.1f} [{low:.1f}, {high:.1f}] ms"))
@@ -114,8 +116,8 @@ def _gains(gains: Sequence[GroupGain]) -> Spec:
         marks += [bar, {"row": row, "kind": "value", "x": value, "colour": colour}]
         width = "" if error is None else f" ± {text.number(error, 1)}"
         numbers = f"{'+' if value > 0 else ''}{text.number(value, 2)}{width}"
-        kept = "kept" if gain.kept else "not kept"
-        names.append((gain.group.replace("_", " "), f"{numbers}, {kept}"))
+        verdict = "kept" if gain.kept else "not kept"
+        names.append((gain.group.replace("_", " "), f"{numbers}, {verdict}"))
     powers = [10.0**power for power in range(-2, 4)]
     scale = {"type": "symlog", "constant": SMALLEST_GAIN, "nice": False, "padding": 10}
     axis = {"values": [*(-power for power in powers), 0.0, *powers], "format": "~r"}
