@@ -189,3 +189,66 @@ def test_what_a_registry_names_is_there(registry):
             if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Assign)
         ]
         assert attribute in names, name
+
+
+PARTICIPLES = set(
+    "told untold asked said seen shown held heard found flown made kept given taken looked looks "
+    "anew apart beside around lent meant bought".split()
+)
+
+
+def words_of(name: str) -> list[str]:
+    return re.sub(r"([a-z])([A-Z])", r"\1_\2", name).lower().strip("_").split("_")
+
+
+def defined_names(tree: ast.AST) -> list[str]:
+    """Names of functions, classes, arguments and variables, as often as they are bound."""
+    names = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            names.append(node.name)
+        elif isinstance(node, ast.arg):
+            names.append(node.arg)
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            names.append(node.id)
+    return names
+
+
+def test_names_are_nouns_or_verbs_with_their_objects():
+    bare, compound = [], set()
+    for module in MODULES:
+        for name in defined_names(ast.parse((ROOT / module).read_text())):
+            words = words_of(name)
+            if len(words) == 1 and words[0] in PARTICIPLES:
+                bare.append(f"{module}: {name}")
+            elif PARTICIPLES & set(words):
+                compound.add(name)
+    assert len(bare) <= 20, "\n".join(bare)
+    assert len(compound) <= 15, sorted(compound)
+
+
+MOST_SHARED = 13
+"""Names of functions and classes that more than three modules define; each is one to rename, unless
+a registry or protocol asks for it."""
+
+
+def test_few_names_are_defined_in_many_modules():
+    modules: dict[str, list[str]] = {}
+    for module in MODULES:
+        for node in ast.parse((ROOT / module).read_text()).body:
+            if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
+                modules.setdefault(node.name, []).append(str(module))
+    shared = {name: places for name, places in modules.items() if len(places) > 3}
+    assert len(shared) <= MOST_SHARED, shared
+
+
+@pytest.mark.parametrize("module", MODULES, ids=str)
+def test_the_docstring_of_a_function_begins_with_a_verb(module):
+    for node in ast.walk(ast.parse((ROOT / module).read_text())):
+        if not isinstance(node, ast.FunctionDef) or node.name.startswith("_"):
+            continue
+        text = ast.get_docstring(node)
+        if text and not any("property" in ast.unparse(one) for one in node.decorator_list):
+            first = text.partition("\n\n")[0]
+            assert re.match(r"[A-Z][a-z]+s\b|See `\w+`\.", first), f"{node.name}: {first}"
+            assert len(first) <= 100, f"{node.name}: {first}"

@@ -58,7 +58,8 @@ assert "buoyancy" in {**found.estimates, **found.unidentified}
 TASK: Patches = {
     "simulator/tasks/tasks.py": (
         "TASKS: dict[str,",
-        '@cached_by_arguments\ndef high() -> Task:\n    return hover(2.0)._replace(name="high")\n\n\n'
+        "@cached_by_arguments\ndef high() -> Task:\n"
+        '    return hover(2.0)._replace(name="high")\n\n\n'
         "TASKS: dict[str,",
     ),
     "names.py": ('"hover", "take_off")', '"hover", "take_off", "high")'),

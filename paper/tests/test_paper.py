@@ -406,18 +406,18 @@ def test_the_yaw_trim_of_a_policys_own_logs_explains_its_flight_times(
     told = json.loads(capsys.readouterr().out)
     drone = parameters.read_drone("crazyflie")
     full = drone.torque_to_thrust * drone.thrust_to_weight * drone.mass * drone.gravity
-    *told_of, too_short = told["policies"]
+    *answer_of, too_short = told["policies"]
     assert (too_short["policy"], too_short["yaw_counts"], too_short["own_trim"]) == (
         "attitude_rate/4",
         None,
         20.0,
     )
-    assert [row["policy"] for row in told_of] == [
+    assert [row["policy"] for row in answer_of] == [
         "attitude_rate/1",
         "attitude_rate/2",
         "attitude_rate/3",
     ]
-    for row, yaw, measured in zip(told_of, (-0.02, -0.1, 0.0), (3.25, 1.45, 2.25), strict=True):
+    for row, yaw, measured in zip(answer_of, (-0.02, -0.1, 0.0), (3.25, 1.45, 2.25), strict=True):
         assert row["yaw_counts"] == pytest.approx(
             60000 * yaw, abs=200
         )  # half a step of the motors' timers

@@ -8,7 +8,7 @@ from maidenflight.errors import InputError
 from maidenflight.identification.behaviour import (
     BEHAVIOUR,
     behaviour,
-    flown_by,
+    flights_of_policies,
     mean_behaviour,
 )
 from maidenflight.parameters import crazyflie
@@ -33,7 +33,7 @@ def test_a_log_tells_which_policy_flew_it() -> None:
         calm(30, 5, period=0.02),
         calm(10, 6),
     ]
-    found = flown_by(flights, POLICIES)
+    found = flights_of_policies(flights, POLICIES)
     names = {name: [flight.name for flight in own] for name, own in found.items()}
     assert names == {"soft": ["flight 1"], "stiff": ["flight 2"]}
     # A last action is all that history holds of what the log does not.
@@ -42,7 +42,7 @@ def test_a_log_tells_which_policy_flew_it() -> None:
         ((random.weights[0], 5.0 * random.weights[1]), random.biases, random.gru)
     )
     other = untrained(jax.random.key(2), spec=PolicySpec(history=3, memory=4, hidden=(16,)))
-    assert list(flown_by([flown(random, 1)], {"other": other, "own": random})) == ["own"]
+    assert list(flights_of_policies([flown(random, 1)], {"other": other, "own": random})) == ["own"]
 
 
 @pytest.mark.parametrize(
@@ -63,7 +63,7 @@ def test_only_policies_of_one_kind_that_command_motors_are_compared(
     policies: dict[str, Policy], words: str
 ) -> None:
     with pytest.raises(InputError, match=words):
-        flown_by([calm(60)], policies)
+        flights_of_policies([calm(60)], policies)
 
 
 def test_behaviour_is_the_standard_deviations_of_what_a_loop_does() -> None:

@@ -15,7 +15,7 @@ _CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 @click.group(cls=Commands, context_settings=_CONTEXT)
 @click.version_option(__version__, prog_name="maidenflight")
 def commands() -> None:
-    """From flight logs to a neural network that flies the real drone on its first try.
+    """Takes flight logs to a neural network that flies the real drone on its first try.
 
     \b
     flight logs -> identify -> validate -> train -> transfer -> export -> report

@@ -72,7 +72,7 @@ LAWS: Mapping[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {
 def thrust_command(
     pwm: Float[np.ndarray, "N 4"], volts: Float[np.ndarray, "N"], law: str = PLUS
 ) -> Float[np.ndarray, "N 4"]:
-    """Thrust command u of logged PWM counts; NaN where a count is impossible.
+    """Returns the thrust command u of logged PWM counts; NaN where a count is impossible.
 
     Args:
         pwm: 0 to 65535, after battery compensation.
@@ -89,7 +89,7 @@ def thrust_command(
 def law_of(
     pwm: Float[np.ndarray, "N 4"], volts: Float[np.ndarray, "N"], thrust: Float[np.ndarray, "N"]
 ) -> str | None:
-    """The law that gives a logged thrust command back, or None where none does to 1.2 %.
+    """Returns the law that gives a logged thrust command back, or None where none does to 1.2 %.
 
     Args:
         pwm: as in `thrust_command`.
@@ -118,7 +118,9 @@ def _miss(command: np.ndarray, thrust: np.ndarray) -> float:
 
 
 def assumed(pwm: Float[np.ndarray, "N 4"], volts: Float[np.ndarray, "N"]) -> str:
-    """The law that is taken where a log's thrust command does not decide: by the motors' voltage.
+    """Returns the law that is taken where a log's thrust command does not decide.
+
+    By the motors' voltage.
 
     Args:
         pwm: as in `thrust_command`.
@@ -132,7 +134,7 @@ def assumed(pwm: Float[np.ndarray, "N 4"], volts: Float[np.ndarray, "N"]) -> str
 
 
 def logged_law(head: Mapping[str, str], name: str) -> str | None:
-    """The law that a table's head names, if it does.
+    """Returns the law that a table's head names, if it does.
 
     Args:
         head: of the table.
@@ -141,10 +143,10 @@ def logged_law(head: Mapping[str, str], name: str) -> str | None:
     Raises:
         InputError: it names one that is not known.
     """
-    law = head.get(SAID_IN_HEAD)
+    law = head.get(LAW_OF_THE_HEAD)
     if law not in (*LAWS, None):
         raise InputError(
-            f"{name}: {SAID_IN_HEAD} {law[:60]!r}; known are {', '.join(map(repr, LAWS))}."
+            f"{name}: {LAW_OF_THE_HEAD} {law[:60]!r}; known are {', '.join(map(repr, LAWS))}."
         )
     return law
 
@@ -171,12 +173,12 @@ def choose_law(
 
 
 def note(name: str, law: str, how: str) -> str:
-    """A note for the user: the law that a file's commands were read by, and why."""
+    """Returns a note for the user: the law that a file's commands were read by, and why."""
     return f"{name}: battery compensation of the {law} ({how})"
 
 
 BY_THRUST = "by its logged thrust command"
 BY_VOLTAGE = "assumed; log controller.cmd_thrust beside the motors, or give --battery-law"
 AS_LOGGED = "as said"
-SAID_IN_HEAD = "battery law"
+LAW_OF_THE_HEAD = "battery law"
 """Key by which a table's head, such as a comment line of a CSV, says the law."""

@@ -121,7 +121,7 @@ class FlightPlan:
         return all(block.manoeuvre.by_setpoints for block in self.blocks)
 
     def setpoints(self) -> Float[np.ndarray, "N 4"]:
-        """Position [m], above the take-off, and yaw [rad], each 10 ms."""
+        """Returns the position [m], above the take-off, and yaw [rad], each 10 ms."""
         parts = [np.zeros((0, 4))]
         for number, block in enumerate(self.blocks):
             part = block.manoeuvre.setpoints(block.seconds, self.seed + number)
@@ -129,7 +129,7 @@ class FlightPlan:
         return np.concatenate(parts) + np.array([0.0, 0.0, self.height, 0.0])
 
     def excitation(self) -> Float[np.ndarray, "N"]:
-        """Share of full thrust by which each motor is raised or lowered, each 10 ms."""
+        """Returns the share of full thrust by which each motor is raised or lowered, each 10 ms."""
         parts = [np.zeros(0)]
         for block in self.blocks:
             here = block.manoeuvre.size if block.manoeuvre.kind == MOTORS else 0.0
@@ -138,7 +138,7 @@ class FlightPlan:
         return np.concatenate(parts)
 
     def to_toml(self) -> str:
-        """The file's text, the same for the same content."""
+        """Returns the file's text, the same for the same content."""
         document = tomlkit.document()
         document.add(tomlkit.comment("A flight for identification, SI units."))
         content: dict[str, Any] = {
@@ -169,7 +169,7 @@ class FlightPlan:
 
 
 def hovering(plan: FlightPlan) -> FlightPlan:
-    """As many seconds of calm hover in the same room."""
+    """Makes a plan of as many seconds of calm hover in the same room."""
     block = Block(Manoeuvre(HOVER), plan.seconds - REST)
     return dataclasses.replace(plan, blocks=(block,), expected={}, extremes=None)
 

@@ -98,7 +98,7 @@ def suffixes() -> tuple[str, ...]:
 
 
 def is_log(file: Path) -> bool:
-    """Whether a file may be a log, by its ending or, where that does not tell, its first bytes."""
+    """Tests whether a file may be a log, by its ending or its first bytes."""
     name = file.name.lower()
     if file.name.endswith(TABLES):
         return True
@@ -111,7 +111,7 @@ def is_log(file: Path) -> bool:
 
 
 def logged(file: Path, battery_law: str | None = None) -> Logged | Table:
-    """The flights in a file as they were logged; of a table in no known format, the table.
+    """Returns the flights in a file as they were logged; of a table in no known format, the table.
 
     Args:
         file: to be read.
@@ -150,13 +150,13 @@ def logged(file: Path, battery_law: str | None = None) -> Logged | Table:
     if battery_law:
         if not kind.compensated:
             raise InputError(_no_law(name))
-        table = replace(table, head={**table.head, compensation.SAID_IN_HEAD: battery_law})
+        table = replace(table, head={**table.head, compensation.LAW_OF_THE_HEAD: battery_law})
     logs, notes = kind.flights(table)
     return Logged(name, logs, [*table.notes, *notes])
 
 
 def unknown(table: Table) -> str:
-    """What is wrong with a table in no known format."""
+    """Returns what is wrong with a table in no known format."""
     columns = ",".join(table.frame.columns)
     lacking = [what for what, words in _NEEDED.items() if not words.search(columns)]
     lack = f" It seems to hold no {' and no '.join(lacking)}, without which" if lacking else ""

@@ -135,7 +135,7 @@ class Flight:
         return {group: found for group in groups if (found := getattr(self, group)) is not None}
 
     def part(self, start: int, stop: int) -> "Flight":
-        """The rows from `start` to before `stop`."""
+        """Returns the rows from `start` to before `stop`."""
         arrays = {group: values[start:stop] for group, values in self.arrays.items()}
         return replace(self, lead=max(0, self.lead - start), **arrays)
 
@@ -162,7 +162,7 @@ class Flight:
 
 
 def by_log(flights: Iterable[Flight]) -> dict[str, list[Flight]]:
-    """The pieces of each log by its name, in the order of the flights.
+    """Returns the pieces of each log by its name, in the order of the flights.
 
     Args:
         flights: checked pieces of flights; those of one name are of one log.
@@ -174,7 +174,7 @@ def by_log(flights: Iterable[Flight]) -> dict[str, list[Flight]]:
 
 
 def thinned(flight: Flight, every: int) -> Flight:
-    """Every so many rows of a flight, as a slower log would hold them."""
+    """Returns every so many rows of a flight, as a slower log would hold them."""
     if every == 1:
         return flight
     arrays = {group: values[::every] for group, values in flight.arrays.items()}
@@ -188,7 +188,7 @@ def thinned(flight: Flight, every: int) -> Flight:
 
 
 def averaged(flight: Flight, every: int) -> Flight:
-    """Every so many rows of a flight, each with the mean of the commands until the next.
+    """Returns every so many rows of a flight, each with the mean of the commands until the next.
 
     Rotor speeds follow sqrt(u) linearly, so that is what is averaged.
     """
@@ -230,7 +230,10 @@ def flight_of(name: str, period: float, **known: Any) -> Flight:
 
 
 def to_csv(flight: Flight, record: Mapping[str, Any] | None = None) -> str:
-    """The text of a flight in our format: four comment lines, a header line, one line a row."""
+    """Returns the text of a flight in our format.
+
+    Four comment lines, a header line, one line a row.
+    """
     columns: dict[str, np.ndarray] = {"time": np.arange(len(flight)) * flight.period}
     for group, names in GROUPS.items():
         if group != "time":
@@ -296,12 +299,12 @@ def _delay(table: Table, key: str) -> float:
 
 
 def recognises(table: Table) -> bool:
-    """Whether the first line says so or most of the columns are there."""
+    """Returns whether the first line says so or most of the columns are there."""
     return table.mark.startswith(FAMILY) or table.share(_COLUMNS) >= 0.6
 
 
 def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], list[str]]:
-    """The flight in a table, unchecked, with the time of its rows [s], and no notes.
+    """Returns the flight in a table, unchecked, with the time of its rows [s], and no notes.
 
     Raises:
         InputError: see `timed`; or a CSV without our first line.

@@ -127,7 +127,7 @@ class Manoeuvre:
         return self.kind != MOTORS
 
     def setpoints(self, seconds: float, seed: int) -> Float[np.ndarray, "N 4"]:
-        """Position [m] relative to the point, and yaw [rad], each 10 ms.
+        """Returns the position [m] relative to the point, and yaw [rad], each 10 ms.
 
         Args:
             seconds: how long it lasts.
@@ -141,7 +141,7 @@ class Manoeuvre:
         )
 
     def checked(self, where: str) -> "Manoeuvre":
-        """The manoeuvre.
+        """Returns the manoeuvre.
 
         Raises:
             InputError: no such kind, or size or period out of range.

@@ -57,12 +57,12 @@ KINDS = (
 _HEAD = max(len(kind.begins) for kind in KINDS)
 READ = ".db3"
 """Ending of an SQLite database that is read, a rosbag2."""
-_LOOKED_AT = 1000
+_MAX_FILES = 1000
 """Files of a folder whose beginning is read."""
 
 
 def kind_of(head: bytes, name: str) -> Foreign | None:
-    """The kind of a file by its first bytes and its name, if it is of one."""
+    """Returns the kind of a file by its first bytes and its name, if it is of one."""
     return next(
         (
             kind
@@ -74,7 +74,7 @@ def kind_of(head: bytes, name: str) -> Foreign | None:
 
 
 def below(folder: Path) -> tuple[Counter[Foreign], int]:
-    """How many files of each kind a folder and all its folders hold, and of no kind."""
+    """Returns how many files of each kind a folder and all its folders hold, and of no kind."""
     names = (
         Path(place, name)
         for place, _, names in os.walk(folder)
@@ -85,7 +85,7 @@ def below(folder: Path) -> tuple[Counter[Foreign], int]:
     )
     kinds: Counter[Foreign] = Counter()
     others = 0
-    for path in islice(names, _LOOKED_AT):
+    for path in islice(names, _MAX_FILES):
         try:
             with path.open("rb") as file:
                 kind = kind_of(file.read(_HEAD), path.name)
@@ -99,7 +99,10 @@ def below(folder: Path) -> tuple[Counter[Foreign], int]:
 
 
 def describe(kinds: Counter[Foreign]) -> str:
-    """What files are and what to do with them, such as "2 PX4 ULogs, which are not read. ..."."""
+    """Returns what files are and what to do with them, such as "2 PX4 ULogs, which are not read.
+
+    ...".
+    """
     text = " and ".join(
         kind.one if count == 1 else f"{count} {kind.several}" for kind, count in kinds.items()
     )

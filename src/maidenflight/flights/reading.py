@@ -120,7 +120,7 @@ def read_flights(
     if commands not in (*COMMANDS, None):
         raise InputError(f"commands {commands!r}; expected {' or '.join(COMMANDS)}.")
     if battery_law is not None:
-        compensation.logged_law({compensation.SAID_IN_HEAD: battery_law}, str(path))
+        compensation.logged_law({compensation.LAW_OF_THE_HEAD: battery_law}, str(path))
     for signal in ignore:
         if signal not in log.OPTIONAL:
             raise InputError(
@@ -328,12 +328,14 @@ def _unread(path: Path) -> list[str]:
 
 
 def log_files(folder: Path) -> list[Path]:
-    """The files that may be logs in a folder and all its folders, by the numbers in their names."""
+    """Lists files that may be logs in a folder and its folders, by the numbers in their names."""
     return sorted((file for file in _below(folder)[0] if file.is_file()), key=run_folder.by_number)
 
 
 def whole_flights(file: Path) -> list[Flight]:
-    """The flights of a file as they were logged, unchecked, uncut, however short; to look at.
+    """Returns the flights of a file as they were logged, unchecked, uncut, however short.
+
+    To look at.
 
     Raises:
         InputError: the file is damaged or in no known format.

@@ -52,7 +52,7 @@ class Summary:
 
 
 def summaries(flights: Iterable[Flight]) -> tuple[Summary, ...]:
-    """A summary of each log, in the order of the flights.
+    """Returns a summary of each log, in the order of the flights.
 
     Args:
         flights: checked pieces of flights; those of one name are of one log.

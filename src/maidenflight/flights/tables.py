@@ -40,11 +40,11 @@ class Table:
     """What was left out already."""
 
     def place(self, row: int) -> str:
-        """Where a row lies, such as `line 17`; rows count from 0."""
+        """Returns where a row lies, such as `line 17`; rows count from 0."""
         return f"line {self.first_line + row}" if self.first_line else f"row {row + 1}"
 
     def share(self, columns: Sequence[str]) -> float:
-        """Share of the named columns that are there."""
+        """Returns the share of the named columns that are there."""
         return len(set(columns) & set(self.frame.columns)) / len(columns)
 
 
@@ -88,7 +88,7 @@ def content(path: Path) -> bytes:
 
 
 def decoded(raw: bytes, name: str) -> str:
-    """Text of a file, lines ended by a line feed."""
+    """Returns the text of a file, lines ended by a line feed."""
     kind = not_logs.kind_of(raw, name)
     if kind is not None:
         raise InputError(f"{name}: this is {not_logs.describe(Counter([kind]))}")
@@ -231,7 +231,9 @@ def _from_parquet(raw: bytes, name: str) -> Table:
 
 
 def numbers(table: Table, columns: Iterable[str]) -> dict[str, Float[np.ndarray, "N"]]:
-    """Named columns as float64 arrays; empty cells are NaN, numbers beyond float32 infinite.
+    """Returns named columns as float64 arrays.
+
+    Empty cells are NaN, numbers beyond float32 infinite.
 
     Raises:
         InputError: a column is missing or holds something that is not a number.

@@ -42,7 +42,7 @@ class Trim(NamedTuple):
 
 
 def trim(pieces: Sequence[Flight], drone: Parameters) -> Trim:
-    """Thrust and constant torques that balance the means of a flight.
+    """Returns the thrust and constant torques that balance the means of a flight.
 
     With F_i = m g / 4 k_F s_i, where s_i is the share of full thrust that a rotor has at its speed,
     the mean of sum(F_i) R_zz is m (g + dv_z / T), and the mean of all torques on the body that of
@@ -86,7 +86,7 @@ def trim(pieces: Sequence[Flight], drone: Parameters) -> Trim:
 def with_standard_errors(
     trims: Sequence[Trim],
 ) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 4"]]:
-    """k_F [-] and the torques about x, y and z [N m] of trims whose errors are known, and these."""
+    """Returns k_F [-] and torques [N m] of trims whose errors are known, and the errors."""
     values = np.reshape([[one.thrust_to_weight, *one.torque_bias] for one in trims], (-1, 4))
     errors = np.reshape(
         [[one.thrust_to_weight_error, *one.torque_bias_error] for one in trims], (-1, 4)
@@ -96,7 +96,7 @@ def with_standard_errors(
 
 
 def between_flights(trims: Sequence[Trim]) -> Float[np.ndarray, "4"] | None:
-    """Standard deviations between flights of k_F [-] and the constant torques [N m], beyond error.
+    """Returns standard deviations between flights of k_F [-] and the constant torques [N m].
 
     Each flight counts alike, however long it was: the next one is one more of them. Counted by
     their rows, those that flew long for the good trim that they had would hide the others.

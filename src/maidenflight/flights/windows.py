@@ -45,7 +45,7 @@ class Windows(NamedTuple):
 
 
 def first_start(flight: Flight, stride: int = 1) -> int:
-    """The row of a log at which a flight's first window starts.
+    """Returns the row of a log at which a flight's first window starts.
 
     From the rows before it follows what motors and delay line hold.
     """
@@ -53,7 +53,7 @@ def first_start(flight: Flight, stride: int = 1) -> int:
 
 
 def segment_names(flights: Iterable[Flight], length: int, stride: int = 1) -> list[str]:
-    """Name of the flight of each segment that `windows` numbers, in their order.
+    """Returns the name of the flight of each segment that `windows` numbers, in their order.
 
     Args:
         flights: as of `windows`.

@@ -33,14 +33,16 @@ BEGIN_S, END_S, LONGEST_S, SHORTEST_S = 0.2, 0.2, 6.0, 0.4
 between: before, the PID hands over; at the end it falls [s]."""
 SAME = 0.02
 """Median difference of commands below which a policy is the one that flew."""
-_ROWS_TOLD = 100
+_ROWS = 100
 """Rows of a flight by which its policy is found."""
 
 
-def flown_by(
+def flights_of_policies(
     flights: Sequence[Flight], policies: Mapping[str, Policy]
 ) -> dict[str, tuple[Flight, ...]]:
-    """The flights of each policy: those whose logged commands it gives for the logged estimates.
+    """Returns the flights of each policy.
+
+    Those whose logged commands it gives for the logged estimates.
 
     Args:
         flights: logs of any policies or controllers, at the policies' rate.
@@ -65,9 +67,9 @@ def flown_by(
     for whole in flights:
         flight = whole.part(whole.lead, len(whole))
         rate = round(1.0 / flight.period)
-        if rate != policies[names[0]].interface.rate or len(flight) < _ROWS_TOLD // 4:
+        if rate != policies[names[0]].interface.rate or len(flight) < _ROWS // 4:
             continue
-        rows = flight.part(0, min(len(flight), _ROWS_TOLD))
+        rows = flight.part(0, min(len(flight), _ROWS))
         measurement = Measurement(
             position=jnp.asarray(_filled(rows.position)),
             velocity=jnp.asarray(_filled(rows.velocity)),
@@ -89,7 +91,7 @@ def flown_by(
 
 def _filled(values: Float[np.ndarray, "N D"]) -> Float[np.ndarray, "rows D"]:
     """As many rows as every flight has here, the last one repeated."""
-    more = _ROWS_TOLD - len(values)
+    more = _ROWS - len(values)
     return np.concatenate([values, np.repeat(values[-1:], more, axis=0)]).astype(np.float32)
 
 
@@ -127,7 +129,7 @@ def _commands(
 
 
 def stacked(policies: Sequence[Policy]) -> Policy:
-    """Policies of one kind as one, with a leading axis.
+    """Returns policies of one kind as one, with a leading axis.
 
     Raises:
         InputError: they are of different kinds.
@@ -148,7 +150,7 @@ def behaviour(
     drone: Parameters,
     period: float,
 ) -> Float[np.ndarray, "7"] | None:
-    """`BEHAVIOUR` of a flight; None where it is too short.
+    """Returns the `BEHAVIOUR` of a flight; None where it is too short.
 
     Args:
         position: estimates [m].
@@ -178,7 +180,7 @@ def behaviour(
 
 
 def mean_behaviour(flights: Sequence[Flight], drone: Parameters) -> Float[np.ndarray, "7"] | None:
-    """Mean `behaviour` of a policy's flights; None where all are too short.
+    """Returns the mean `behaviour` of a policy's flights; None where all are too short.
 
     Args:
         flights: its logs.

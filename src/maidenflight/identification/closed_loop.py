@@ -109,7 +109,7 @@ def match(
     Costs settings.steps x (1 + parameters) simulations of all policies, compiled once.
 
     Args:
-        flight: the flights of each policy, as of `flown_by`.
+        flight: the flights of each policy, as of `flights_of_policies`.
         policies: of one kind, by name.
         drones: the identified drone, a point or stacked along a first axis, such as its trims, of
             which each simulated flight draws one.

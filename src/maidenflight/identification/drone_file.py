@@ -154,7 +154,7 @@ class DroneFile:
         return COUNTS if self.source is None else self.source.full_scale_counts
 
     def to_toml(self, name: str) -> str:
-        """The TOML text of a drone of that name, the same for the same content."""
+        """Returns the TOML text of a drone of that name, the same for the same content."""
         extra: dict[str, Any] = {}
         if self.source is not None and self.search is not None:
             extra["identification"] = {

@@ -84,7 +84,7 @@ def identify(
 
 
 def of_one_kind(flights: Iterable[Flight]) -> tuple[list[Flight], list[str]]:
-    """The flights with a state if any has one, else all; and a note on those left out."""
+    """Returns the flights with a state if any has one, else all; and a note on those left out."""
     flights = list(flights)
     whole = [flight for flight in flights if flight.has_state]
     bare = list(dict.fromkeys(flight.name for flight in flights if not flight.has_state))
@@ -106,7 +106,7 @@ def expected_intervals(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     key: Array | None = None,
 ) -> dict[str, Expected]:
-    """What flights can tell of each parameter, before anything is fitted; in seconds.
+    """Returns what flights can tell of each parameter, before anything is fitted; in seconds.
 
     Args:
         flights: as of `identify`.

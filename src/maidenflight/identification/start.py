@@ -40,7 +40,7 @@ def note_mass(drone: str, mass_g: float | None, flights: Flights) -> list[str]:
     ]
 
 
-def note_kept_at_bounds(start: DroneFile, estimates: Collection[str]) -> list[str]:
+def note_start_at_bounds(start: DroneFile, estimates: Collection[str]) -> list[str]:
     """Returns what was kept of a start although it lay at a search bound there.
 
     Args:

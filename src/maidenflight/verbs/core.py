@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from maidenflight.flights.summary import summaries
     from maidenflight.flying import recording
     from maidenflight.identification import drone_file
-    from maidenflight.identification.behaviour import BEHAVIOUR, flown_by
+    from maidenflight.identification.behaviour import BEHAVIOUR, flights_of_policies
     from maidenflight.identification.closed_loop import ClosedLoop, Match, match
     from maidenflight.identification.design import planning
     from maidenflight.identification.drone_file import CLOSED_LOOP, DroneFile
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
         predicted_windows,
         prediction_error,
     )
-    from maidenflight.identification.start import note_kept_at_bounds, note_mass, read_start
+    from maidenflight.identification.start import note_mass, note_start_at_bounds, read_start
     from maidenflight.identification.truth import read_truth
     from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, crazyflie
     from maidenflight.policy import Policy

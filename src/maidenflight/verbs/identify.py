@@ -157,7 +157,7 @@ class Identify(Verb):
         notes = [
             *core.note_mass(self.start, self.mass, flights),
             *core.logs.note_thrust(flights, self.start, start),
-            *core.note_kept_at_bounds(self.first, identification.estimates),
+            *core.note_start_at_bounds(self.first, identification.estimates),
         ]
         identification = dataclasses.replace(identification, notes=(*identification.notes, *notes))
         identification.write(output, record)

@@ -56,7 +56,7 @@ class Match(Verb):
         flights = core.read_flights(
             *(self.logs, None, self.most_seconds, 0, self.commands, self.battery_law, self.ignore)
         )
-        matched_flights = core.flown_by(flights.flights, policies)
+        matched_flights = core.flights_of_policies(flights.flights, policies)
         if not matched_flights:
             raise InputError(
                 f"{self.logs}: none of {len(policies)} policies gives the commands of any of "

@@ -68,8 +68,8 @@ def test_an_impact_is_left_out_with_what_is_around_it() -> None:
     assert flight.accelerometer is not None
     flight.accelerometer[round(6.0 / PERIOD), 0] = 30.0
     (_, first), (second, _) = kept(flight)
-    assert first == pytest.approx(6.0 - airborne.AROUND_IMPACT, abs=0.01)
-    assert second == pytest.approx(6.0 + airborne.AROUND_IMPACT, abs=0.01)
+    assert first == pytest.approx(6.0 - airborne.IMPACT_MARGIN, abs=0.01)
+    assert second == pytest.approx(6.0 + airborne.IMPACT_MARGIN, abs=0.01)
 
 
 def test_a_quiet_hover_is_no_standing() -> None:

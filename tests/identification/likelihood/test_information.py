@@ -19,7 +19,7 @@ from maidenflight.identification.outcome.plausible import (
     HOVERING,
     OTHER_DAY,
     Expected,
-    is_told,
+    is_identifiable,
     prior_ranges,
 )
 from maidenflight.identification.search.box import physical_bounds
@@ -103,8 +103,8 @@ def test_plausible_ranges_hold_the_start_and_lie_within_the_bounds():
 
 def test_a_parameter_is_told_below_half_the_variance_that_its_range_has():
     deviation = float(np.std(np.random.default_rng(0).uniform(1.0, 3.0, 100_000)))
-    assert is_told(0.7 * deviation, (1.0, 3.0))
-    assert not is_told(0.72 * deviation, (1.0, 3.0))
+    assert is_identifiable(0.7 * deviation, (1.0, 3.0))
+    assert not is_identifiable(0.72 * deviation, (1.0, 3.0))
 
 
 def test_excited_flights_tell_what_calm_ones_do_not(excited, calm):
@@ -146,7 +146,9 @@ def test_what_is_printed_as_found_the_flights_have_narrowed(found):
     """No posterior is its prior: the variance is below half of what was plausible."""
     assert found.estimates
     for name in found.estimates:
-        assert is_told(float(np.std(found.posterior[name])), found.expected[name].prior), name
+        assert is_identifiable(float(np.std(found.posterior[name])), found.expected[name].prior), (
+            name
+        )
     for name, (low, high) in found.unidentified.items():
         assert np.ptp(found.posterior[name]) > 0.8 * (high - low), name
 

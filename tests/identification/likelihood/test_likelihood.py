@@ -124,7 +124,7 @@ def test_flights_shorter_than_a_window_are_refused_in_words(flights):
 def test_without_noise_a_start_beside_the_wrong_latency_finds_the_right_one(monkeypatch):
     """The start has 18 ms, and the optimum next to it 21 ms with twice the lag."""
     few = {name: GROUPS[name] for name in ("spin_down_ratio", "inertia")}
-    monkeypatch.setattr(selection, "groups", lambda flights, lag_seen: few)
+    monkeypatch.setattr(selection, "groups", lambda flights, has_measured_lag: few)
     truth = replace(planted.drone(1.72, 0.055, 0.0005), spin_down_ratio=3.0, inertia_x=0.9e-5)
     truth = replace(truth, inertia_y=0.9e-5, inertia_z=1.8e-5)
     found = identify(planted.logs(truth, 16), Likelihood(trials=1)).estimates

@@ -34,7 +34,7 @@ def found():
     told = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(selection, "GROUPS", FEW)
-        patch.setattr(selection, "groups", lambda flights, lag_seen: FEW)
+        patch.setattr(selection, "groups", lambda flights, has_measured_lag: FEW)
         return identify(flights, Likelihood(trials=1), over="auto", on_progress=told.append), told
 
 
@@ -260,6 +260,6 @@ def test_drag_is_looked_for_only_where_the_drone_moves():
             planted.logs(planted.drone(1.9, 0.06, 0.012), 2), (0.02, 0.3), strict=True
         )
     )
-    assert not {"drag", "flapping_moment"} & set(selection.groups([still], lag_seen=False))
-    assert selection.groups([moving], lag_seen=False) == GROUPS
-    assert selection.groups([moving], lag_seen=True) == selection.WITH_KNOWN_LAG
+    assert not {"drag", "flapping_moment"} & set(selection.groups([still], has_measured_lag=False))
+    assert selection.groups([moving], has_measured_lag=False) == GROUPS
+    assert selection.groups([moving], has_measured_lag=True) == selection.WITH_KNOWN_LAG

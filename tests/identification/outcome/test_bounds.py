@@ -16,8 +16,8 @@ from maidenflight.identification.outcome.bounds import (
     at_bounds,
     bound_reached,
     cut_off,
+    mean_lag_estimates,
     must_lie_within_bounds,
-    of_seen_lag,
     widened,
 )
 from maidenflight.identification.search.box import (
@@ -26,7 +26,7 @@ from maidenflight.identification.search.box import (
     physical_bounds,
     search_box,
 )
-from maidenflight.identification.signals.motor_response import SEEN_LAGS
+from maidenflight.identification.signals.motor_response import LAG_BOUNDS
 from maidenflight.parameters import COMPONENTS, QUANTITIES, crazyflie
 from maidenflight.simulator.policy_spec import PolicySpec
 
@@ -109,12 +109,15 @@ def test_an_interval_that_is_cut_off_at_a_bound_is_said_once():
 def test_a_lag_that_is_seen_has_the_bounds_of_what_was_tried():
     searched = {"motor_time_constant": estimate(0.2495, (0.003, 0.5))}
     assert at_bounds(searched) == {}
-    seen = of_seen_lag(searched)
-    assert seen["motor_time_constant"].bounds == SEEN_LAGS
+    seen = mean_lag_estimates(searched)
+    assert seen["motor_time_constant"].bounds == LAG_BOUNDS
     assert "--ignore" in at_bounds(seen)["motor_time_constant"]
     both = searched | {"spin_down_ratio": estimate(3.0, (0.2, 5.0))}
-    assert of_seen_lag(both)["motor_time_constant"].bounds == (SEEN_LAGS[0] / 2, SEEN_LAGS[1] / 2)
-    asked = of_seen_lag({"motor_time_constant": estimate(0.06, (0.05, 0.06))})
+    assert mean_lag_estimates(both)["motor_time_constant"].bounds == (
+        LAG_BOUNDS[0] / 2,
+        LAG_BOUNDS[1] / 2,
+    )
+    asked = mean_lag_estimates({"motor_time_constant": estimate(0.06, (0.05, 0.06))})
     assert "--bounds" in at_bounds(asked)["motor_time_constant"]
 
 

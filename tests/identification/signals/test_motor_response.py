@@ -143,7 +143,7 @@ def test_a_drone_that_stands_says_nothing() -> None:
     for part in ("command", "body_rates"):
         rest = replace(still, **{part: np.full_like(getattr(still, part), 0.5)})
         found = motor_response([rest], np.random.default_rng(0), DRONE)
-        assert found is None or not found.is_told
+        assert found is None or not found.is_identifiable
 
 
 @pytest.mark.slow

@@ -32,7 +32,7 @@ IMPACT_M_S2 = 9.81
 """Specific force from the side, beyond its median about it, that tells of a hit."""
 DRAG_S, RARE = 0.6, 0.25
 """Time of that median [s], and the share of rows beyond it from which it is no hit but shaking."""
-AROUND_IMPACT = 0.3
+IMPACT_MARGIN = 0.3
 """Time before and after an impact that is left out [s]."""
 _GRAVITY = 9.81
 _FAR = 1 << 40
@@ -40,7 +40,7 @@ _FAR = 1 << 40
 
 
 def faults(flight: Flight) -> dict[str, Bool[np.ndarray, "N"]]:
-    """Rows in which a drone without a state estimate does not fly freely, by the reason."""
+    """Returns rows in which a drone without a state estimate does not fly freely, by the reason."""
     off = flight.command.max(axis=1) <= 0.0
     ground = _lasting(off, LONGEST_CUT, flight.period)
     hit = _impacts(flight)
@@ -53,7 +53,7 @@ def faults(flight: Flight) -> dict[str, Bool[np.ndarray, "N"]]:
             ground | stands, flight.period
         ),
         f"impact, a peak of {IMPACT_M_S2:g} m/s2 from the side": binary_dilation(
-            hit, np.ones(2 * max(1, round(AROUND_IMPACT / flight.period)) + 1)
+            hit, np.ones(2 * max(1, round(IMPACT_MARGIN / flight.period)) + 1)
         ),
     }
 

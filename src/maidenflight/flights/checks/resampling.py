@@ -71,7 +71,7 @@ def _along(values: np.ndarray, grid: Float[np.ndarray, "M"], group: str) -> np.n
 def resampled(
     flight: Flight, time: Float[np.ndarray, "N"]
 ) -> tuple[Flight, Float[np.ndarray, "M"], list[str]]:
-    """The flight at even steps if its rows jitter or some are missing, and a note that says so.
+    """Returns flight at even steps if its rows jitter or some are missing, and a note that says so.
 
     Signals are interpolated linearly; commands held until the next row and set-points keep their
     last value. A gap of more than `MAX_GAP_ROWS` rows stays a gap. A log whose steps are even but

@@ -57,7 +57,7 @@ class ColumnMap:
 
 
 def map_path(path: Path) -> Path:
-    """Where the file lies that says what the columns of a table are."""
+    """Returns where the file lies that says what the columns of a table are."""
     stem = path.name.removesuffix(".gz").rpartition(".")[0]
     return path.with_name(f"{stem}.columns.toml")
 
@@ -78,7 +78,7 @@ def read(path: Path) -> ColumnMap:
 
 
 def text(columns: ColumnMap) -> str:
-    """The content of such a file."""
+    """Returns the content of such a file."""
     comments = {
         "time": "",
         "position": "world, z up",
@@ -104,7 +104,7 @@ def text(columns: ColumnMap) -> str:
 
 
 def flight(table: Table, columns: ColumnMap) -> tuple[Flight, np.ndarray, list[str]]:
-    """The flight in a table, unchecked, with the time of its rows [s], and what was assumed.
+    """Returns flight in a table, unchecked, with the time of its rows [s], and what was assumed.
 
     Raises:
         InputError: a column is missing or no number, or a signal is logged too rarely.
@@ -128,7 +128,7 @@ def flight(table: Table, columns: ColumnMap) -> tuple[Flight, np.ndarray, list[s
 
 
 def values(table: Table, source: Source) -> np.ndarray:
-    """The columns of a signal, in SI units and with their signs."""
+    """Returns the columns of a signal, in SI units and with their signs."""
     names = [column.removeprefix("-") for column in source.columns]
     read_ = tables.numbers(table, dict.fromkeys(names))
     signs = [-1.0 if column.startswith("-") else 1.0 for column in source.columns]

@@ -104,7 +104,7 @@ def number(path: Path, signal: str, key: str, value: Any) -> float:
 def flight(
     name: str, signals: Mapping[str, Stream], scale: Motors, remedy: str
 ) -> tuple[Flight, np.ndarray, list[str]]:
-    """The flight in some signals, unchecked, with the time of its rows [s], and notes.
+    """Returns the flight in some signals, unchecked, with the time of its rows [s], and notes.
 
     Args:
         name: of the file.

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 
 def of_quaternions(values: Float[np.ndarray, "N 4"]) -> Float[np.ndarray, "N 3"]:
-    """Roll, pitch, yaw [rad] of quaternions x, y, z, w; NaN where one is none."""
+    """Returns roll, pitch, yaw [rad] of quaternions x, y, z, w; NaN where one is none."""
     with np.errstate(over="ignore", invalid="ignore"):
         norm = np.linalg.norm(values, axis=1)
     sound = np.isfinite(values).all(axis=1) & (norm > 0.5) & (norm < 1e6)

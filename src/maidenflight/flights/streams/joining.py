@@ -46,12 +46,14 @@ class Signals:
 
 
 def everywhere(at: Float[np.ndarray, "N"]) -> tuple[Bool[np.ndarray, "N"], list[str]]:
-    """All rows, and no notes."""
+    """Returns all rows, and no notes."""
     return np.ones(len(at), bool), []
 
 
 def state(name: str, place: Stream, quaternion: Stream) -> tuple[Stream | None, list[str]]:
-    """Position, velocity and attitude in the rarer one's samples; none where they are too rare.
+    """Returns position, velocity and attitude in the rarer one's samples.
+
+    None where they are too rare.
 
     Args:
         name: of the file, for notes.
@@ -80,7 +82,7 @@ def flight(
         [Float[np.ndarray, "N"]], tuple[Bool[np.ndarray, "N"], list[str]]
     ] = everywhere,
 ) -> tuple[Flight, Float[np.ndarray, "N"], list[str]]:
-    """The flight in some signals, unchecked.
+    """Returns the flight in some signals, unchecked.
 
     Args:
         name: of the file, for errors and notes.

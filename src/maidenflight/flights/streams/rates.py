@@ -22,7 +22,7 @@ NEEDED = {
 
 
 def filter_delay(cutoff: float) -> float:
-    """Delay of a low-pass filter of second order, a Butterworth, at low frequencies [s].
+    """Returns the delay of a Butterworth filter of second order, at low frequencies [s].
 
     1 / (s^2 + sqrt(2) s + 1) of s = i f / cutoff: its phase falls by sqrt(2) f / cutoff.
 
@@ -63,7 +63,7 @@ def refuse_too_slow(
 
 
 def notes(name: str, rates: Mapping[str, float], remedy: str) -> list[str]:
-    """What is known less well than a faster log would tell.
+    """Returns what is known less well than a faster log would tell.
 
     Args:
         name: of the file.

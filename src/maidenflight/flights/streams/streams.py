@@ -27,12 +27,12 @@ class Stream(NamedTuple):
         return 1.0 / self.step if len(self.time) > 1 else 0.0
 
     def part(self, rows: np.ndarray) -> "Stream":
-        """Some of the samples, by a mask."""
+        """Returns some of the samples, by a mask."""
         return Stream(self.time[rows], self.values[rows])
 
 
 def stream(time: Float[np.ndarray, "M"], values: np.ndarray) -> Stream:
-    """A signal of samples in any order; of those with one time the first.
+    """Returns a signal of samples in any order; of those with one time the first.
 
     Args:
         time: of each sample [s]; those that are not finite are left out.
@@ -55,7 +55,10 @@ def _near(at: Float[np.ndarray, "N"], signal: Stream) -> np.ndarray:
 
 
 def between(at: Float[np.ndarray, "N"], signal: Stream) -> Float[np.ndarray, "N K"]:
-    """A signal at given times, on straight lines between its samples; NaN in gaps and outside."""
+    """Returns a signal at given times, on straight lines between its samples.
+
+    NaN in gaps and outside.
+    """
     if len(signal.time) < 2:
         return np.full((len(at), signal.values.shape[1]), np.nan)
     values = np.stack([np.interp(at, signal.time, row) for row in signal.values.T], axis=1)
@@ -64,7 +67,7 @@ def between(at: Float[np.ndarray, "N"], signal: Stream) -> Float[np.ndarray, "N 
 
 
 def hold_last(at: Float[np.ndarray, "N"], signal: Stream) -> Float[np.ndarray, "N K"]:
-    """The last sample at or before given times, however old; NaN before the first."""
+    """Returns the last sample at or before given times, however old; NaN before the first."""
     if not len(signal.time):
         return np.full((len(at), signal.values.shape[1]), np.nan)
     before = np.searchsorted(signal.time, at, side="right") - 1
@@ -72,7 +75,9 @@ def hold_last(at: Float[np.ndarray, "N"], signal: Stream) -> Float[np.ndarray, "
 
 
 def mean_until_next(at: Float[np.ndarray, "N"], signal: Stream) -> Float[np.ndarray, "N K"]:
-    """The mean of a signal that holds each sample, from each time to the next; NaN as `between`.
+    """Returns the mean of a signal that holds each sample, from each time to the next.
+
+    NaN as `between`.
 
     The integral of such a signal is linear between its samples, so that the mean is exact. After
     the last time comes a step as long as the one before.
@@ -100,7 +105,7 @@ def mean_until_next(at: Float[np.ndarray, "N"], signal: Stream) -> Float[np.ndar
 
 
 def period(time: Float[np.ndarray, "N"]) -> float:
-    """The step that most rows have [s], to 0.1 ms where that is within 0.2 % of it, else to 1 us.
+    """Returns the step of most rows [s], to 0.1 ms where that is within 0.2 %, else to 1 us.
 
     Stamps in whole ms are averaged over the steps near their median. 0.01 of a single row.
     """

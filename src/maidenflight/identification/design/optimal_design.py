@@ -26,7 +26,9 @@ CLOSE = 1e-3
 
 
 def loss(matrix: Float[np.ndarray, "d d"], of: Sequence[int]) -> float:
-    """Log determinant of the covariance of some parameters, the others being unknown too.
+    """Returns the log determinant of the covariance of some parameters.
+
+    The others are unknown too.
 
     Args:
         matrix: information on all.
@@ -42,7 +44,7 @@ def gains(
     seconds: Float[np.ndarray, "m"],
     of: Sequence[int],
 ) -> Float[np.ndarray, "m"]:
-    """Decrease of the loss by a further second of each manoeuvre [1/s], never negative.
+    """Returns the decrease of the loss by a further second of each manoeuvre [1/s], never negative.
 
     Args:
         parts: information of a second of each.
@@ -63,7 +65,9 @@ def excess(
     seconds: Float[np.ndarray, "m"],
     of: Sequence[int],
 ) -> float:
-    """By what share the largest gain exceeds the mean over the seconds; 0 at the optimum.
+    """Returns the share by which the largest gain exceeds the mean over the seconds.
+
+    0 at the optimum.
 
     Args are those of `gains`.
     """
@@ -99,7 +103,7 @@ def optimal(
 def rounded(
     seconds: Float[np.ndarray, "m"], chunk: float, rest: float, total: float, most: int
 ) -> Float[np.ndarray, "m"]:
-    """Whole chunks of the manoeuvres that last longest, each with a rest after it, in a time.
+    """Returns whole chunks of the manoeuvres that last longest, each with a rest, in a time.
 
     Args:
         seconds: wanted.

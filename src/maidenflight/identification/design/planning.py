@@ -74,7 +74,7 @@ class Allowed:
     """Share of commands that are 0 or full."""
 
     def excess(self, extremes_of: Extremes, room: tuple[float, float, float]) -> str:
-        """What of a flight exceeds this or leaves the room; empty if nothing does."""
+        """Returns what of a flight exceeds this or leaves the room; empty if nothing does."""
         sides = (
             (extremes_of.lateral_x > room[0] / 2 - MARGIN, "room along x"),
             (extremes_of.lateral_y > room[1] / 2 - MARGIN, "room along y"),
@@ -89,7 +89,7 @@ class Allowed:
         return next((what for wrong, what in sides if wrong), "")
 
     def unrest(self, hover: Extremes, room: tuple[float, float, float]) -> str:
-        """What of a hover exceeds this or what a drone that is well held does."""
+        """Returns what of a hover exceeds this or what a drone that is well held does."""
         return self.excess(hover, room) or ("tilt of hover" if hover.tilt > self.calm else "")
 
 
@@ -165,7 +165,7 @@ def plan(
         for one in library(half_width, half_height, request.motors)
     }
     keys = jax.random.split(key, len(library_plans) + 2)
-    drone, drones, result, flights, notes = _find_held_drone(
+    drone, drones, result, flights, notes = _find_calm_drone(
         drone, request, library_plans, keys, on_stage
     )
     left_out = {
@@ -200,7 +200,7 @@ def plan(
     return Planned(proposal, left_out, unidentifiable, excess, tuple(notes))
 
 
-def _find_held_drone(
+def _find_calm_drone(
     drone: VirtualDrone,
     request: Request,
     library_plans: Mapping[Manoeuvre, FlightPlan],
@@ -323,7 +323,7 @@ def _simulate_library(
 
 
 def about(drone: VirtualDrone) -> list[VirtualDrone]:
-    """Virtual drones about one, on which its plan must be safe too."""
+    """Draws virtual drones about one, on which its plan must be safe too."""
     return [
         replace(virtual_drone(seed, "virtual", drone.parameters), thrust_law=drone.thrust_law)
         for seed in range(1, OTHERS + 1)

@@ -87,7 +87,7 @@ def fit(
     """
     box = box_of(problem, names)
     measured_delays = {name: samples for name, samples in measured_delays.items() if name in names}
-    drone = _with_seen(first, measured_delays)
+    drone = _with_measured_delays(first, measured_delays)
     free = tuple(
         name
         for name in names
@@ -111,7 +111,7 @@ def fit(
     return Fit(models[-1], box, drone, points, values)
 
 
-def _with_seen(
+def _with_measured_delays(
     drone: Parameters, measured_delays: Mapping[str, Float[np.ndarray, "N"]]
 ) -> Parameters:
     """The drone with the medians of what is seen.
@@ -159,7 +159,7 @@ def _descended(
     def equations(unit: np.ndarray) -> NormalEquations:
         problem.reporter.evaluated()
         drone = inner.drone(drones[int(np.argmin(values))] if drones else first, unit)
-        drone = _carried(model, _with_seen(drone, measured_delays), box)
+        drone = _carried(model, _with_measured_delays(drone, measured_delays), box)
         names = (*inner.names, *followers)
         result = model.normal_equations(drone, names)
         if followers:

@@ -57,7 +57,7 @@ def differences(
     drone: Parameters,
     motors: MotorResponse | None = None,
 ) -> list[Difference]:
-    """Parameters in which flights fall into two groups, the clearest first.
+    """Returns parameters in which flights fall into two groups, the clearest first.
 
     Thrust-to-weight ratio of each flight is the one that hovering takes, inertia a Gauss-Newton
     step from the common one, the motors' lag what the sensors show.

@@ -23,7 +23,7 @@ from maidenflight.identification.outcome.plausible import (
     UNIFORM,
     Expected,
     Ranges,
-    is_told,
+    is_identifiable,
 )
 from maidenflight.identification.signals.lag import LAG
 from maidenflight.parameters import Parameters, component
@@ -73,7 +73,7 @@ def expected(
         result[name] = Expected(
             (low, high),
             (max(low, here - reach), min(high, here + reach)),
-            is_told(float(deviation), (low, high)),
+            is_identifiable(float(deviation), (low, high)),
         )
     return result
 
@@ -83,7 +83,7 @@ def information(
     names: Sequence[str],
     directions: Mapping[str, tuple[Float[np.ndarray, "d"], float]],
 ) -> Float[np.ndarray, "d d"]:
-    """Information of flights on some parameters, as identification uses it.
+    """Returns the information of flights on some parameters, as identification uses it.
 
     Args:
         curvature: of minus the log likelihood of all rows.
@@ -111,7 +111,7 @@ def information(
 def covariance(
     matrix: Float[np.ndarray, "d d"], widths: Float[np.ndarray, "d"]
 ) -> Float[np.ndarray, "d d"]:
-    """Covariance of parameters that are uniform over some widths before the flights.
+    """Returns the covariance of parameters that are uniform over some widths before the flights.
 
     Args:
         matrix: information of the flights.

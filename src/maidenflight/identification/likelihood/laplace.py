@@ -141,7 +141,7 @@ def posterior(
         error = spread[hovers] * np.sqrt(1 / model.segments + 1 / NEXT_FLIGHT)
         error = np.hypot(error / slope[hovers], np.sqrt(doubt[hovers, hovers]))
         noise = generator.normal(0.0, error, (RESAMPLES, 1))
-    along = along @ _mean_lag_kept(
+    along = along @ _fixed_mean_lag(
         [names[place] for place in moved], fit, measured_delays, slope[moved]
     )
     curvature = curvatures.sum(axis=0) * np.outer(slope, slope)
@@ -184,7 +184,7 @@ def posterior(
     return Posterior(box, np.clip(unit + moves, 0.0, 1.0), spread, error, others.samples)
 
 
-def _mean_lag_kept(
+def _fixed_mean_lag(
     names: Sequence[str],
     fit: Fit,
     measured_delays: Mapping[str, Float[np.ndarray, "N"]],

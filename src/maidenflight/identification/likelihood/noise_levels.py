@@ -33,7 +33,7 @@ _CONTRADICTED = 1 / 3
 def noise_levels(
     products: Float[np.ndarray, "12 P+1 P+1"], parameters: Parameters, period: float
 ) -> dict[str, float]:
-    """Noise that makes a simulated drone's one-step errors alike.
+    """Returns the noise that makes a simulated drone's one-step errors alike.
 
     Position and velocity walk as far as their errors add up over `ROWS` rows; what cancels is their
     white noise. Height walks by itself: a ranger measures it, seven times better than optical flow

@@ -145,7 +145,7 @@ class OneStep(ObservationModel):
         return self._summed(one_step_errors.products, parameters)
 
     def sums(self, parameters: Parameters) -> Float[np.ndarray, "S 12"]:
-        """Sum of the errors in each segment of flight, without those that start the noise model."""
+        """Sums the errors of each segment of flight, without those that start the noise model."""
         return self._summed(one_step_errors.sums, parameters)
 
     @property
@@ -154,7 +154,7 @@ class OneStep(ObservationModel):
         return self
 
     def hovering(self, parameters: Parameters) -> tuple[float, Float[np.ndarray, "S"]]:
-        """The thrust-to-weight ratio at which vertical errors are zero in the mean.
+        """Returns the thrust-to-weight ratio at which vertical errors are zero in the mean.
 
         And that of each segment alone. Errors are linear in it.
         """
@@ -165,7 +165,7 @@ class OneStep(ObservationModel):
         return here - errors.sum() / slopes.sum(), here - errors / slopes
 
     def carrying(self, parameters: Parameters) -> float:
-        """As `hovering`, the ratio alone, in one pass with the slope of the first time."""
+        """Returns the ratio of `hovering` alone, in one pass with the slope of the first time."""
         here = float(parameters.thrust_to_weight)
         if self._slope is None:
             ahead = replace(parameters, thrust_to_weight=np.float32(1.1 * here))
@@ -174,22 +174,22 @@ class OneStep(ObservationModel):
         return here - float(self.sums(parameters)[:, VERTICAL].sum()) / self._slope
 
     def climbs(self, parameters: Parameters, names: Sequence[str]) -> Float[np.ndarray, "d"]:
-        """Derivative of the sum of vertical errors with respect to each parameter."""
+        """Returns the derivative of the sum of vertical errors with respect to each parameter."""
         self.derivatives(parameters, names)
         return self._climbs
 
     def mean_products(self, parameters: Parameters) -> Float[np.ndarray, "12 P+1 P+1"]:
-        """Their mean over the rows."""
+        """Returns their mean over the rows."""
         return self.products(parameters).sum(axis=0) / self.rows
 
     def products_about_means(self, parameters: Parameters) -> Float[np.ndarray, "12 P+1 P+1"]:
-        """The same of what errors differ by from the mean of their segment of flight."""
+        """Returns the same of what errors differ by from the mean of their segment of flight."""
         rows = np.maximum(self.rows_per_segment, 1.0)[:, None]
         constant = (self.sums(parameters) ** 2 / rows).sum(axis=0) / self.rows
         return self.mean_products(parameters) - constant[:, None, None]
 
     def noise_model(self, parameters: Parameters) -> NoiseModel:
-        """As `ObservationModel.noise_model`."""
+        """See `ObservationModel`."""
         return noise_model(self.mean_products(parameters)[np.array(COLUMNS)])
 
     def __call__(self, parameters: Parameters) -> float:
@@ -197,7 +197,7 @@ class OneStep(ObservationModel):
         return float(_minus_log_likelihood(self.noise_model(parameters).deviation, np.ones(6)))
 
     def per_segment(self, parameters: Parameters, noise: NoiseModel) -> Float[np.ndarray, "S"]:
-        """As `ObservationModel.per_segment`."""
+        """See `ObservationModel`."""
         products = self.products(parameters)[:, np.array(COLUMNS)]
         weights = np.concatenate([np.ones((6, 1)), -noise.coefficients], axis=1)
         new = np.einsum("ci,bcij,cj->bc", weights, products, weights) / noise.deviation[None] ** 2
@@ -207,7 +207,7 @@ class OneStep(ObservationModel):
     def derivatives(
         self, parameters: Parameters, names: Sequence[str]
     ) -> tuple[float, Float[np.ndarray, "S d"], Float[np.ndarray, "S d d"]]:
-        """As `ObservationModel.derivatives`."""
+        """See `ObservationModel`."""
         # Where a search ends, what it computed last is asked for once more.
         if (
             self._latest is not None
@@ -266,7 +266,7 @@ class OneStep(ObservationModel):
 def log_likelihood(
     flights: Sequence[Flight], drone: Parameters, settings: Likelihood | None = None
 ) -> float:
-    """Mean log likelihood of a row [nats] of flights under a drone and the best noise model.
+    """Returns the mean log likelihood of a row [nats] under a drone and the best noise model.
 
     Args:
         flights: checked flights of one rate.
@@ -281,7 +281,7 @@ def log_likelihood(
 
 
 def coarse_objective(flights: Sequence[Flight], settings: Likelihood | None = None) -> OneStep:
-    """The objective by which information is judged before a fit, on all windows.
+    """Returns the objective by which information is judged before a fit, on all windows.
 
     Args:
         flights: checked flights of one rate; where they show the motors, the gyro's delay is
@@ -300,7 +300,7 @@ def coarse_objective(flights: Sequence[Flight], settings: Likelihood | None = No
 def one_step_objective(
     flights: Sequence[Flight], settings: Likelihood, step: float, every: int = 1
 ) -> OneStep:
-    """The objective on each `every`-th window, in physics steps of about `step` seconds.
+    """Returns the objective on each `every`-th window, in physics steps of about `step` seconds.
 
     Args:
         flights: checked flights of one rate.

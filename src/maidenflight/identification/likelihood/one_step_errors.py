@@ -43,7 +43,7 @@ nothing more of the drone."""
 def errors(
     window: Windows, parameters: Parameters, steps: int | Array, stride: int = 1
 ) -> Float[Array, "T 12"]:
-    """Measured minus predicted position, velocity, attitude and body rates.
+    """Returns measured minus predicted position, velocity, attitude and body rates.
 
     Each row is predicted from the measured one before it.
 

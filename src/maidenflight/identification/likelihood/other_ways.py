@@ -41,14 +41,14 @@ FILTER = 1e-3
 commands are samples of a faster loop, half a row is added."""
 
 
-def commands_are_held(flights: Sequence[Flight]) -> bool:
+def is_zero_order_hold(flights: Sequence[Flight]) -> bool:
     """Returns whether each logged command acted until the next."""
     return all(flight.zero_order_hold for flight in flights)
 
 
 def ways_of_states(flights: Sequence[Flight], settings: Likelihood, names: Sequence[str]) -> Ways:
     """Returns other ways of fitting logs with a state."""
-    if commands_are_held(flights):
+    if is_zero_order_hold(flights):
         return {}
     sparse = [thinned(one, _SPARSER) for one in flights]
     model = one_step_objective(sparse, settings, _SPARSER * settings.physics_step)
@@ -68,7 +68,7 @@ def ways_of_sensor(flights: Sequence[Flight], model: SensorErrors, names: Sequen
     fit_result: dict[str, tuple[SensorErrors, Sequence[str]]] = {WHITE: (model.white(), names)}
     if {"inertia_x", "inertia_y"} <= set(names):
         fit_result[OWN_LAG] = model, (*names, *DELAYS)
-    if not commands_are_held(flights):
+    if not is_zero_order_hold(flights):
         sparse = [thinned(one, _SPARSER) for one in flights]
         fit_result[SPARSER] = type(model).of(sparse, model.priors), names
     return fit_result
@@ -80,7 +80,7 @@ def doubt_of_sensor(
     """Returns the covariance in the unit cube of what they differ by, and of the sensor's delay."""
     late = (
         FILTER
-        if commands_are_held(flights)
+        if is_zero_order_hold(flights)
         else float(np.hypot(FILTER, flights[0].period / np.sqrt(12)))
     )
     box, names, unit = fit_result.box, fit_result.box.names, fit_result.optimum

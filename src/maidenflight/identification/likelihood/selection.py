@@ -50,17 +50,17 @@ ROUGH = SMALLEST_GAIN / 50
 """Log-likelihood gain of a row [nats] below which a fit need not be improved for the choice."""
 
 
-def groups(flights: Sequence[Flight], lag_seen: bool) -> dict[str, tuple[str, ...]]:
-    """The groups that may be added for some flights.
+def groups(flights: Sequence[Flight], has_measured_lag: bool) -> dict[str, tuple[str, ...]]:
+    """Returns the groups that may be added for some flights.
 
     Args:
         flights: checked flights.
-        lag_seen: whether they show the motors' lag by themselves.
+        has_measured_lag: whether they show the motors' lag by themselves.
     """
     square = np.mean(np.concatenate([flight.velocity for flight in flights]) ** 2, axis=0)
     still = {"drag_x", "drag_y", "flapping_moment"} if square[0] + square[1] < MOVING**2 else set()
     still |= {"drag_z"} if square[2] < MOVING**2 else set()
-    offered = WITH_KNOWN_LAG if lag_seen else GROUPS
+    offered = WITH_KNOWN_LAG if has_measured_lag else GROUPS
     left = {
         group: tuple(name for name in names if name not in still)
         for group, names in offered.items()
@@ -169,7 +169,7 @@ def _mean_gain(
 
 
 def split(flights: Sequence[Flight]) -> tuple[list[Flight], list[Flight]]:
-    """Flights to fit and, every third of them, to judge by.
+    """Returns flights to fit and, every third of them, to judge by.
 
     The longest is cut in three where there are fewer than three.
 

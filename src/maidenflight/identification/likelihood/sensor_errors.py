@@ -115,7 +115,7 @@ class SensorErrors(ObservationModel):
         return self.signals.measured - self.predicted(parameters, self._rotors(parameters))
 
     def noise_model(self, parameters: Parameters) -> NoiseModel:
-        """As `observation.ObservationModel.noise_model`."""
+        """See `ObservationModel`."""
         return noise_model(self._products(self.errors(parameters)) / self.rows)
 
     def _products(self, errors: Float[np.ndarray, "M S C"]) -> Float[np.ndarray, "C P+1 P+1"]:
@@ -144,7 +144,7 @@ class SensorErrors(ObservationModel):
         return np.add.reduceat(counted, np.concatenate([[0], ends[:-1]]), axis=0)
 
     def per_segment(self, parameters: Parameters, noise: NoiseModel) -> Float[np.ndarray, "S"]:
-        """As `observation.ObservationModel.per_segment`."""
+        """See `ObservationModel`."""
         return self._minus_log_likelihood(self.errors(parameters), noise)
 
     def _minus_log_likelihood(
@@ -160,7 +160,7 @@ class SensorErrors(ObservationModel):
     def derivatives(
         self, parameters: Parameters, names: Sequence[str]
     ) -> tuple[float, Float[np.ndarray, "S d"], Float[np.ndarray, "S d d"]]:
-        """As `observation.ObservationModel.derivatives`, priors included."""
+        """Returns `ObservationModel.derivatives`, priors included."""
         errors, slopes = self._slopes(parameters, names)
         products = self._products(errors)
         noise = noise_model(products / self.rows)

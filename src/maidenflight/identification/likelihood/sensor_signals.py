@@ -94,7 +94,7 @@ class Signals:
         return self.rows * self.period
 
     def some(self, segments: Bool[np.ndarray, "S"]) -> "Signals":
-        """Some of the segments."""
+        """Returns some of the segments."""
         return replace(
             self,
             command=self.command[:, segments],
@@ -120,7 +120,7 @@ class Signals:
         return self.some(~judged), self.some(judged)
 
     def rotors(self, drone: Parameters) -> Rotors:
-        """What the rotors of a drone did, by the simulator's motors."""
+        """Returns what the rotors of a drone did, by the simulator's motors."""
         substeps = max(1, int(np.ceil(self.period / SLOWEST_STEP - 1e-6)))
         count = self.command.shape[1]
         commands = delayed(self.command, float(drone.latency) / self.period).astype(np.float32)

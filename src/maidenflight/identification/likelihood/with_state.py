@@ -27,7 +27,7 @@ from maidenflight.identification.likelihood.one_step import LENGTH, OneStep, one
 from maidenflight.identification.likelihood.one_step_errors import ORDER
 from maidenflight.identification.likelihood.selection import Parts
 from maidenflight.identification.methods import Likelihood
-from maidenflight.identification.outcome.bounds import of_seen_lag
+from maidenflight.identification.outcome.bounds import mean_lag_estimates
 from maidenflight.identification.outcome.ensembles import as_flights_differ
 from maidenflight.identification.outcome.estimates import (
     Identification,
@@ -36,7 +36,13 @@ from maidenflight.identification.outcome.estimates import (
     evaluations_table,
     notes_on,
 )
-from maidenflight.identification.outcome.plausible import Expected, Ranges, is_told, prior_ranges
+from maidenflight.identification.outcome.plausible import (
+    VARIANCE_SHARE,
+    Expected,
+    Ranges,
+    is_identifiable,
+    prior_ranges,
+)
 from maidenflight.identification.outcome.problem import Problem, must_tell
 from maidenflight.identification.outcome.progress import EXPECTING, MOTOR_LAG
 from maidenflight.identification.signals import lag
@@ -99,7 +105,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     estimates = estimates_of(box, fit_result.best.optimum, fit_result.optima, interval, spread)
     estimates |= as_flights_differ(estimates, flights, drone)
     if motors and LAG in box.names:
-        estimates = of_seen_lag(estimates)
+        estimates = mean_lag_estimates(estimates)
     if motors and motors.usual_latency and "latency" in estimates:
         # It belongs to the lag that is told, so that the drone has it, and not the start's.
         del estimates["latency"]
@@ -131,7 +137,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
 
 
 def expected_intervals(problem: Problem, settings: Likelihood) -> dict[str, Expected]:
-    """What the flights can tell of the parameters that are asked for, or that may be chosen.
+    """Returns what flights can tell of the parameters that are asked for, or that may be chosen.
 
     Raises:
         InputError: too little flight, or a parameter that cannot be searched.
@@ -163,7 +169,7 @@ def _expected(
     )
     # What is not even looked for in such flights cannot be told by them either.
     # Of a lag that is seen its own width decides, not what is plausible about some start.
-    measured_delays = {} if motors is None else {LAG: motors.is_told, "latency": True}
+    measured_delays = {} if motors is None else {LAG: motors.is_identifiable, "latency": True}
     return {
         name: replace_(
             one, identifiable=measured_delays.get(name, one.identifiable) and name in offered
@@ -174,7 +180,7 @@ def _expected(
 
 def _groups(problem: Problem, motors: MotorResponse | None) -> Mapping[str, Sequence[str]]:
     """Parameters that may be chosen."""
-    return selection.groups(problem.flights, lag_seen=motors is not None)
+    return selection.groups(problem.flights, has_measured_lag=motors is not None)
 
 
 def _too_wide(
@@ -185,12 +191,19 @@ def _too_wide(
 ) -> list[str]:
     """The parameter that flights tell least beyond its plausible range, and those of its group.
 
-    None at all if they tell all of them. Others may be wide only because of this one.
+    None at all if they tell all of them. Others may be wide only because of this one. A group is
+    there because held-out flights gain by it; without it the others would be biased, so that its
+    parameters go only where they are as wide as before.
     """
+    added = {name for group in groups.values() for name in group}
     share = {
         name: float(np.std(draws[name]) / np.ptp(expected[name].prior))
         for name in names
-        if not is_told(float(np.std(draws[name])), expected[name].prior)
+        if not is_identifiable(
+            float(np.std(draws[name])),
+            expected[name].prior,
+            1.0 if name in added else VARIANCE_SHARE,
+        )
     }
     if not share:
         return []
@@ -217,7 +230,7 @@ def _question(
     if problem.over is None:
         parts = _parts(problem.flights, settings)
         if not motors:
-            start = _beside_optimum(problem, settings, parts.sample, unidentifiable)
+            start = _optimum_near(problem, settings, parts.sample, unidentifiable)
     else:
         must_tell(names, unidentifiable)
     left = {
@@ -265,7 +278,7 @@ def _parts(flights: Sequence[Flight], settings: Likelihood) -> Parts:
     return Parts(training, held_out, _pilot(fitted, settings, training))
 
 
-def _beside_optimum(
+def _optimum_near(
     problem: Problem,
     settings: Likelihood,
     sample: ObservationModel,

@@ -35,7 +35,7 @@ from maidenflight.identification.outcome.estimates import (
     evaluations_table,
     notes_on,
 )
-from maidenflight.identification.outcome.plausible import Ranges, is_told, prior_ranges
+from maidenflight.identification.outcome.plausible import Ranges, is_identifiable, prior_ranges
 from maidenflight.identification.outcome.posterior import RESAMPLES
 from maidenflight.identification.outcome.problem import Problem, must_tell
 from maidenflight.identification.search.box import Box
@@ -97,7 +97,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     Raises:
         InputError: too little flight, or a parameter that these sensors do not show.
     """
-    _must_be_shown(problem.over)
+    _require_signals(problem.over)
     problem = replace_(problem, bounds={**BOUNDS, **problem.bounds})
     settings = replace_(settings, evaluations=min(settings.evaluations, _MOST))
     motors = motor_response(problem.flights, problem.generator.spawn(1)[0], problem.start)
@@ -142,7 +142,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     )
 
 
-def _must_be_shown(over: Sequence[str] | None) -> None:
+def _require_signals(over: Sequence[str] | None) -> None:
     if over is None:
         return
     hidden = [name for name in over if name not in (*OF_ACCELEROMETER, *OF_GYRO)]
@@ -183,8 +183,10 @@ def _force(problem: Problem, settings: Likelihood, motors: MotorResponse | None)
     groups = FORCE_GROUPS if problem.over is None else {}
     answer = _ask_sensor(problem, settings, model, names, groups, start)
     plausible = _plausible(problem, tuple(answer.samples), priors)
-    lost = [name for name in DELAYS if name in names and not _lag_is_told(answer, plausible)]
-    if lost and motors and motors.is_told and set(DELAYS) < set(names):
+    lost = [
+        name for name in DELAYS if name in names and not _lag_is_identifiable(answer, plausible)
+    ]
+    if lost and motors and motors.is_identifiable and set(DELAYS) < set(names):
         chosen = problem.generator.integers(len(motors.lag), size=RESAMPLES)
         measured_delays = {LAG: motors.lag[chosen], "latency": motors.latency[chosen]}
         drone = replace(
@@ -196,7 +198,7 @@ def _force(problem: Problem, settings: Likelihood, motors: MotorResponse | None)
         return again if usual is None else replace_(again, unidentifiable={"latency": usual})
     if lost:
         lost = [name for name in answer.samples if name in MOTORS]
-    if "thrust_linear" in names and not is_told(
+    if "thrust_linear" in names and not is_identifiable(
         answer.posterior.error["thrust_linear"], plausible["thrust_linear"]
     ):
         lost.append("thrust_linear")
@@ -248,12 +250,12 @@ def _plausible(
     return answer
 
 
-def _lag_is_told(answer: Answer, plausible: Ranges) -> bool:
+def _lag_is_identifiable(answer: Answer, plausible: Ranges) -> bool:
     """Whether lag and latency together are told, and neither lies at a search bound."""
     if np.isinf([answer.posterior.error.get(name, 0.0) for name in DELAYS]).any():
         return False
     samples = sum(answer.samples[name] for name in DELAYS if name in answer.samples)
-    return is_told(
+    return is_identifiable(
         float(np.std(samples)), plausible.get(DELAYS[0], plausible.get(DELAYS[1], (0, 0)))
     )
 
@@ -269,7 +271,9 @@ def _torque(problem: Problem, settings: Likelihood, force: Answer | None) -> Ans
     answer = _ask_sensor(problem, settings, model, names, groups, drone, known)
     plausible = _plausible(problem, names, {})
     error = answer.posterior.error
-    lost = {name: plausible[name] for name in names if not is_told(error[name], plausible[name])}
+    lost = {
+        name: plausible[name] for name in names if not is_identifiable(error[name], plausible[name])
+    }
     return answer.without(lost, problem.start, problem.generator)
 
 
@@ -284,10 +288,10 @@ def _with_inertia_z(
 
     Torques about z follow, since yaw shows them as shares of that inertia.
     """
-    told_of = draws.keys() - unidentifiable.keys()
-    if not told_of.intersection(ABOUT_Z) or "inertia_z" in draws:
+    answer_of = draws.keys() - unidentifiable.keys()
+    if not answer_of.intersection(ABOUT_Z) or "inertia_z" in draws:
         return drone, draws, spread, []
-    level = [name for name in ("inertia_x", "inertia_y") if name in told_of]
+    level = [name for name in ("inertia_x", "inertia_y") if name in answer_of]
     if not level:
         note = "yaw shows its torques only as shares of inertia_z, which is the start's"
         return drone, draws, spread, [note]
@@ -297,7 +301,7 @@ def _with_inertia_z(
     about_z = float(component(start, "inertia_z"))
     changes = {"inertia_z": np.float32(best * about_z)}
     draws, spread = dict(draws), dict(spread)
-    for name in told_of.intersection(ABOUT_Z):
+    for name in answer_of.intersection(ABOUT_Z):
         changes[name] = np.float32(best * float(component(drone, name)))
         draws[name], spread[name] = factor * draws[name], best * spread[name]
     draws["inertia_z"] = about_z * factor

@@ -12,7 +12,7 @@ import numpy as np
 from maidenflight.errors import InputError
 from maidenflight.identification.drone_file import DroneFile, Estimate
 from maidenflight.identification.search.box import LOGARITHMIC
-from maidenflight.identification.signals.motor_response import SEEN_LAGS
+from maidenflight.identification.signals.motor_response import LAG_BOUNDS
 from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, Quantity, component
 
 _SHARE = 0.01
@@ -27,7 +27,9 @@ _HARDLY_FLIES = 1.05
 
 
 def bound_reached(name: str, estimate: Estimate) -> float | None:
-    """The search bound at which an estimate lies; `None` if at none, or where nature ends there.
+    """Returns the search bound at which an estimate lies.
+
+    `None` if at none, or where nature ends there.
 
     Args:
         name: of the parameter, of `parameters.COMPONENTS`.
@@ -37,7 +39,9 @@ def bound_reached(name: str, estimate: Estimate) -> float | None:
 
 
 def reached(name: str, value: float, bounds: tuple[float, float]) -> float | None:
-    """The search bound at which a value lies; `None` if at none, or where nature ends there.
+    """Returns the search bound at which a value lies.
+
+    `None` if at none, or where nature ends there.
 
     Args:
         name: of the parameter, of `parameters.COMPONENTS`.
@@ -57,7 +61,7 @@ def reached(name: str, value: float, bounds: tuple[float, float]) -> float | Non
 
 
 def any_reached(drone: Parameters, limits: Mapping[str, tuple[float, float]]) -> bool:
-    """Whether one of a drone's parameters lies at its search bound."""
+    """Returns whether one of a drone's parameters lies at its search bound."""
     return any(
         reached(name, float(component(drone, name)), ends) is not None
         for name, ends in limits.items()
@@ -65,7 +69,7 @@ def any_reached(drone: Parameters, limits: Mapping[str, tuple[float, float]]) ->
 
 
 def at_bounds(estimates: Mapping[str, Estimate]) -> dict[str, str]:
-    """What to say and do of each estimate at a search bound, by the parameter's name."""
+    """Returns what to say and do of each estimate at a search bound, by the parameter's name."""
     names_at = {}
     for name, estimate in estimates.items():
         bound = bound_reached(name, estimate)
@@ -79,7 +83,7 @@ def at_bounds(estimates: Mapping[str, Estimate]) -> dict[str, str]:
 
 
 def cut_off(estimates: Mapping[str, Estimate]) -> dict[str, str]:
-    """The same of estimates of which only the interval reaches a search bound."""
+    """Returns the same of estimates of which only the interval reaches a search bound."""
     names_at = {}
     for name, estimate in estimates.items():
         if estimate.bounds is None:
@@ -106,7 +110,10 @@ def _cure(name: str, bound: float, estimates: Mapping[str, Estimate]) -> str:
             "logged commands hardly carry the drone: they are at their limit, or are read by the "
             "wrong battery law (--battery-law)"
         )
-    if name == "motor_time_constant" and np.isclose(bound, _seen_lags(estimates), rtol=1e-4).any():
+    if (
+        name == "motor_time_constant"
+        and np.isclose(bound, _measured_lags(estimates), rtol=1e-4).any()
+    ):
         return (
             "rotor speeds and accelerometer tell no lag beyond; leave them out (--ignore "
             "rotor_speed --ignore accelerometer)"
@@ -121,7 +128,7 @@ def _cure(name: str, bound: float, estimates: Mapping[str, Estimate]) -> str:
 
 
 def widened(name: str, bound: float, bounds: tuple[float, float]) -> tuple[float, float]:
-    """Search bounds beyond the one that was reached, within the physical range.
+    """Returns search bounds beyond the one that was reached, within the physical range.
 
     Args:
         name: of the parameter.
@@ -150,19 +157,19 @@ def must_lie_within_bounds(drone: DroneFile) -> None:
         )
 
 
-def of_seen_lag(estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
+def mean_lag_estimates(estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
     """Estimates whose lag was not searched for but seen, with the bounds within which it is."""
     lag = estimates["motor_time_constant"]
-    lags = _seen_lags(estimates)
+    lags = _measured_lags(estimates)
     low, high = np.clip(lags if lag.bounds is None else lag.bounds, *lags)
     return {**estimates, "motor_time_constant": replace(lag, bounds=(float(low), float(high)))}
 
 
-def _seen_lags(estimates: Mapping[str, Estimate]) -> tuple[float, float]:
+def _measured_lags(estimates: Mapping[str, Estimate]) -> tuple[float, float]:
     """Lags of speeding up that are told where the mean of speeding up and slowing down is seen."""
     ratio = estimates.get("spin_down_ratio")
     share = 1.0 if ratio is None else 2 / (1 + ratio.value)
-    return share * SEEN_LAGS[0], share * SEEN_LAGS[1]
+    return share * LAG_BOUNDS[0], share * LAG_BOUNDS[1]
 
 
 def _quantity(name: str) -> Quantity:

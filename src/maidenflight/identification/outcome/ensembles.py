@@ -33,7 +33,7 @@ it is 0.3 to 0.5."""
 def posterior_ensemble(
     drone: Parameters, samples: Mapping[str, Float[np.ndarray, "N"]], where: str
 ) -> Ensemble:
-    """Drones with the values of posterior samples in place.
+    """Returns drones with the values of posterior samples in place.
 
     Args:
         drone: the identified drone.
@@ -59,7 +59,7 @@ def posterior_ensemble(
 def as_flights_differ(
     estimates: Mapping[str, Estimate], flights: Sequence[Flight], drone: Parameters
 ) -> dict[str, Estimate]:
-    """The estimates of thrust and constant torques, with how they differ from flight to flight.
+    """Returns estimates of thrust and constant torques, with how they differ from flight to flight.
 
     Args:
         estimates: by name.
@@ -85,7 +85,7 @@ def as_flights_differ(
 def drone_of_the_day(
     drone: Parameters, estimates: Mapping[str, Estimate], flights: Sequence[Flight], where: str
 ) -> tuple[Parameters, dict[str, Estimate]]:
-    """The drone with the constant torques and the thrust that flights of the day show.
+    """Returns the drone with the constant torques and the thrust that flights of the day show.
 
     What the drone's file says of each and how it differs from flight to flight, and what
     balances the mean commands of each flight, with its standard error, are normal: the result is
@@ -141,7 +141,7 @@ _DAY_EFFECTS = (
 def trim_ensemble(
     drone: Parameters, estimates: Mapping[str, Estimate], where: str, count: int = 256
 ) -> Ensemble:
-    """Drones whose constant torques and thrust differ as those of the identified flights did.
+    """Returns drones whose constant torques and thrust differ as those of identified flights did.
 
     Args:
         drone: the identified drone.

@@ -42,7 +42,7 @@ MAX_MOTOR_NOISE = 0.08
 
 
 def source_of(flights: Sequence[Flight]) -> Source:
-    """What is recorded of flights.
+    """Returns what is recorded of flights.
 
     Raises:
         InputError: u = 1 stands for different thrusts in them.
@@ -124,7 +124,7 @@ class Identification:
         return "\n".join([*rows, *(f"note: {note}" for note in self.notes)])
 
     def drone_file(self, record: Mapping[str, Any] | None = None) -> DroneFile:
-        """The drone file of the result; nothing in it depends on how long the work took.
+        """Returns the drone file of the result; nothing in it depends on how long the work took.
 
         Args:
             record: how it was made; see `results.record`.
@@ -204,7 +204,10 @@ def evaluations_table(
     runs: Sequence[tuple[np.ndarray, np.ndarray]],
     drawn: posterior.Bootstrap | None = None,
 ) -> polars.DataFrame:
-    """A row for each evaluation: the trial, from 1 on (0: the bootstrap's), values, objective."""
+    """Returns a row for each evaluation.
+
+    The trial, from 1 on (0: the bootstrap's), values, objective.
+    """
     parts = []
     everything = list(runs) if drawn is None else [*runs, (drawn.points, drawn.losses)]
     for trial, (points, losses) in enumerate(everything, 1):
@@ -219,7 +222,7 @@ def evaluations_table(
 
 
 def doubts(noise: Mapping[str, float], flights: Sequence[Flight]) -> list[str]:
-    """What makes the result doubtful although its intervals are narrow."""
+    """Returns what makes the result doubtful although its intervals are narrow."""
     if all(flight.zero_order_hold for flight in flights):
         return []
     notes, period = [], flights[0].period
@@ -232,14 +235,15 @@ def doubts(noise: Mapping[str, float], flights: Sequence[Flight]) -> list[str]:
     if noise_level >= MAX_MOTOR_NOISE:
         notes.append(
             f"motors seem to differ from their commands by {noise_level:.2f} of full thrust, "
-            "too much for motors: the log's commands are samples of a faster loop, so that lag and inertia "
-            "cannot be trusted. Fly a policy at the log's rate, or record with more excitation."
+            "too much for motors: the log's commands are samples of a faster loop, so that lag and "
+            "inertia cannot be trusted. Fly a policy at the log's rate, or record with more "
+            "excitation."
         )
     return notes
 
 
 def notes_on(estimates: Mapping[str, Estimate], segments: int) -> list[str]:
-    """What makes intervals too narrow."""
+    """Returns what makes intervals too narrow."""
     notes = []
     if segments < _FEWEST_SEGMENTS:
         notes.append(

@@ -40,7 +40,7 @@ class Expected:
 
 
 def prior_ranges(start: Parameters, bounds: Ranges) -> dict[str, tuple[float, float]]:
-    """Plausible ranges about a drone, by parameter; its search bounds for others than these.
+    """Returns plausible ranges by parameter; search bounds for others than these.
 
     They hold what was identified from real Crazyflies and what the virtual drones have
     (paper/notes/identification.md); torques grow with weight times arm, as do the bounds.
@@ -78,15 +78,23 @@ def prior_ranges(start: Parameters, bounds: Ranges) -> dict[str, tuple[float, fl
     return ranges
 
 
-def is_told(deviation: float, prior: tuple[float, float]) -> bool:
-    """Whether flights say more of a parameter than the range that is plausible without them."""
-    return bool(deviation**2 < VARIANCE_SHARE * (prior[1] - prior[0]) ** 2 / UNIFORM)
+def is_identifiable(
+    deviation: float, prior: tuple[float, float], share: float = VARIANCE_SHARE
+) -> bool:
+    """Tests whether flights say more of a parameter than the range that is plausible beforehand.
+
+    Args:
+        deviation: standard deviation that the flights leave.
+        prior: lowest and highest plausible value.
+        share: of the prior's variance, below which that of the flights must lie.
+    """
+    return bool(deviation**2 < share * (prior[1] - prior[0]) ** 2 / UNIFORM)
 
 
 def other_days(
     drone: Parameters, count: int, generator: np.random.Generator
 ) -> Float[np.ndarray, "N"]:
-    """By how much the thrust-to-weight ratio differs on other days.
+    """Draws how much the thrust-to-weight ratio differs on other days.
 
     Args:
         drone: on the day of the flights.

@@ -32,14 +32,14 @@ class Bootstrap(NamedTuple):
     """Their mean loss."""
 
     def interval(self) -> tuple[Float[np.ndarray, "d"], Float[np.ndarray, "d"]]:
-        """Central interval of the optima, in each dimension."""
+        """Returns the central interval of the optima, in each dimension."""
         return interval(self.optima)
 
 
 def interval(
     draws: Float[np.ndarray, "N ..."],
 ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
-    """Central interval that holds `LEVEL` of the draws, number by number."""
+    """Returns the central interval that holds `LEVEL` of the draws, number by number."""
     tail = (1 - LEVEL) / 2
     return np.quantile(draws, tail, axis=0), np.quantile(draws, 1 - tail, axis=0)
 
@@ -52,7 +52,10 @@ def basis(points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n k"]:
 
 
 def design_points(dimensions: int) -> int:
-    """Points of a design: a power of two, at least twice the coefficients of a quadratic."""
+    """Returns points of a design: a power of two.
+
+    At least twice the coefficients of a quadratic.
+    """
     return max(DESIGN, 1 << ((dimensions + 1) * (dimensions + 2) - 1).bit_length())
 
 
@@ -116,7 +119,7 @@ def bootstrap(
 def sandwich(
     scores: Float[np.ndarray, "S d"], curvature: Float[np.ndarray, "d d"]
 ) -> Float[np.ndarray, "d d"]:
-    """Covariance of maximum-likelihood estimates: H^-1 (sum s s^T) H^-1.
+    """Returns the covariance of maximum-likelihood estimates: H^-1 (sum s s^T) H^-1.
 
     Segments of flight are independent, rows are not. Where the model is right this is Laplace's
     H^-1; where it is not, as for every real drone, H^-1 is too small.
@@ -134,7 +137,7 @@ def sandwich(
 def between_segment_sd(
     scores: Float[np.ndarray, "S d"], curvatures: Float[np.ndarray, "S d d"]
 ) -> Float[np.ndarray, "d"]:
-    """Standard deviation of the parameters between segments of flight, beyond noise.
+    """Returns the standard deviation of the parameters between segments of flight, beyond noise.
 
     A segment whose parameters differ from the mean by x has a score of variance H + H x x^T H, in
     nats; the rest is the method of moments.
@@ -153,7 +156,7 @@ def between_segment_sd(
 
 
 def inverse(curvature: Float[np.ndarray, "d d"]) -> Float[np.ndarray, "d d"]:
-    """Inverse by way of unit diagonals, since the parameters' units differ by decades."""
+    """Inverts by way of unit diagonals, since the parameters' units differ by decades."""
     scale = np.sqrt(np.maximum(np.diag(curvature), 1e-30))
     return np.linalg.inv(curvature / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))) / np.outer(
         scale, scale

@@ -45,7 +45,9 @@ def window_loss(
     weights: Float[Array, "12"],
     discount: float | Array,
 ) -> Float[Array, ""]:
-    """sum_t delta^t |W (x_sim - x_real)|_1 + sum_t delta^t |W (x_sim - x_real)|_2, t = 1 ...
+    """Returns the loss of a window.
+
+    sum_t delta^t |W (x_sim - x_real)|_1 + sum_t delta^t |W (x_sim - x_real)|_2, t = 1 ...
 
     T, angles wrapped to +-pi.
 
@@ -112,7 +114,7 @@ class Objective:
         return on_all_cores(losses, len(self._windows.segment))[0].reshape(-1)[: self.size]
 
     def per_segment(self, parameters: Parameters) -> Float[np.ndarray, "S"]:
-        """Sum of the losses of each segment's windows."""
+        """Returns the sum of the losses of each segment's windows."""
         return np.bincount(
             self._segment, weights=self.per_window(parameters), minlength=self.segments
         )

@@ -59,7 +59,7 @@ def simulate(window: Windows, parameters: Parameters, steps: int) -> Float[Array
 
 
 def columns(state: State) -> list[Float[Array, ""]]:
-    """Position, velocity, attitude and body rates of a state of `Entries`."""
+    """Returns position, velocity, attitude and body rates of a state of `Entries`."""
     attitude = rotations.to_attitude(state.quaternion)
     return [*state.position, *state.velocity, *attitude, *state.body_rates]
 
@@ -67,7 +67,7 @@ def columns(state: State) -> list[Float[Array, ""]]:
 def under_way(
     window: Windows, parameters: Parameters, steps: int | Array, stride: int = 1
 ) -> tuple[Float[Array, "history+TS 4"], Int[Array, "TS"], Float[Array, "4"]]:
-    """What the recorded commands before a window's start imply.
+    """Returns what the recorded commands before a window's start imply.
 
     Args:
         window: one of `Windows` (no leading axis).
@@ -90,12 +90,12 @@ def under_way(
 
 
 def commands(window: Windows) -> Float[Array, "history+TS 4"]:
-    """All rotor speed commands of a window, newest first."""
+    """Returns all rotor speed commands of a window, newest first."""
     return actuators.rotor_speed_command(jnp.asarray(window.command))[::-1]
 
 
 def places(window: Windows, stride: int = 1) -> Int[Array, "TS"]:
-    """Where among them each row's newest command is; S = `stride` commands to a row."""
+    """Returns where among them each row's newest command is; S = `stride` commands to a row."""
     return jnp.arange(window.measured.shape[0] * stride)[::-1]
 
 

@@ -54,7 +54,7 @@ def prediction_error(
     lead_in: int = LEAD_IN,
     key: Array | None = None,
 ) -> polars.DataFrame:
-    """Open-loop prediction errors of models, from every tenth row of flights on.
+    """Computes open-loop prediction errors of models, from every tenth row of flights on.
 
     A window starts from its measured state, and from the motors and the delay line that the
     recorded commands before it imply; the model then sees nothing but the recorded commands. All

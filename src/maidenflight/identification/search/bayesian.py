@@ -110,18 +110,18 @@ def _candidates(best: np.ndarray, dimensions: int, generator: np.random.Generato
 
 
 def lower_confidence_bound(mean: np.ndarray, deviation: np.ndarray, best: float) -> np.ndarray:
-    """How low the value may well be: -(mean - 1.96 deviation)."""
+    """Returns how low the value may well be: -(mean - 1.96 deviation)."""
     return 1.96 * deviation - mean
 
 
 def expected_improvement(mean: np.ndarray, deviation: np.ndarray, best: float) -> np.ndarray:
-    """Expected improvement over the best value."""
+    """Returns the expected improvement over the best value."""
     z = (best - mean) / deviation
     return (best - mean) * scipy.stats.norm.cdf(z) + deviation * scipy.stats.norm.pdf(z)
 
 
 def probability_of_improvement(mean: np.ndarray, deviation: np.ndarray, best: float) -> np.ndarray:
-    """Probability of improving on the best value by 1 % of the values' standard deviation."""
+    """Returns the probability of improving by 1 % of the values' standard deviation."""
     return scipy.stats.norm.cdf((best - 0.01 - mean) / deviation)
 
 

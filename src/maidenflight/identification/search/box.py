@@ -61,41 +61,41 @@ class Box:
             )
 
     def values(self, unit: Float[np.ndarray, "... d"]) -> Float[np.ndarray, "... d"]:
-        """Parameter values at points of the unit cube."""
+        """Returns parameter values at points of the unit cube."""
         low, high, logarithmic = self._ends()
         scaled = low + np.asarray(unit) * (high - low)
         return np.where(logarithmic, np.exp(scaled), scaled)
 
     def slope(self, unit: Float[np.ndarray, "d"]) -> Float[np.ndarray, "d"]:
-        """Derivative of each value with respect to its coordinate in the unit cube."""
+        """Returns the derivative of each value with respect to its coordinate in the unit cube."""
         low, high, logarithmic = self._ends()
         return (high - low) * np.where(logarithmic, self.values(unit), 1.0)
 
     def unit(self, values: Float[np.ndarray, "... d"]) -> Float[np.ndarray, "... d"]:
-        """Points of the unit cube at parameter values."""
+        """Returns points of the unit cube at parameter values."""
         low, high, logarithmic = self._ends()
         with np.errstate(divide="ignore", invalid="ignore"):
             scaled = np.where(logarithmic, np.log(values), values)
         return (scaled - low) / (high - low)
 
     def unit_of(self, drone: Parameters) -> Float[np.ndarray, "d"]:
-        """Where a drone lies, or comes nearest."""
+        """Returns where a drone lies, or comes nearest."""
         values = np.array([float(component(drone, name)) for name in self.names])
         return np.clip(self.unit(values), 0.0, 1.0)
 
     def with_ranges(self, ranges: Mapping[str, tuple[float, float]]) -> "Box":
-        """The box of these parameters and others, with the others' ranges as bounds."""
+        """Returns the box of these parameters and others, with the others' ranges as bounds."""
         lows, highs = ([ends[side] for ends in ranges.values()] for side in (0, 1))
         return Box((*self.names, *ranges), (*self.lower, *lows), (*self.upper, *highs))
 
     def drone(self, start: Parameters, unit: Float[np.ndarray, "d"]) -> Parameters:
-        """A drone with the values at a point of the unit cube in place."""
+        """Returns a drone with the values at a point of the unit cube in place."""
         values = zip(self.names, self.values(unit), strict=True)
         return replace(start, **{name: np.float32(value) for name, value in values})
 
 
 def search_box(over: Sequence[str], bounds: Mapping[str, tuple[float, float]]) -> Box:
-    """The box of some parameters.
+    """Returns the box of some parameters.
 
     Args:
         over: their names.
@@ -131,7 +131,7 @@ def search_box(over: Sequence[str], bounds: Mapping[str, tuple[float, float]]) -
 
 
 def physical_bounds(start: Parameters) -> dict[str, tuple[float, float]]:
-    """Physical search bounds about a drone, by component.
+    """Returns physical search bounds about a drone, by component.
 
     Torques in units of its weight times its arm.
     """

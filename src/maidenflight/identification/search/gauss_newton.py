@@ -87,7 +87,7 @@ def descend(
     damping: float,
     curvature: Float[np.ndarray, "d d"] | None = None,
 ) -> Descent:
-    """Steps down until a step is small.
+    """Returns steps down until a step is small.
 
     How the gradient changes over a step corrects the curvature.
 
@@ -137,7 +137,7 @@ def step(
     low: Float[np.ndarray, "d"],
     high: Float[np.ndarray, "d"],
 ) -> Float[np.ndarray, "d"]:
-    """The point between `low` and `high` at which the damped quadratic model is lowest."""
+    """Returns the point between `low` and `high` at which the damped quadratic model is lowest."""
     blend = min(damping, 1.0)
     matrix = (1 - blend) * equations.curvature + blend * max(damping, 1.0) * equations.majorant
     # A parameter that moves nothing has no curvature; it stays where it is.
@@ -156,7 +156,7 @@ def step(
 def corrected(
     ahead: NormalEquations, here: NormalEquations, shift: Float[np.ndarray, "d"]
 ) -> NormalEquations:
-    """Curvature that explains how the gradient changed over the last step.
+    """Returns the curvature that explains how the gradient changed over the last step.
 
     Source: the update of Broyden, Fletcher, Goldfarb and Shanno (Nocedal and Wright 2006, Numerical
     optimization, eq. 6.19).
@@ -172,7 +172,7 @@ def corrected(
 def in_unit_cube(
     equations: NormalEquations, box: Box, point: Float[np.ndarray, "d"]
 ) -> NormalEquations:
-    """Normal equations per unit of the search's cube instead of per SI unit of the parameters."""
+    """Converts normal equations from SI units to units of the search's cube."""
     scale = box.slope(point)
     square = np.outer(scale, scale)
     return NormalEquations(

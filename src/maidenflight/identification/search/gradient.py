@@ -133,7 +133,7 @@ def cell(
     point: Float[np.ndarray, "d"],
     came: Float[np.ndarray, "d"],
 ) -> tuple[Float[np.ndarray, "d"], Float[np.ndarray, "d"]]:
-    """Lowest and highest coordinates that a step may reach, just behind the next kinks.
+    """Returns lowest and highest coordinates of a step, just behind the next kinks.
 
     A kink beside which the point lies is no limit, unless the last step came across it: then what
     is behind it is known to rise.

@@ -15,7 +15,7 @@ STEP = 0.01
 
 
 def stride(flight: Flight) -> int:
-    """Rows of a step."""
+    """Returns rows of a step."""
     return max(1, round(STEP / flight.period))
 
 
@@ -26,7 +26,7 @@ def means(values: Float[np.ndarray, "N c"], rows: int) -> Float[np.ndarray, "M c
 
 
 def force_along_z(flight: Flight) -> Float[np.ndarray, "N"]:
-    """Specific force along z half a row later, the filter's delay undone [m/s2]."""
+    """Returns specific force along z half a row later, the filter's delay undone [m/s2]."""
     if flight.accelerometer is None:
         raise ValueError(f"{flight.name} has no accelerometer")
     places = np.arange(len(flight))
@@ -35,7 +35,7 @@ def force_along_z(flight: Flight) -> Float[np.ndarray, "N"]:
 
 
 def gyro(flight: Flight) -> Float[np.ndarray, "N 3"]:
-    """Body rates [rad/s], the filter's delay undone where rows are close enough."""
+    """Returns the body rates [rad/s], the filter's delay undone where rows are close enough."""
     rates = flight.body_rates.astype(float)
     if stride(flight) == 1:
         return rates
@@ -45,12 +45,12 @@ def gyro(flight: Flight) -> Float[np.ndarray, "N 3"]:
 
 
 def sharp(flight: Flight) -> Flight:
-    """The flight with the delay of the gyro's filter undone."""
+    """Returns the flight with the delay of the gyro's filter undone."""
     return replace(flight, body_rates=gyro(flight).astype(np.float32))
 
 
 def delayed(command: Float[np.ndarray, "N ..."], rows: float) -> Float[np.ndarray, "N ..."]:
-    """Mean command of each row where all come so many rows late, the first also before it."""
+    """Returns the mean command of each row where all come so many rows late."""
     whole, share = divmod(rows, 1.0)
     late = np.concatenate([np.repeat(command[:1], int(whole) + 1, axis=0), command])
     return (1 - share) * late[1 : len(command) + 1] + share * late[: len(command)]

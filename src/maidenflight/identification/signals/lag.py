@@ -20,7 +20,9 @@ def delay_estimates(
     unidentifiable: Collection[str],
     drone: Parameters,
 ) -> tuple[Look, ...]:
-    """What each signal shows, and last what is taken; nothing where neither delay is identified.
+    """Returns what each signal shows, and last what is taken.
+
+    Nothing where neither delay is identified.
 
     Signals show the mean lag of speeding up and slowing down, and so is that which is taken.
 
@@ -43,7 +45,7 @@ def delay_estimates(
 
 
 def notes(estimates: Sequence[Look], motors: MotorResponse | None) -> list[str]:
-    """The looks in words, and those that disagree."""
+    """Returns the looks in words, and those that disagree."""
     if not estimates:
         return []
     intervals = ", ".join(

@@ -71,7 +71,7 @@ class Spectra(NamedTuple):
     """Times by which the command is stronger than near half the log's rate, up to `SLOW`."""
 
     def means(self, power: Float[np.ndarray, "F"]) -> Float[np.ndarray, "B"]:
-        """Mean of a power in each band."""
+        """Returns the mean of a power in each band."""
         return np.bincount(self.band, power) / np.bincount(self.band)
 
     @property
@@ -153,7 +153,7 @@ class _Model:
         self.unit = 1.0
 
     def start(self, lag: float) -> Float[np.ndarray, "d"]:
-        """A loop of some lag that is stable, by least squares of either equation."""
+        """Returns a loop of some lag that is stable, by least squares of either equation."""
         spectra, shape = self.seen, np.exp(-self.seen.s * self.delay) / (1 + self.seen.s * lag)
         gain = np.sum(np.real(shape.conj() * spectra.cross)) / np.sum(
             np.abs(shape) ** 2 * spectra.drive
@@ -212,7 +212,7 @@ class _Model:
         return value, np.array([by_lag, np.sum(np.real(moved)), *more])
 
     def stable(self, x: Float[np.ndarray, "d"]) -> bool:
-        """Whether no oscillation of these frequencies grows, delays by Pade's approximation."""
+        """Tests whether no oscillation of these frequencies grows, by Pade's approximation."""
         if not self.closed:
             return True
         lowest = min(_POWERS) - 1
@@ -232,7 +232,7 @@ class _Model:
     def best(
         self, start: Float[np.ndarray, "d"], fixed: tuple[float, ...] = ()
     ) -> tuple[float, Float[np.ndarray, "d"]]:
-        """Least loss from a start on, where the first parameters are as given, and where."""
+        """Returns the least loss from a start on, with fixed first parameters, and its place."""
 
         def of_rest(rest: Float[np.ndarray, "r"]) -> tuple[float, Float[np.ndarray, "r"]]:
             value, slope = self(np.concatenate([fixed, rest]))
@@ -245,13 +245,13 @@ class _Model:
         return optimum.fun, np.concatenate([fixed, optimum.x])
 
     def sound(self, value: float, x: Float[np.ndarray, "d"]) -> bool:
-        """Whether this is a loop that can have flown, of a lag that shows."""
+        """Returns whether this is a loop that can have flown, of a lag that shows."""
         known = np.isfinite(value) and np.isfinite(x).all()
         in_range = known and _SEARCHED[0] < np.exp(x[0]) < _SEARCHED[1] and abs(x[1]) < 4.5
         return bool(in_range and self.stable(x))
 
     def deviation(self, value: float, x: Float[np.ndarray, "d"]) -> float:
-        """Standard error of the logarithm of the lag, from the loss of two others."""
+        """Returns the standard error of the logarithm of the lag, from the loss of two others."""
         rises = []
         for change in (-_STEP, _STEP):
             moved = x + change * (np.arange(len(x)) == 0)

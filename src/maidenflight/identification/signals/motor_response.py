@@ -32,7 +32,7 @@ from maidenflight.parameters import Parameters, levers
 
 LATENCIES = 1e-3 * np.array([-4.0, -2.0, 0.0, 1.0, 2.0, 3.0, 4.5, 6.0, 8.0, 11.0, 15.0, 20.0])
 """Latencies that are tried [s]; below zero are differences of time stamps."""
-SEEN_LAGS = (0.01, 0.25)
+LAG_BOUNDS = (0.01, 0.25)
 """Lags that these signals show [s]."""
 USUAL, USUAL_DEVIATION = 0.002, 0.0014
 """Latency of commands on board and its standard deviation [s]: within a period of loop and of ESC,
@@ -82,7 +82,7 @@ class MotorResponse:
     """Mean and variance of the logarithm of lag and latency together [s], by flight."""
 
     @property
-    def is_told(self) -> bool:
+    def is_identifiable(self) -> bool:
         """Whether these flights tell the lag: within a factor of two up and down."""
         return bool(np.std(np.log(self.lag + self.latency)) < np.log(2) / 1.96)
 
@@ -123,7 +123,7 @@ class _Joined(NamedTuple):
         total = self.log_total[place] + self.error[place] * generator.normal(size=DRAWS)
         jitter = np.gradient(LATENCIES)[place] * generator.uniform(-0.5, 0.5, DRAWS)
         latency = np.maximum(LATENCIES[place] + jitter, 0.0)
-        lag = np.maximum(np.exp(total) - latency, SEEN_LAGS[0] / 2)
+        lag = np.maximum(np.exp(total) - latency, LAG_BOUNDS[0] / 2)
         return lag, latency
 
 
@@ -133,7 +133,7 @@ def motor_response(
     drone: Parameters,
     on_flight: Callable[[int, int], None] | None = None,
 ) -> MotorResponse | None:
-    """What flights show of the motors; None where they are too short or show nothing.
+    """Returns what flights show of the motors; None where they are too short or show nothing.
 
     None too of flights whose commands act from row to row, with neither accelerometer nor rotor
     speed: a policy at the log's rate, which the likelihood of one row ahead models exactly.
@@ -268,7 +268,7 @@ def _joined(stretches: Sequence[_Stretch], before: Float[np.ndarray, "D"]) -> _J
             weight[place] = 0.0
             continue
         lag = np.exp([one.log_lag[place] for one in here])
-        total = np.maximum(lag + latency, SEEN_LAGS[0] / 2)
+        total = np.maximum(lag + latency, LAG_BOUNDS[0] / 2)
         errors = np.hypot([one.deviation[place] for one in here] * lag / total, _OWN)
         mean[place], error[place] = _random_effects(np.log(total), errors**2)
     return _Joined(weight / weight.sum(), mean, np.hypot(error, _LIKE))

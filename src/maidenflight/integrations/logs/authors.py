@@ -52,7 +52,7 @@ def from_csv(text: str, name: str) -> list[Flight]:
 
 
 def recognises(table: Table) -> bool:
-    """Whether most of the columns are there."""
+    """Returns whether most of the columns are there."""
     return table.share(COLUMNS) >= 0.6
 
 

@@ -45,7 +45,7 @@ REMEDY = (
 
 
 def flights(path: Path, name: str) -> LoggedFlights:
-    """The flights in a file, unchecked, with the times of their rows [s], and what was assumed.
+    """Returns flights in a file, unchecked, with the times of their rows [s], and what was assumed.
 
     Args:
         path: of the file, which may hold several logs.

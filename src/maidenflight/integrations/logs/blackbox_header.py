@@ -76,7 +76,7 @@ def number(headers: Mapping[str, Any], key: str, otherwise: float) -> float:
 
 
 def force_delay(headers: Mapping[str, Any]) -> float:
-    """Delay of the accelerometer's low-pass filter [s].
+    """Returns the delay of the accelerometer's low-pass filter [s].
 
     Betaflight writes `acc_lpf_hz` times 100, at least from 3.1 to 4.5. It is a Butterworth, from
     4.3 on two lags of first order that pass 0.71 at the cutoff together, 1.554 times as quick each.
@@ -125,7 +125,10 @@ def gyro_scale(headers: Mapping[str, Any]) -> float:
 
 
 def gyro_delay(headers: Mapping[str, Any]) -> float:
-    """Delay of the static low-pass filters of first order before the PID [s], 1 / (2 pi f) each."""
+    """Returns the delay of the static low-pass filters of first order before the PID [s].
+
+    1 / (2 pi f) each.
+    """
     delay = 0.0
     for keys in (
         ("gyro_lpf1_static_hz", "gyro_lowpass_hz"),

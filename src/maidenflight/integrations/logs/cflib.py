@@ -119,12 +119,12 @@ _KNOWN = {
 
 
 def recognises(table: Table) -> bool:
-    """Whether three or more columns are log variables of the firmware."""
+    """Returns whether three or more columns are log variables of the firmware."""
     return len(_KNOWN & set(table.frame.columns)) >= 3
 
 
 def flights(table: Table) -> LoggedFlights:
-    """The flight in a table, unchecked, with the time of its rows [s], and what was assumed.
+    """Returns flight in a table, unchecked, with the time of its rows [s], and what was assumed.
 
     Position, velocity and attitude may be missing together where there is an accelerometer.
 
@@ -152,9 +152,7 @@ def flights(table: Table) -> LoggedFlights:
     rows = len(read[clock])
     volts = _hold_last(values["battery"][:, 0]) if "battery" in values else np.full(rows, np.nan)
     needed = {signal: values[signal] for signal in SPELLINGS if signal in values}
-    _refuse_rows_apart(
-        table.name, {name: result for name, result in needed.items() if name != "battery"}
-    )
+    _refuse_gaps(table.name, {name: result for name, result in needed.items() if name != "battery"})
     thrust = values["thrust"][:, 0] if "thrust" in values else None
     law, how = compensation.choose_law(table, values["PWM"], volts, thrust)
     stamps = read[clock][np.isfinite(read[clock])]
@@ -234,7 +232,7 @@ def _hold_last(values: np.ndarray) -> np.ndarray:
     return series.forward_fill().backward_fill().fill_null(float("nan")).to_numpy()
 
 
-def _refuse_rows_apart(name: str, values: dict[str, np.ndarray]) -> None:
+def _refuse_gaps(name: str, values: dict[str, np.ndarray]) -> None:
     finite = {signal: np.asarray(np.isfinite(rows).all(axis=1)) for signal, rows in values.items()}
     both = np.all(list(finite.values()), axis=0).sum()
     fewest = min(finite, key=lambda signal: finite[signal].sum())

@@ -51,12 +51,12 @@ HALF = 75
 
 
 def recognises(table: Table) -> bool:
-    """Whether most of the columns are there."""
+    """Returns whether most of the columns are there."""
     return table.share(COLUMNS) >= 0.6
 
 
 def flights(table: Table) -> LoggedFlights:
-    """The flight in a table, unchecked, with the time of its rows [s], and a note on its commands.
+    """Returns a table's flight, unchecked, the time of its rows [s], and a note on its commands.
 
     Raises:
         InputError: a column is missing or not numeric, or its battery law is not known.
@@ -97,7 +97,7 @@ def flights(table: Table) -> LoggedFlights:
 def lag(
     rates: Float[np.ndarray, "N 3"], attitude: Float[np.ndarray, "N 3"]
 ) -> Float[np.ndarray, "N"]:
-    """Rows by which the gyro is later than an attitude logged by another clock, for each row.
+    """Returns rows by which gyro is later than an attitude logged by another clock, for each row.
 
     Every `EVERY` rows the correlation of roll and pitch rate over `HALF` rows on either side is
     taken at all whole lags. Dynamic programming finds the smooth path of largest correlation, and a

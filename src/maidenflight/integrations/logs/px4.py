@@ -51,7 +51,7 @@ _INVALID = 2**31 - 1
 def flight(
     name: str, topics: Topics, parameters: Parameters
 ) -> tuple[Flight, Float[np.ndarray, "N"], list[str]]:
-    """The flight in what was recorded, unchecked.
+    """Returns the flight in what was recorded, unchecked.
 
     Args:
         name: of the file, for errors and notes.

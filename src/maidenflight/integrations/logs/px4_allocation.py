@@ -40,7 +40,7 @@ class Rotor(NamedTuple):
 
 
 def effectiveness(rotors: tuple[Rotor, ...]) -> Float[np.ndarray, "4 M"]:
-    """Torque about x, y, z and force along z of each rotor's full command, forward, right, down.
+    """Returns torque and force along z of each rotor's full command, forward, right, down.
 
     Force a CT with a = (0, 0, -1); torque CT (r x a) - CT KM a.
     """
@@ -55,7 +55,7 @@ def effectiveness(rotors: tuple[Rotor, ...]) -> Float[np.ndarray, "4 M"]:
 
 
 def mix(rotors: tuple[Rotor, ...]) -> Float[np.ndarray, "M 4"]:
-    """Share of full thrust of each rotor by normalised torque about x, y, z and thrust along z.
+    """Returns each rotor's share of full thrust by normalised torque and thrust along z.
 
     The pseudo-inverse of `effectiveness`, roll and pitch scaled by the larger root mean square of
     their columns over half the rotors that turn them, yaw by its greatest entry, thrust by its
@@ -75,7 +75,7 @@ def mix(rotors: tuple[Rotor, ...]) -> Float[np.ndarray, "M 4"]:
 def motors(
     setpoints: Float[np.ndarray, "N 4"], rotors: tuple[Rotor, ...], airmode: int = 0
 ) -> Float[np.ndarray, "N M"]:
-    """Motor commands in [0, 1], as `actuator_motors` holds them.
+    """Returns the motor commands in [0, 1], as `actuator_motors` holds them.
 
     Args:
         setpoints: normalised torque about x, y, z and thrust along z (negative is upwards),

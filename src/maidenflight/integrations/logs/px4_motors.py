@@ -89,7 +89,7 @@ class Rotors(NamedTuple):
 
 
 def rotors(name: str, parameters: Parameters) -> Rotors:
-    """The rotors' order by their places, or PX4's default."""
+    """Returns the rotors' order by their places, or PX4's default."""
     count = parameters.get("CA_ROTOR_COUNT")
     placed = {
         number: (
@@ -133,7 +133,7 @@ def _numbered(order: tuple[int, ...]) -> str:
 def motors(
     name: str, topics: Topics, parameters: Parameters, order: tuple[int, ...]
 ) -> tuple[Stream, list[str]]:
-    """Rotor speeds that are asked for, sqrt(u) of our motors, and how they follow from topics."""
+    """Returns the commanded rotor speeds, sqrt(u) of our motors, and how topics give them."""
     factor = float(parameters.get("THR_MDL_FAC", 0.0))
     factor = factor if 0.0 < factor <= 1.0 else 0.0
     shares, where = _shares(name, topics, parameters, factor)

@@ -31,5 +31,5 @@ def columns(
 
 
 def vector(field: str, count: int) -> tuple[str, ...]:
-    """Names of the elements of a field."""
+    """Returns the names of the elements of a field."""
     return tuple(f"{field}[{number}]" for number in range(count))

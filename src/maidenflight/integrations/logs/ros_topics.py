@@ -93,7 +93,7 @@ def of_mavros(topics: list[str]) -> dict[str, Layout]:
 
 
 def map_path(path: Path) -> Path:
-    """Where the file lies that says what the topics of a recording are."""
+    """Returns where the file lies that says what the topics of a recording are."""
     return path.with_name(f"{path.stem}.topics.toml")
 
 

@@ -81,7 +81,7 @@ class Bag(NamedTuple):
 
 
 def flights(path: Path, name: str) -> LoggedFlights:
-    """The flights in a recording, unchecked, with the times of their rows [s], and notes.
+    """Returns the flights in a recording, unchecked, with the times of their rows [s], and notes.
 
     Args:
         path: of the file, one of a bag's folder.

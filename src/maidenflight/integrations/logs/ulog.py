@@ -21,7 +21,7 @@ _HEAD, _MESSAGE_HEAD = 16, 3
 
 
 def flights(path: Path, name: str) -> LoggedFlights:
-    """The flight in a ULog, unchecked, with the time of its rows [s], and what was assumed.
+    """Returns the flight in a ULog, unchecked, with the time of its rows [s], and what was assumed.
 
     Only the topics that are needed are held in memory.
 

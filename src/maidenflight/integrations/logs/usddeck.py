@@ -53,7 +53,7 @@ class _Event(NamedTuple):
 
 
 def recognises(raw: bytes) -> bool:
-    """Whether a file's first bytes are those of such a log."""
+    """Returns whether a file's first bytes are those of such a log."""
     return (
         len(raw) >= HEAD
         and raw[0] == MAGIC
@@ -194,7 +194,7 @@ _PITCH_RATE = "stateEstimateZ.ratePitch"
 
 
 def recognises_2019(raw: bytes) -> bool:
-    """Whether a file's first bytes are those of 2019's format."""
+    """Returns whether a file's first bytes are those of 2019's format."""
     return raw[1:8] == b"tick(I)" and 0 < raw[0] < 128
 
 

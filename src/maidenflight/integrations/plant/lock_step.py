@@ -124,10 +124,10 @@ def by_udp(
     with _bound(address) as line:
         plant: RunningPlant | None = None
         peer: tuple[str, int] | None = None
-        heard_at = time.monotonic()
+        answered_at = time.monotonic()
 
         def silent() -> bool:
-            return time.monotonic() - heard_at > PEER_TIMEOUT_S
+            return time.monotonic() - answered_at > PEER_TIMEOUT_S
 
         while True:
             try:
@@ -141,7 +141,7 @@ def by_udp(
             is_hello = MOTORS.unpack(answer)[0] == HELLO
             if plant is not None and sender != peer and not (is_hello and silent()):
                 continue
-            heard_at = time.monotonic()
+            answered_at = time.monotonic()
             if is_hello:
                 if plant is not None and plant.number:
                     yield _served(plant)

@@ -18,7 +18,7 @@ from maidenflight.reporting.text import ERRORS, DisplayFormat
 def section(run: Run) -> Markup:
     """Returns how well models predict flights."""
     errors, windows = run.validation, run.windows
-    logs, held_out = _held_out(run)
+    logs, held_out = _split_held_out(run)
     return render(
         "prediction.html",
         logs=logs,
@@ -29,7 +29,7 @@ def section(run: Run) -> Markup:
     )
 
 
-def _held_out(run: Run) -> tuple[str, int | None]:
+def _split_held_out(run: Run) -> tuple[str, int | None]:
     """How many logs were predicted, and of how many of these the drone was identified.
 
     Going by the records; `None` where they do not say.

@@ -216,7 +216,7 @@ class SensorWrapper(_Wrapper):
         self._estimated = Measurement(*parts)
 
 
-_SEEN_BY: Any = replace(noiseless(crazyflie()), **SENSORS)
+_MEASURED_BY: Any = replace(noiseless(crazyflie()), **SENSORS)
 
 
 @jax.jit
@@ -230,8 +230,8 @@ def _read_on(
 ) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
     """Body rates behind the gyro's filter, and its noise, after a step."""
     return (
-        sensors.low_pass(filtered, before, after, elapsed, _SEEN_BY),
-        sensors.gyro_noise(shaken, elapsed, _SEEN_BY, normal),
+        sensors.low_pass(filtered, before, after, elapsed, _MEASURED_BY),
+        sensors.gyro_noise(shaken, elapsed, _MEASURED_BY, normal),
     )
 
 
@@ -244,5 +244,5 @@ def _estimated(
 ) -> Measurement:
     """Position, velocity and attitude; the body rates of it are not used."""
     period = jnp.float32(1.0 / Environment.estimate_rate)
-    late = sensors.delayed(past, state, period, _SEEN_BY)
-    return sensors.measure(late, _SEEN_BY, normal, uniform)
+    late = sensors.delayed(past, state, period, _MEASURED_BY)
+    return sensors.measure(late, _MEASURED_BY, normal, uniform)
