@@ -102,7 +102,7 @@ class FlightPlan:
     seed: int = 0
     """Of random steps."""
     expected: Mapping[str, Expected] = field(default_factory=dict)
-    """By parameter; empty where nothing was asked for."""
+    """By parameter; empty where nothing was requested."""
     extremes: Extremes | None = None
     """Of the flight on the drones that it was planned for."""
     record: Mapping[str, Any] = field(default_factory=dict)
@@ -117,7 +117,7 @@ class FlightPlan:
 
     @property
     def by_setpoints(self) -> bool:
-        """Whether a real drone that is asked for positions and yaw can fly it."""
+        """Whether a real drone that follows positions and yaw can fly it."""
         return all(block.manoeuvre.by_setpoints for block in self.blocks)
 
     def setpoints(self) -> Float[np.ndarray, "N 4"]:

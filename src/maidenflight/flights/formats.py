@@ -127,7 +127,7 @@ def logged(file: Path, battery_law: str | None = None) -> Logged | Table:
             table = _table(file, name, ours)
             kind = _format_of(table, ours)
     if recording is None and kind is None:
-        # Installed packages are asked only of what is in no format of ours.
+        # Installed packages are tried only with what is in no format of ours.
         recording = _recording(file)
     if recording is not None:
         if battery_law:

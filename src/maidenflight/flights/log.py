@@ -88,7 +88,7 @@ class Flight:
     """Roll, pitch, yaw [rad]."""
     body_rates: Float[np.ndarray, "N 3"]
     command: Float[np.ndarray, "N 4"]
-    """u, normalised thrust command given right after the row was measured."""
+    """u, normalised thrust command right after the row was measured."""
     battery: Float[np.ndarray, "N"]
     """[V]; NaN where unknown."""
     setpoint: Float[np.ndarray, "N 3"]

@@ -123,7 +123,7 @@ class Manoeuvre:
 
     @property
     def by_setpoints(self) -> bool:
-        """Whether a real drone that is asked for positions and yaw can fly it."""
+        """Whether a real drone that follows positions and yaw can fly it."""
         return self.kind != MOTORS
 
     def setpoints(self, seconds: float, seed: int) -> Float[np.ndarray, "N 4"]:

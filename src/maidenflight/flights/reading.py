@@ -93,12 +93,12 @@ def read_flights(
         path: a file, or a folder that is searched with all its folders for files with one of
             `formats.suffixes`, and for micro-SD logs of a Crazyflie, which have no extension.
         on_file: called with (files read, files found), for a progress bar.
-        most: flight to keep [s]. Of more, segments of every flight are kept, one file being in
+        most: flight to keep [s]. Of more, segments of every flight stay, one file being in
             memory beside them.
         lead_in: rows of commands that a window of a segment has before it.
         commands: one of `COMMANDS`, whatever the logs say: zero-order hold if a policy at the
             log's rate commanded the motors. Logs of a Crazyflie's variables do not say, and are
-            taken as subsampled, as of the firmware's PID, unless given. Taken the wrong way,
+            taken as subsampled, as of the firmware's PID, by default. Taken the wrong way,
             latency is half a row off.
         battery_law: a key of `compensation.LAWS`, by which a Crazyflie's PWM is read as thrust,
             whatever the logs say.

@@ -16,7 +16,7 @@ from maidenflight.flights.windows import LEAD_IN, SEGMENT_SECONDS, SHORTEST_LEAD
 UNIT = 100
 """Rows by which segments grow: those of a window of the likelihood, so that none are wasted."""
 _SLACK = 1.25
-"""Share of the wanted duration that is kept while more is read, so that not every new flight makes
+"""Share of the wanted duration that stays while more is read, so that not every new flight makes
 all others be cut again."""
 
 
@@ -36,7 +36,7 @@ def sampled(
         lead_in: rows of commands before a window.
 
     Returns:
-        What is kept, in the order of the flights, and how long all flights last together [s].
+        The choice, in the order of the flights, and how long all flights last together [s].
     """
     chosen_parts: list[list[Flight]] = []
     durations: list[float] = []
@@ -70,7 +70,7 @@ def _duration(parts: list[Flight]) -> float:
 def _share(durations: Float[np.ndarray, "N"], most: float) -> float:
     """The longest that each flight may last for all to last `most` together.
 
-    Infinite where all may be kept.
+    Infinite where all may stay.
     """
     if durations.sum() <= most:
         return math.inf
@@ -103,7 +103,7 @@ def _shortened(parts: list[Flight], number: int, share: float, lead_in: int) -> 
             lead = max(lead_in, SHORTEST_LEAD_IN)
             cut.append(_copied(flight, start - lead, start + UNIT * min(units, left) + 1, lead))
             left -= units
-    # A flight too short for a segment and its lead-in is kept as it is.
+    # A flight too short for a segment and its lead-in stays as it is.
     return cut or [_copied(parts[0], 0, len(parts[0]), 0)]
 
 

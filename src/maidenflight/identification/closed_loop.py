@@ -77,7 +77,7 @@ class Match(NamedTuple):
     """What `match` found."""
 
     drones: Parameters
-    """As they were given, with what was found in place."""
+    """The start's, with the estimates in place."""
     estimates: Mapping[str, tuple[float, float]]
     """Value and standard error of each parameter of `PRIOR` that the drone has; the error is from
     how policies differ."""

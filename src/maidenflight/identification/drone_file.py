@@ -146,7 +146,7 @@ class DroneFile:
     record: Mapping[str, Any] = field(default_factory=dict)
     """How the file was made; see `results.record`."""
     name: str = "drone.toml"
-    """Of the file as it was given, for errors."""
+    """Of the file, for errors."""
 
     @property
     def full_scale_counts(self) -> float:

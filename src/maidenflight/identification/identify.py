@@ -36,15 +36,15 @@ def identify(
     """Identifies parameters from flights.
 
     Args:
-        flights: checked flights of one rate. All of them are held in memory; of many hours, give
+        flights: checked flights of one rate. All of them stay in memory; of many hours, give
             what `sampling.sampled` keeps.
-        settings: of the method, which their class chooses; `Likelihood()` unless given.
-        start: the drone whose other parameters are kept; the paper's Crazyflie unless given.
+        settings: of the method, which their class chooses; `Likelihood()` by default.
+        start: the drone of the other parameters; the paper's Crazyflie by default.
         over: names of `parameters.COMPONENTS` to identify, or `AUTO`: those that predict held-out
-            flights better (likelihood only). Unless given `AUTO`; for a replay the paper's three.
-        bounds: search bounds by name, SI units; unless given physical ones for a likelihood and
+            flights better (likelihood only). By default `AUTO`; for a replay the paper's three.
+        bounds: search bounds by name, SI units; by default physical ones for a likelihood and
             the paper's for a replay.
-        key: random key; `jax.random.key(0)` unless given.
+        key: random key; `jax.random.key(0)` by default.
         on_progress: called with the stage and how far it is; once with `expected_intervals`, before
             anything is fitted by likelihood.
 
@@ -110,11 +110,11 @@ def expected_intervals(
 
     Args:
         flights: as of `identify`.
-        settings: of the likelihood; `Likelihood()` unless given.
-        start: the drone about which intervals are expected; the paper's Crazyflie unless given.
-        over: names of `parameters.COMPONENTS`, or `AUTO`: all that may be chosen, as unless given.
+        settings: of the likelihood; `Likelihood()` by default.
+        start: the drone about which intervals are expected; the paper's Crazyflie by default.
+        over: names of `parameters.COMPONENTS`, or `AUTO`: all that may be chosen, as by default.
         bounds: search bounds by name, SI units, which no plausible range exceeds.
-        key: random key; `jax.random.key(0)` unless given.
+        key: random key; `jax.random.key(0)` by default.
 
     Returns:
         By parameter the plausible range, the interval to expect, and whether the flights say more

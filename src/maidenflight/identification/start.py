@@ -16,7 +16,7 @@ def read_start(drone: str, mass_g: float | None) -> DroneFile:
 
     Args:
         drone: a named drone, or a TOML file.
-        mass_g: of what flew [g]; the drone's own unless given.
+        mass_g: of what flew [g]; the drone's own by default.
 
     Raises:
         InputError: see `parameters.read_drone`.
@@ -41,7 +41,7 @@ def note_mass(drone: str, mass_g: float | None, flights: Flights) -> list[str]:
 
 
 def note_start_at_bounds(start: DroneFile, estimates: Collection[str]) -> list[str]:
-    """Returns what was kept of a start although it lay at a search bound there.
+    """Returns what stays of a start although it lay at a search bound there.
 
     Args:
         start: the drone that the identification began with.

@@ -21,7 +21,7 @@ MAX_BODY_RATE_RAD_S, GYRO_RANGE_RAD_S = 25.0, 34.9
 """Body rate beyond which a row counts as a crash, and the range of a gyro, 2000 deg/s, which is
 the limit in logs without a state, of acrobatics too [rad/s]."""
 SHORTEST_S, SHORTEST_ROWS = 0.5, 50
-"""Time [s] and rows that a piece must have to be kept."""
+"""Time [s] and rows that a piece must have."""
 FASTEST_S = 2e-5
 """Step of time below which no sensor is read [s]."""
 MIN_HEIGHT_M = 0.1
@@ -53,8 +53,8 @@ def pieces(
 
     Args:
         flight: as read.
-        time: time of each row [s]; equally spaced unless given.
-        shortest: rows that a piece must have to be kept; 0 is `SHORTEST_S`.
+        time: time of each row [s]; equally spaced by default.
+        shortest: rows that a piece must have; 0 is `SHORTEST_S`.
 
     Returns:
         The pieces, and notes on what was dropped.

@@ -73,8 +73,9 @@ def resampled(
 ) -> tuple[Flight, Float[np.ndarray, "M"], list[str]]:
     """Returns flight at even steps if its rows jitter or some are missing, and a note that says so.
 
-    Signals are interpolated linearly; commands held until the next row and set-points keep their
-    last value. A gap of more than `MAX_GAP_ROWS` rows stays a gap. A log whose steps are even but
+    Signals are interpolated linearly; commands constant until the next row and set-points keep
+    their last value. A gap of more than `MAX_GAP_ROWS` rows stays a gap. A log whose steps are even
+    but
     for a few, or mostly uneven, or whose time does not increase, is returned as it is.
 
     Args:

@@ -31,14 +31,14 @@ class Signals:
 
     body_rates: Stream
     motors: Stream
-    """sqrt(u), the rotor speeds that are asked for."""
+    """sqrt(u), the commanded rotor speeds."""
     accelerometer: Stream | None = None
     state: Stream | None = None
     """Position, velocity, and roll, pitch, yaw without jumps of a turn; see `state`."""
     rotor_speed: Stream | None = None
     battery: Stream | None = None
     whole: bool = False
-    """Whether the motors are all commands that were given, so that each holds until the next."""
+    """Whether the motors are all commands, so that each holds until the next."""
     accelerometer_delay: float = 0.0
     """[s]; see `Flight`."""
     gyro_delay: float = 0.0
@@ -168,7 +168,7 @@ def _list_rates(signals: Signals) -> dict[str, float]:
 def _note_rows(
     at: Float[np.ndarray, "N"], speeds: Stream, whole: bool
 ) -> tuple[Float[np.ndarray, "N 4"], bool]:
-    """Rotor speeds that are asked for in rows, and whether they are means until the next row.
+    """Commanded rotor speeds in rows, and whether they are means until the next row.
 
     Where every command was logged, each holds until the next. Of a faster loop's, each stands for
     the step about it, and rows that are as frequent lie between two of them.

@@ -55,7 +55,7 @@ def _near(at: Float[np.ndarray, "N"], signal: Stream) -> np.ndarray:
 
 
 def between(at: Float[np.ndarray, "N"], signal: Stream) -> Float[np.ndarray, "N K"]:
-    """Returns a signal at given times, on straight lines between its samples.
+    """Returns a signal at some times, on straight lines between its samples.
 
     NaN in gaps and outside.
     """

@@ -46,8 +46,8 @@ SHORTEST_ROUND = 12.0
 SLOWER = (1.5, 1.4, 1.3, 1.2, 1.1, 1.05)
 """Factors of the motors' lag; the slowest drone that still hovers calmly must be safe too."""
 OTHERS = 8
-"""Virtual drones about the planned one on which the limits must be kept too, as far as the PID
-holds them in a hover: what is planned for will be held."""
+"""Virtual drones about the planned one on which the limits must hold too, as far as the PID
+holds them in a hover: the drone of the plan will hover."""
 MARGIN = 0.2
 """Distance from walls, floor and ceiling [m]."""
 LESS_LATENCY = (0.5, 0.25, 0.0)
@@ -89,7 +89,7 @@ class Allowed:
         return next((what for wrong, what in sides if wrong), "")
 
     def unrest(self, hover: Extremes, room: tuple[float, float, float]) -> str:
-        """Returns what of a hover exceeds this or what a drone that is well held does."""
+        """Returns what of a hover exceeds this or what a well-controlled drone does."""
         return self.excess(hover, room) or ("tilt of hover" if hover.tilt > self.calm else "")
 
 
@@ -109,14 +109,14 @@ class Planned:
 
 @dataclass(frozen=True)
 class Request:
-    """What a plan is asked for."""
+    """Request for a plan."""
 
     room: tuple[float, float, float]
     """Width, depth and height [m]; the drone takes off in the middle of the floor."""
     seconds: float
     """Length of the flight, without take-off and landing [s]."""
     interest: Sequence[str] | None = None
-    """Parameters to tell; all that may be identified unless given."""
+    """Parameters to tell; all that may be identified by default."""
     rate: int = RATE
     """Rows a second of the log from which they will be identified [Hz]."""
     motors: bool = False
@@ -335,7 +335,7 @@ def _height(room: tuple[float, float, float]) -> float:
     if not all(0.8 <= size <= 100.0 for size in room):
         raise InputError(
             f"a room of {'x'.join(f'{size:g}' for size in room)} m; expected 0.8 to 100 m each "
-            f"way, of which {MARGIN:g} m at each wall are kept free."
+            f"way, of which {MARGIN:g} m at each wall stay free."
         )
     return min(1.0, round((room[2] - MARGIN + LOWEST) / 2, 2))
 

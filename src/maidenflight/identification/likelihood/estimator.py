@@ -2,7 +2,7 @@
 
 Parameters are chosen by the likelihood of held-out flights, several trials descend to its maximum,
 fits in other ways show what it does not know of, and samples of the posterior say how far each
-parameter may lie from there. What is asked and known is a `Question`.
+parameter may lie from there. Requested and known parameters are a `Question`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -54,13 +54,13 @@ def no_doubt(fit_result: Fit, others: Mapping[str, Fit]) -> Float[np.ndarray, "d
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked of flights, and what is known besides."""
+    """Parameters to estimate, and what is known besides."""
 
     models: Models
     names: tuple[str, ...]
     """Parameters to fit."""
     start: Parameters
-    """Where the search begins, and the parameters that are kept."""
+    """Where the search begins, and the fixed parameters."""
     parts: Parts | None = None
     """By which groups of parameters are chosen; none are without."""
     groups: Mapping[str, Sequence[str]] = field(default_factory=dict)
@@ -91,7 +91,7 @@ class Answer:
     gains: tuple[GroupGain, ...]
     """Of each group of parameters that was tried."""
     unidentifiable: Ranges = field(default_factory=dict)
-    """What was asked for and keeps the start's value, with the range that is plausible."""
+    """Requested parameters that keep the start's value, with the range that is plausible."""
 
     @property
     def samples(self) -> dict[str, Float[np.ndarray, "N"]]:
@@ -130,7 +130,7 @@ def answer_question(problem: Problem, settings: Likelihood, question: Question) 
     Args:
         problem: bounds of the search, random numbers and what is told of progress.
         settings: uses `trials` and `evaluations`.
-        question: what is asked.
+        question: the parameters to estimate.
 
     Raises:
         InputError: there is nothing to fit, or something that cannot be searched.

@@ -80,7 +80,7 @@ def fit(
         models: each is maximised until a step gains less than `_CLOSE` in all, or than `close` a
             row; one that is named twice, once.
         names: of the d parameters.
-        first: where to begin, and the parameters that are kept.
+        first: where to begin, and the fixed parameters.
         measured_delays: samples of parameters; of those among `names` the median is taken.
         at_random: begin at a random point instead.
         close: log-likelihood gain of a row [nats] below which a step is the last.

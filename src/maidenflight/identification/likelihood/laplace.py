@@ -107,7 +107,7 @@ def posterior(
 ) -> Posterior:
     """Draws from the posterior of d parameters.
 
-    Laplace's approximation with the sandwich covariance, given the parameters that are seen and
+    Laplace's approximation with the sandwich covariance, conditional on the measured parameters and
     the others; these have samples of their own, which the rest follows. Of the spread between
     segments so much is added that the interval holds what another flight of `NEXT_FLIGHT` segments
     will show, on another day.

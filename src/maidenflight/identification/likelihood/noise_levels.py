@@ -23,7 +23,7 @@ roll and pitch rate."""
 WALKS = ("position_walk", "height_walk", "velocity_walk")
 """Random walks of an estimate."""
 _WINDOW, _STEP = 0.5, 0.01
-"""Time over which a position is held against the tilt, and between two rows of it [s]."""
+"""Time over which a position is compared with the tilt, and between two rows of it [s]."""
 _OF_WALK = 3 / 70
 """Variance that a parabola leaves of a random walk, of its strength squared times its duration."""
 _CONTRADICTED = 1 / 3

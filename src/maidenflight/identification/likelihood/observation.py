@@ -74,7 +74,7 @@ class ObservationModel(Protocol):
         ...
 
     def per_segment(self, parameters: Parameters, noise: NoiseModel) -> Float[np.ndarray, "S"]:
-        """Returns minus the log likelihood of each segment of flight under a given noise model."""
+        """Returns minus the log likelihood of each segment of flight under a noise model."""
         ...
 
     def derivatives(

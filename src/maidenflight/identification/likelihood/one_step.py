@@ -208,7 +208,7 @@ class OneStep(ObservationModel):
         self, parameters: Parameters, names: Sequence[str]
     ) -> tuple[float, Float[np.ndarray, "S d"], Float[np.ndarray, "S d d"]]:
         """See `ObservationModel`."""
-        # Where a search ends, what it computed last is asked for once more.
+        # Where a search ends, what it computed last is needed once more.
         if (
             self._latest is not None
             and self._latest[1] == tuple(names)
@@ -271,7 +271,7 @@ def log_likelihood(
     Args:
         flights: checked flights of one rate.
         drone: the drone; its noise does not count.
-        settings: uses `lead_in` and `physics_step`; `Likelihood()` unless given.
+        settings: uses `lead_in` and `physics_step`; `Likelihood()` by default.
 
     Raises:
         InputError: too little flight.
@@ -286,7 +286,7 @@ def coarse_objective(flights: Sequence[Flight], settings: Likelihood | None = No
     Args:
         flights: checked flights of one rate; where they show the motors, the gyro's delay is
             undone.
-        settings: uses `lead_in` and `coarse_physics_step`; `Likelihood()` unless given.
+        settings: uses `lead_in` and `coarse_physics_step`; `Likelihood()` by default.
 
     Raises:
         InputError: too little flight.

@@ -25,7 +25,7 @@ from maidenflight.identification.methods import Likelihood
 from maidenflight.identification.signals.lag import DELAYS
 
 _SPARSER = 2
-"""Rows to one that is kept, where it is tried what a sparser log would change."""
+"""Rows to one, where it is tried what a sparser log would change."""
 ABOUT_Z = ("torque_to_thrust", "rotor_momentum", "torque_bias_z")
 """Parameters that yaw shows, as shares of the inertia about z. Of what white noise differs by, all
 counts: no lag of its own tells of a controller's answers there."""

@@ -43,9 +43,9 @@ estimate's noise, some 0.015 m/s, returns to its mean and passes for drag."""
 HELD_OUT = 3
 """Every third flight is held out; if there are fewer flights, every third segment."""
 SIGNIFICANT = 2.0
-"""Gain over its standard error above which a group is kept."""
+"""Gain over its standard error above which a group is added."""
 SMALLEST_GAIN = 1e-3
-"""Log-likelihood gain of a row [nats] above which a group is kept."""
+"""Log-likelihood gain of a row [nats] above which a group is added."""
 ROUGH = SMALLEST_GAIN / 50
 """Log-likelihood gain of a row [nats] below which a fit need not be improved for the choice."""
 
@@ -88,7 +88,7 @@ def choose(
     on_group: Callable[[GroupGain], None] | None = None,
     at_bound: Callable[[Parameters, Sequence[str]], bool] = lambda drone, names: False,
 ) -> tuple[tuple[str, ...], Parameters, list[GroupGain]]:
-    """Adds one group after another, each kept if the likelihood of held-out flights gains.
+    """Adds one group after another, each staying if the likelihood of held-out flights gains.
 
     The group with the largest promised gain is next.
 
@@ -103,7 +103,7 @@ def choose(
         offered: groups that may be added.
         on_group: called with the gain of each group.
         at_bound: whether one of a drone's parameters ended where its search does. Such a group is
-            not kept: it stands for something that the model lacks.
+            not added: it stands for something that the model lacks.
 
     Returns:
         Names of the parameters chosen, the training flights' best drone, and the gain of each

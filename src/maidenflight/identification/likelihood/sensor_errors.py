@@ -40,7 +40,7 @@ _NUDGES = {
     "torque_to_thrust": 1e-4,
     **dict.fromkeys((*BY_MOMENT, "rotor_momentum", "rotational_damping"), 1e-6),
 }
-"""Changes over which slopes are taken, SI units; a hundredth of the value unless given. All slopes
+"""Changes over which slopes are taken, SI units; a hundredth of the value by default. All slopes
 but the motors' are constant over them."""
 
 
@@ -104,7 +104,7 @@ class SensorErrors(ObservationModel):
         return Parts(training, held_out, training)
 
     def _rotors(self, drone: Parameters) -> Rotors:
-        """The rotors of a drone; those of the last one are kept, since many share their motors."""
+        """The rotors of a drone; those of the last one stay, since many share their motors."""
         motors = [float(component(drone, name)) for name in MOTORS]
         if self._latest is None or self._latest[0] != motors:
             self._latest = motors, self.signals.rotors(drone)

@@ -72,7 +72,7 @@ class Signals:
     """S segments of flight in M steps of R rows."""
 
     command: Float[np.ndarray, "M*R S 4"]
-    """sqrt(u), held until the next row."""
+    """sqrt(u), constant until the next row."""
     measured: Float[np.ndarray, "M S C"]
     """The sensor's signals, means over a step."""
     body_rates: Float[np.ndarray, "M S 3"]

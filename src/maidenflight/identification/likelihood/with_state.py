@@ -137,7 +137,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
 
 
 def expected_intervals(problem: Problem, settings: Likelihood) -> dict[str, Expected]:
-    """Returns what flights can tell of the parameters that are asked for, or that may be chosen.
+    """Returns what flights can determine of the requested parameters, or that may be chosen.
 
     Raises:
         InputError: too little flight, or a parameter that cannot be searched.
@@ -219,10 +219,10 @@ def _question(
     motors: MotorResponse | None,
     unidentifiable: Ranges,
 ) -> Question:
-    """What is asked of the flights that is not yet known to be hidden from them.
+    """Returns the question about what may be identifiable.
 
     Raises:
-        InputError: the flights tell no parameter that is asked for.
+        InputError: no requested parameter is identifiable.
     """
     (coarse, fine), start, parts = models, problem.start, None
     request = selection.FIRST if problem.over is None else problem.over
@@ -251,7 +251,7 @@ def _question(
 
 
 def _motors(problem: Problem) -> MotorResponse | None:
-    """What logs show of the motors' lag, if it is asked for."""
+    """What logs show of the motors' lag, if it is requested."""
     names = selection.FIRST if problem.over is None else problem.over
     if not set(DELAYS) <= set(names):
         return None

@@ -48,7 +48,7 @@ from maidenflight.identification.signals.motor_response import (
 from maidenflight.parameters import Parameters, check, component, replace
 
 FORCE = ("thrust_to_weight", "thrust_linear", *DELAYS, "drag_z")
-"""What the accelerometer is asked for."""
+"""Parameters of the accelerometer."""
 FORCE_GROUPS: dict[str, tuple[str, ...]] = {"slowing_down": ("motor_coasting", "spin_down_ratio")}
 """What is added if it predicts held-out flight better. Together, since each passes for much of the
 other, and the inertia then found is a fifth off. The thrust of a rotor that stands is not
@@ -61,7 +61,7 @@ TORQUE = (
     "torque_bias_y",
     "torque_bias_z",
 )
-"""What the gyro is asked for."""
+"""Parameters of the gyro."""
 TORQUE_GROUPS: dict[str, tuple[str, ...]] = {"rotor_momentum": ("rotor_momentum",)}
 """Likewise."""
 OF_ACCELEROMETER = (
@@ -161,7 +161,7 @@ def _require_signals(over: Sequence[str] | None) -> None:
 def _names_of(
     problem: Problem, first: tuple[str, ...], sensor_names: tuple[str, ...]
 ) -> tuple[str, ...]:
-    """What is asked of a sensor."""
+    """Parameters to estimate from a sensor."""
     return (
         first if problem.over is None else tuple(one for one in problem.over if one in sensor_names)
     )

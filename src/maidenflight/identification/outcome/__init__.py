@@ -1,1 +1,1 @@
-"""What an identification is asked for and what it yields."""
+"""Request and result of an identification."""

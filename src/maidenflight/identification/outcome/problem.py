@@ -1,4 +1,4 @@
-"""What an identification is asked for, whatever its method."""
+"""Request for an identification, whatever its method."""
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class Problem:
     source: Source
     """What is recorded of them."""
     start: Parameters
-    """Where the first trial begins, and what is kept of the other parameters."""
+    """Where the first trial begins, and the other parameters."""
     over: tuple[str, ...] | None
     """Names of the parameters to identify; `None`: the flights choose."""
     bounds: Mapping[str, tuple[float, float]]
@@ -91,7 +91,7 @@ def _must_be_frequent(flights: Sequence[Flight]) -> None:
 
 
 def must_tell(names: Collection[str], unidentifiable: Collection[str]) -> None:
-    """Refuses flights that tell nothing of what is asked for.
+    """Refuses flights that determine none of the requested parameters.
 
     Args:
         names: parameters that they tell.

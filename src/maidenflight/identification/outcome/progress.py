@@ -59,7 +59,7 @@ class Reporter:
             of: how many groups are tried.
 
         Returns:
-            What tells of each group that was tried, given its gain.
+            What tells of each group that was tried, by its gain.
         """
         tried = count(1)
         self.stage(CHOICE, 0, of)

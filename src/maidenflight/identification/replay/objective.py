@@ -30,7 +30,7 @@ WEIGHTS = np.array([100.0] * 3 + [10.0] * 3 + [1.0] * 6, np.float32)
 """Diagonal of W: position [1/m], velocity [s/m], attitude [1/rad], body rates [s/rad]. The paper
 gives no values; these are the authors' code's."""
 _FEW = 64
-"""Windows differentiated side by side, at the same cost each, so that few windows can be asked
+"""Windows differentiated side by side, at the same cost each, so that few windows can be taken
 for."""
 _SMOOTHING = 0.5
 """Width over which the kink of an absolute value is rounded, as a share of what is usual in a
@@ -72,7 +72,7 @@ def _discounts(length: int, discount: float | Array) -> Float[Array, "T"]:
 
 
 class Objective:
-    """The objective over a set of windows, held on the device and compiled once for all parameters.
+    """The objective over a set of windows, on the device and compiled once for all parameters.
 
     Cost grows linearly with windows and their length; 10,000 windows of 30 rows take about 0.025 s
     on two idle cores.

@@ -68,7 +68,7 @@ def prediction_error(
         models: drones by name.
         horizons: times after a window's start [s]; each is taken to the nearest row.
         lead_in: rows of commands before a window, from which its motors' speed is inferred.
-        key: random key of the intervals; `jax.random.key(0)` unless given.
+        key: random key of the intervals; `jax.random.key(0)` by default.
 
     Returns:
         A row for each horizon and model, and for `PERSISTENCE`: `model`, `horizon` [s],
@@ -146,7 +146,7 @@ def predicted_windows(
         horizon: length of a window [s].
         count: how many windows.
         lead_in: rows of commands before a window, from which its motors' speed is inferred.
-        key: random key of the choice; `jax.random.key(0)` unless given.
+        key: random key of the choice; `jax.random.key(0)` by default.
 
     Returns:
         A row for each window, model (first `LOGGED`, what was measured) and row of the log from the

@@ -107,7 +107,7 @@ def _searched(problem: Problem, settings: Replay, box: Box, objective: Objective
             )
         else:
             from maidenflight.identification.search import (
-                bayesian,  # scikit-learn, only where asked for
+                bayesian,  # scikit-learn, only where needed
             )
 
             run = bayesian.minimise(loss, len(box.names), most, problem.generator, evaluated)

@@ -98,7 +98,7 @@ def descend(
         limits: how far a step may lead. One that ends at a limit within the cube has crossed a
             kink, where the slope jumps; that jump does not correct the curvature.
         damping: of the first step.
-        curvature: found on other data, if any. It is kept, and corrected only by how the gradient
+        curvature: found on other data, if any. It stays, and is corrected only by how the gradient
             changes: it holds what Gauss-Newton's leaves out.
     """
     came, here = point, equations(point)

@@ -98,7 +98,7 @@ def spectra(
     motion: Float[np.ndarray, "N c"],
     period: float,
     *,
-    held: bool,
+    zero_order_hold: bool,
     differentiate: bool,
 ) -> Spectra:
     """Returns the spectra of commands and of what follows them, sums over c such pairs.
@@ -107,7 +107,7 @@ def spectra(
         drive: the commands.
         motion: what follows each.
         period: of a row [s].
-        held: whether a command acts until the next row, half a row later in the mean.
+        zero_order_hold: whether a command acts until the next row, half a row later in the mean.
         differentiate: whether the motion's derivative follows the command.
     """
     rows = min(round(WINDOW / period), len(drive))
@@ -122,7 +122,7 @@ def spectra(
         pieces = np.concatenate([values[begin : begin + rows].T for begin in begins])
         return np.fft.rfft(scipy.signal.detrend(pieces) * window)[:, chosen]
 
-    u = lines(drive, used) * (np.exp(-s * period / 2) if held else 1.0)
+    u = lines(drive, used) * (np.exp(-s * period / 2) if zero_order_hold else 1.0)
     y = lines(motion, used) * (s if differentiate else 1.0)
     scale = np.sqrt(np.mean(np.abs(y) ** 2) / max(float(np.mean(np.abs(u) ** 2)), 1e-30))
     u = u * scale

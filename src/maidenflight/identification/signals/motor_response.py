@@ -4,9 +4,9 @@ Each stretch of flight tells, by roll and by pitch, which lag goes with which la
 (`loop_spectra`); stretches are joined as random effects for each latency. docs/identification.md
 leads from there to the interval and has figures of drones whose rotor speeds were measured.
 
-The accelerometer is not asked: of four motors together it hears drag, vibration and loads too,
+The accelerometer is not used: of four motors together it hears drag, vibration and loads too,
 and from log to log of one brushed drone says 60 to 118 ms where rotor speeds say 80. Measured
-speeds are asked alone, without a loop: nothing answers them. Samples of a faster loop hold noise
+speeds are used alone, without a loop: nothing answers them. Samples of a faster loop hold noise
 from above half the log's rate; where it is as strong as what they hold of a few hertz, they are
 left out.
 
@@ -236,7 +236,9 @@ def _signals(flight: Flight, drone: Parameters) -> Iterator[tuple[str, Spectra, 
         speeds = flight.rotor_speed.astype(float)
         yield (
             _ROTORS,
-            spectra(speed_setpoint, speeds, period, held=zero_order_hold, differentiate=False),
+            spectra(
+                speed_setpoint, speeds, period, zero_order_hold=zero_order_hold, differentiate=False
+            ),
             0.0,
         )
         return
@@ -247,7 +249,7 @@ def _signals(flight: Flight, drone: Parameters) -> Iterator[tuple[str, Spectra, 
         pair = torque[:, [axis]], rates[:, [axis]]
         yield (
             signal,
-            spectra(*pair, period, held=zero_order_hold, differentiate=True),
+            spectra(*pair, period, zero_order_hold=zero_order_hold, differentiate=True),
             flight.gyro_delay,
         )
 

@@ -151,7 +151,7 @@ def _smooth(values: np.ndarray, half: int) -> np.ndarray:
 
 
 def _windows_at(values: np.ndarray, half: int, rows: np.ndarray) -> np.ndarray:
-    """Sum over `half` rows on either side of the given ones."""
+    """Sum over `half` rows on either side of some."""
     summed = np.concatenate([[0.0], np.cumsum(values)])
     return summed[np.minimum(rows + half + 1, len(values))] - summed[np.maximum(rows - half, 0)]
 

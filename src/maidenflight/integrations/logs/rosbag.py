@@ -1,6 +1,6 @@
 """ROS 2 recordings, MCAP and SQLite, through `rosbags`; messages are read one after another.
 
-Only the fields that are used are held in memory. Topics of px4_msgs are read as those of a ULog,
+Only the fields that are used stay in memory. Topics of px4_msgs are read as those of a ULog,
 others by `ros_topics`.
 
 Source: MCAP format specification; rosbag2; REP 103.
@@ -185,7 +185,7 @@ def _together(logs: list[tuple[Flight, np.ndarray, list[str]]]) -> LoggedFlights
 
 
 class _Fields:
-    """Numbers of some fields of a topic's messages, kept as they come."""
+    """Numbers of some fields of a topic's messages, as they come."""
 
     def __init__(self, fields: tuple[str, ...]) -> None:
         self.fields = fields

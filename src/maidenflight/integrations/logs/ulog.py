@@ -23,7 +23,7 @@ _HEAD, _MESSAGE_HEAD = 16, 3
 def flights(path: Path, name: str) -> LoggedFlights:
     """Returns the flight in a ULog, unchecked, with the time of its rows [s], and what was assumed.
 
-    Only the topics that are needed are held in memory.
+    Only the topics that are needed stay in memory.
 
     Args:
         path: of the file.
