@@ -45,7 +45,7 @@ def interval(
 
 
 def basis(points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n k"]:
-    """Monomials up to the second degree."""
+    """Returns monomials up to the second degree."""
     dimensions = points.shape[1]
     squares = [points[:, i] * points[:, j] for i in range(dimensions) for j in range(i, dimensions)]
     return np.stack([np.ones(len(points)), *points.T, *squares], axis=1)

@@ -120,7 +120,7 @@ def rotors(name: str, parameters: Parameters) -> Rotors:
     if all(turns) and [np.sign(turn) for turn in turns] != [1, -1, 1, -1]:
         notes.append(
             f"{name}: its rotors do not turn as the simulated ones, of which front right and back "
-            "left turn counter-clockwise (CA_ROTORn_KM): torque_to_thrust and inertia_z found are "
+            "left turn counter-clockwise (CA_ROTORn_KM): torque_to_thrust and inertia_z are "
             "worth nothing, and a policy for it would control yaw the wrong way round"
         )
     return Rotors(order, tuple(notes))
