@@ -26,7 +26,7 @@ def main(grace_period: float | None = None) -> None:
     """Runs a command: exit code 2 and one line for a user's mistake, 130 when interrupted.
 
     Args:
-        grace_period: see `interruption.insisting`.
+        grace_period: see `interruption.handle_sigint`.
     """
     try:
         with interruption.handle_sigint(grace_period):

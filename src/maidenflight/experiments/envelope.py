@@ -54,7 +54,7 @@ class SpeedRamp(NamedTuple):
     of: Callable[[float], trajectories.Trajectory]
     """(fastest [m/s]) to the reference."""
     fastest: float
-    """Top speed to which it grows in `trajectories.QUICKENING` [m/s]."""
+    """Top speed to which it grows in `trajectories.RAMP_DURATION_S` [m/s]."""
     tightest: float
     """Least radius of curvature of the path [m], where it is fastest."""
 

@@ -193,10 +193,10 @@ def write_map(file: Path) -> Path | None:
         return None
     with suppress(InputError):
         table = logged(file)
-    logs = proposal.propose(table) if isinstance(table, Table) else None
-    if logs is None:
+    columns = proposal.propose(table) if isinstance(table, Table) else None
+    if columns is None:
         return None
-    return results.write(map_file, column_map.text(logs))
+    return results.write(map_file, column_map.text(columns))
 
 
 def _no_law(name: str) -> str:

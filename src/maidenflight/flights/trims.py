@@ -105,7 +105,7 @@ def between_flights(trims: Sequence[Trim]) -> Float[np.ndarray, "4"] | None:
         trims: of each flight.
 
     Returns:
-        In the order of `told`; None for less than `ENOUGH_FLIGHTS`.
+        In the order of `with_standard_errors`; None for less than `ENOUGH_FLIGHTS`.
 
     Source: Hedges 1983, A random effects model for effect sizes (the unweighted estimator).
     """

@@ -198,13 +198,13 @@ def _blame(frames: list[CheckResult]) -> list[CheckResult]:
     rates, _, tilt = frames
     if rates.verdict != FAILS:
         return frames
-    readings = {
+    remark = {
         FAILS: " The change of velocity contradicts the attitude too: mend the attitude first.",
         PASSES: " The change of velocity fits the attitude, so that the body rates are wrong.",
     }.get(tilt.verdict, "")
     pitch = _PITCH if tilt.verdict != PASSES and "y with" in rates.sentence else ""
     mended = CheckResult(
-        rates.name, FAILS, rates.sentence + readings + pitch, rates.statistic, rates.threshold
+        rates.name, FAILS, rates.sentence + remark + pitch, rates.statistic, rates.threshold
     )
     return [mended, *frames[1:]]
 

@@ -148,17 +148,17 @@ def _segments(signals: Float[np.ndarray, "M 8"], count: int) -> list[Float[np.nd
     return parts
 
 
-def responses(transform: Spectra, delays: Float[np.ndarray, "D"] = DELAYS_S) -> Responses:
+def responses(motion: Spectra, delays: Float[np.ndarray, "D"] = DELAYS_S) -> Responses:
     """Evaluates all lags and delays."""
-    turn = 2j * np.pi * transform.frequency
+    turn = 2j * np.pi * motion.frequency
     lag = 1 / (1 + turn * LAGS_S[:, None])
     filters = lag[:, None] * np.exp(-turn * delays[:, None])
     products, power, channels = [], [], []
     for channel in range(4):
-        own, weight = transform.channels[:, channel], transform.weight(channel)
-        across = transform.across[:, :, channel] * weight[:, None]
+        own, weight = motion.channels[:, channel], motion.weight(channel)
+        across = motion.across[:, :, channel] * weight[:, None]
         products.append(np.einsum("tdf,fu->tdu", filters.conj(), across, optimize=True).real)
-        shared = transform.commands * weight[:, None, None]
+        shared = motion.commands * weight[:, None, None]
         power.append(np.einsum("tf,fuv->tuv", np.abs(lag) ** 2, shared, optimize=True).real)
         channels.append(float((own * weight).sum()))
-    return Responses(np.array(products), np.array(power), np.array(channels), transform.segments)
+    return Responses(np.array(products), np.array(power), np.array(channels), motion.segments)

@@ -49,8 +49,8 @@ def check_rotor_speeds(pieces: Sequence[Flight]) -> list[CheckResult]:
         return [unknown(NAME, "no piece lasts 4 s")]
     still = [
         place
-        for place, values, text in zip(_PLACES, speed.T, command.T, strict=True)
-        if values.std() < 1e-3 * max(abs(values.mean()), 1e-9) and text.std() > 1e-3
+        for place, values, commands in zip(_PLACES, speed.T, command.T, strict=True)
+        if values.std() < 1e-3 * max(abs(values.mean()), 1e-9) and commands.std() > 1e-3
     ]
     if still:
         return [_pass_over(f"{', '.join(still)} never changes while its command does", 0.0)]

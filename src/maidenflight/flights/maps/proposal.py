@@ -242,15 +242,15 @@ def _order(
     rates = uniform_filter1d(gyro, few, axis=0)
     turns = np.gradient(rates, axis=0) / np.gradient(time)[:, None]
     smooth = uniform_filter1d(motors, few, axis=0)
-    best, columns = 0.0, np.zeros((2, 4))
+    best, signs = 0.0, np.zeros((2, 4))
     for lag in _LAGS:
         lagged = np.stack([np.interp(time - lag, time, one) for one in smooth.T], axis=1)
         lagged = np.column_stack([lagged, np.ones(len(lagged))])
         weights = np.linalg.lstsq(lagged, turns, rcond=None)[0]
         share = 1.0 - np.var(turns - lagged @ weights, axis=0) / np.var(turns, axis=0)
         if share.min() > best:
-            best, columns = float(share.min()), weights[:4].T
-    corners = [tuple(np.sign(one).astype(int)) for one in columns.T]
+            best, signs = float(share.min()), np.sign(weights[:4].T)
+    corners = [tuple(one.astype(int)) for one in signs.T]
     if best < _LEAST_SHARE or set(corners) != set(_CORNERS):
         return 0, 1, 2, 3
     return tuple(corners.index(corner) for corner in _CORNERS)
@@ -258,12 +258,12 @@ def _order(
 
 def _range(motors: Float[np.ndarray, "N 4"], names: tuple[str, ...]) -> Motors:
     """What the motors' numbers mean: the narrowest usual range that holds them."""
-    lagged = motors[np.isfinite(motors)]
-    least, most = (float(lagged.min()), float(lagged.max())) if len(lagged) else (0.0, 1.0)
+    numbers = motors[np.isfinite(motors)]
+    least, most = (float(numbers.min()), float(numbers.max())) if len(numbers) else (0.0, 1.0)
     square = "thrust" not in names[0].lower()
     if least < 0:
         return Motors(-1.0, 1.0, square)
-    turning = lagged[lagged > 0]
+    turning = numbers[numbers > 0]
     pwm = len(turning) and np.quantile(turning, 0.05) >= 900 and most <= 2200
     for low, high in _RANGES:
         if most <= 1.05 * high and (low < 1000 or pwm) and (most > 1.05 or high == 1.0):

@@ -207,7 +207,7 @@ def _find_calm_drone(
     keys: Array,
     on_stage: Callable[[int, int, str], None],
 ) -> tuple[VirtualDrone, list[VirtualDrone], dict[Manoeuvre, Extremes], list[Flight], list[str]]:
-    """The drone as the PID holds it, what `_looks` shows of it, and notes.
+    """The drone as the PID holds it, the results of `_simulate_library`, and notes.
 
     Raises:
         InputError: it does not hover within the limits.
@@ -215,10 +215,10 @@ def _find_calm_drone(
     why = ""
     for share in (1.0, *(LESS_LATENCY if request.is_named else ())):
         believed = _with_latency(drone, share)
-        drones, extremes_of, flights = _simulate_library(
+        drones, extremes, flights = _simulate_library(
             believed, request, library_plans, keys, on_stage
         )
-        why = request.allowed.unrest(extremes_of[Manoeuvre(HOVER)], request.room)
+        why = request.allowed.unrest(extremes[Manoeuvre(HOVER)], request.room)
         if why:
             continue
         note = (
@@ -226,7 +226,7 @@ def _find_calm_drone(
             f"{1e3 * float(drone.parameters.latency):.3g} ms; planned with "
             f"{1e3 * float(believed.parameters.latency):.3g} ms, since yours is held"
         )
-        return believed, drones, extremes_of, flights, [note] if share < 1.0 else []
+        return believed, drones, extremes, flights, [note] if share < 1.0 else []
     raise InputError(
         f"{drone.name}: in simulation hover already exceeds a limit ({why}). Give "
         "a larger --room, or check the drone's parameters."
@@ -361,9 +361,9 @@ def _names(interest: Sequence[str] | None, flight: Flight | None) -> tuple[str, 
     return names
 
 
-def _agility(extremes_of: Extremes) -> float:
+def _agility(extremes: Extremes) -> float:
     """By which manoeuvres are put in order, calm ones first."""
-    return extremes_of.tilt + 0.2 * extremes_of.speed + extremes_of.at_limits
+    return extremes.tilt + 0.2 * extremes.speed + extremes.at_limits
 
 
 def _information(
@@ -394,8 +394,8 @@ def _expecting(
 ) -> tuple[FlightPlan, tuple[str, ...]]:
     """The plan with what it and a hover tell, and the parameters that it does not tell."""
     of = []
-    for rollouts, key in ((proposal, keys[0]), (flight_plan.hovering(proposal), keys[1])):
-        logs = record_plan(drone, rollouts, key, rate=request.rate, firmware=request.firmware)
+    for each, key in ((proposal, keys[0]), (flight_plan.hovering(proposal), keys[1])):
+        logs = record_plan(drone, each, key, rate=request.rate, firmware=request.firmware)
         of.append(expected_intervals(logs, start=drone.parameters))
     names = [name for name in of[0] if request.interest is None or name in request.interest]
     expected = {

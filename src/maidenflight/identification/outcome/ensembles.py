@@ -22,7 +22,7 @@ between flights."""
 BETWEEN_FLIGHTS = (*TRIM, HOVERING)
 """What differs from flight to flight: a log of the day tells it."""
 _IN_A_TRIM = (HOVERING, *TRIM)
-"""The same in the order of `trims.told`."""
+"""The same in the order of `trims.with_standard_errors`."""
 
 WITHIN_A_DAY = 0.5
 """Standard deviation of a trim between flights of a day, as a share of that between all flights;

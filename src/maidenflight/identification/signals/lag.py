@@ -1,4 +1,4 @@
-"""Independent looks at the motors' lag and the latency together, and where they disagree."""
+"""Independent estimates of the motors' lag and latency together, and their disagreement."""
 
 from collections.abc import Collection, Mapping, Sequence
 
@@ -45,13 +45,13 @@ def delay_estimates(
 
 
 def notes(estimates: Sequence[Look], motors: MotorResponse | None) -> list[str]:
-    """Returns the looks in words, and those that disagree."""
+    """Returns the estimates in words, and those that disagree."""
     if not estimates:
         return []
     intervals = ", ".join(
-        f"{look.signal} {1e3 * look.value:.0f} [{1e3 * look.interval[0]:.0f},"
-        f" {1e3 * look.interval[1]:.0f}]"
-        for look in estimates
+        f"{one.signal} {1e3 * one.value:.0f} [{1e3 * one.interval[0]:.0f},"
+        f" {1e3 * one.interval[1]:.0f}]"
+        for one in estimates
     )
     outliers = [
         f"{one.signal} and {other.signal}"

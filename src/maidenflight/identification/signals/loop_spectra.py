@@ -146,7 +146,7 @@ class _Model:
     """
 
     def __init__(self, spectra: Spectra, delay: float, *, closed: bool) -> None:
-        self.seen, self.delay, self.closed = spectra, delay, closed
+        self.spectra, self.delay, self.closed = spectra, delay, closed
         z = spectra.s / _CENTRE
         self.basis = np.stack([z ** (power - 1) for power in _POWERS])
         self.lines = np.bincount(spectra.band) * spectra.averages
@@ -154,7 +154,10 @@ class _Model:
 
     def start(self, lag: float) -> Float[np.ndarray, "d"]:
         """Returns a loop of some lag that is stable, by least squares of either equation."""
-        spectra, shape = self.seen, np.exp(-self.seen.s * self.delay) / (1 + self.seen.s * lag)
+        spectra, shape = (
+            self.spectra,
+            np.exp(-self.spectra.s * self.delay) / (1 + self.spectra.s * lag),
+        )
         gain = np.sum(np.real(shape.conj() * spectra.cross)) / np.sum(
             np.abs(shape) ** 2 * spectra.drive
         )
@@ -175,7 +178,7 @@ class _Model:
 
     def __call__(self, x: Float[np.ndarray, "d"]) -> tuple[float, Float[np.ndarray, "d"]]:
         """Minus the log likelihood [nats] and its slope."""
-        spectra, s, lag = self.seen, self.seen.s, np.exp(x[0])
+        spectra, s, lag = self.spectra, self.spectra.s, np.exp(x[0])
         response = np.exp(x[1] - s * self.delay) / (1 + s * lag)
         left = spectra.motion - 2 * (response.conj() * spectra.cross).real
         left = left + np.abs(response) ** 2 * spectra.drive

@@ -151,11 +151,11 @@ def motors(
 
 def _shares(name: str, topics: Topics, parameters: Parameters, factor: float) -> tuple[Stream, str]:
     """Commands of PX4's motors as they were logged, and of which topic; without rows if not."""
-    text = columns(topics, "actuator_motors", *vector("control", 4), clock="timestamp_sample")
-    if text is not None and len(text[0]) > 1:
+    logged = columns(topics, "actuator_motors", *vector("control", 4), clock="timestamp_sample")
+    if logged is not None and len(logged[0]) > 1:
         # Not a number is a motor that is stopped.
-        share = np.clip(np.nan_to_num(text[1], nan=0.0), 0.0, None)
-        return streams.stream(text[0], share), f"{name}: motors of actuator_motors"
+        share = np.clip(np.nan_to_num(logged[1], nan=0.0), 0.0, None)
+        return streams.stream(logged[0], share), f"{name}: motors of actuator_motors"
     sent, low, high, channels = _outputs(name, topics, parameters)
     signal = np.clip((sent[1] - low) / (high - low), 0.0, None)
     share = factor * signal**2 + (1.0 - factor) * signal
@@ -174,9 +174,9 @@ def _outputs(
 ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray, tuple[int, ...]]:
     """Outputs of motors 1 to 4, their least and most, and their channels."""
     functions = {
-        (found[1], int(found[2])): value
+        (match[1], int(match[2])): value
         for key, value in parameters.items()
-        if (found := re.fullmatch(r"(\w+)_FUNC(\d{1,2})", key))
+        if (match := re.fullmatch(r"(\w+)_FUNC(\d{1,2})", key))
     }
     prefixes = dict.fromkeys(
         prefix for (prefix, _), value in functions.items() if value in (101, 102, 103, 104)
@@ -241,11 +241,11 @@ def _is_dshot(prefix: str, turning: Float[np.ndarray, "M"], parameters: Paramete
 def rotor_speed(topics: Topics, order: tuple[int, ...]) -> Stream | None:
     """Speeds of our motors that the ESCs tell [rad/s]."""
     fields = [f"esc[{number}].esc_rpm" for number in range(4)]
-    text = columns(topics, "esc_status", *fields)
-    if text is None or not np.any(text[1]):
+    speeds = columns(topics, "esc_status", *fields)
+    if speeds is None or not np.any(speeds[1]):
         return None
     escs = _by_function(topics["esc_status"])
-    return streams.stream(text[0], np.abs(text[1][:, escs][:, list(order)]) * 2 * np.pi / 60)
+    return streams.stream(speeds[0], np.abs(speeds[1][:, escs][:, list(order)]) * 2 * np.pi / 60)
 
 
 def _by_function(fields: Mapping[str, np.ndarray]) -> Int[np.ndarray, "4"]:

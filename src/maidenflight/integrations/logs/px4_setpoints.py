@@ -94,14 +94,14 @@ def _setpoints(topics: Topics) -> tuple[Stream | None, str]:
     controls = columns(topics, TOPICS[2], *vector("control", 4), clock="timestamp_sample")
     if controls is None:
         return None, ""
-    rebuilt_rows = streams.stream(controls[0], controls[1] * [1.0, 1.0, 1.0, -1.0])
-    sound = np.asarray(np.isfinite(rebuilt_rows.values).all(axis=1))
-    return rebuilt_rows.part(sound), TOPICS[2]
+    stream = streams.stream(controls[0], controls[1] * [1.0, 1.0, 1.0, -1.0])
+    sound = np.asarray(np.isfinite(stream.values).all(axis=1))
+    return stream.part(sound), TOPICS[2]
 
 
 def _rotors(parameters: Parameters) -> tuple[Rotor, ...] | None:
     """The rotors that PX4's parameters describe; none where they have no places."""
-    rebuilt_rows = tuple(
+    rotors = tuple(
         Rotor(
             parameters.get(f"CA_ROTOR{number}_PX", 0.0),
             parameters.get(f"CA_ROTOR{number}_PY", 0.0),
@@ -110,7 +110,7 @@ def _rotors(parameters: Parameters) -> tuple[Rotor, ...] | None:
         )
         for number in range(4)
     )
-    return rebuilt_rows if any(one.forward or one.right for one in rebuilt_rows) else None
+    return rotors if any(one.forward or one.right for one in rotors) else None
 
 
 def _explained(logged: Stream, rebuilt: Stream) -> float | None:

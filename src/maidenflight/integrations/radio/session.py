@@ -195,7 +195,7 @@ def check(
     """Resets the estimator, waits until it settles, and checks that the drone may take off.
 
     Returns:
-        See `watch.objections`.
+        See `watch.preflight_failures`.
     """
     if drone.has_policy:
         # A program that was killed may have left it on: then the policy would take off.

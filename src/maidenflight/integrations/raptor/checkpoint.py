@@ -52,7 +52,7 @@ def to_raptor(
         policy: a policy of RAPTOR's form.
         name: which the checkpoint bears.
         seed: random seed of the example.
-        record: how the policy was made, for the attribute `MADE`.
+        record: how the policy was made, for the attribute `MAKER`.
 
     Raises:
         InputError: `h5py` is not installed, or the policy makes no sense or is of another form.

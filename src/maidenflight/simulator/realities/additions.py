@@ -1,9 +1,9 @@
 """What a reality's name adds: `+sensors`, `+10ms`, `+yaw6000`, `+weak10` and `+payload15`.
 
 Virtual drones get other parameters, from the start or, as `+yaw6000@5`, in the course of a flight.
-Other realities are wrapped: `Sensing` reads them through the noise and delay of a Crazyflie's
-sensors, `Late` holds back their commands, and `Uneven` changes them as a trim in yaw or a weak
-motor does.
+Other realities are wrapped: `SensorWrapper` reads them through the noise and delay of a Crazyflie's
+sensors, `DelayWrapper` holds back their commands, and `MotorBiasWrapper` changes them as a trim in
+yaw or a weak motor does.
 """
 
 import dataclasses

@@ -144,7 +144,7 @@ def quickening(trajectory: Trajectory, duration: float = RAMP_DURATION_S) -> Tra
 
 @cached_by_arguments
 def quickening_circle(fastest: float, diameter: float = 1.0) -> Trajectory:
-    """Returns a `circle` of a diameter [m] whose speed grows to fastest [m/s] in `QUICKENING`."""
+    """Returns a `circle` of a diameter [m] whose speed grows to fastest [m/s]."""
     return quickening(circle(diameter, pi * diameter / fastest))
 
 
