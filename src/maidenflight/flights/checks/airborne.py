@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool
 from scipy.ndimage import binary_dilation, binary_opening, median_filter, uniform_filter1d
 
-from maidenflight.flights.log import Flight
+from maidenflight.flights.log import GRAVITY, Flight
 
 LONGEST_CUT = 0.5
 """Time for which motors may be off in a flight [s]."""
@@ -34,7 +34,6 @@ DRAG_S, RARE = 0.6, 0.25
 """Time of that median [s], and the share of rows beyond it from which it is no hit but shaking."""
 IMPACT_MARGIN = 0.3
 """Time before and after an impact that is left out [s]."""
-_GRAVITY = 9.81
 _FAR = 1 << 40
 """Rows to ground that is nowhere."""
 
@@ -74,7 +73,7 @@ def _stands(flight: Flight) -> Bool[np.ndarray, "N"]:
     mean, square = (uniform_filter1d(some, many, axis=0) for some in (rates, rates**2))
     deviation = np.sqrt(np.maximum(square - mean**2, 0.0))
     force = uniform_filter1d(np.linalg.norm(flight.accelerometer.astype(float), axis=1), many)
-    quiet = (deviation < STILL_RAD_S).all(axis=1) & (np.abs(force - _GRAVITY) < STILL_M_S2)
+    quiet = (deviation < STILL_RAD_S).all(axis=1) & (np.abs(force - GRAVITY) < STILL_M_S2)
     quiet = np.asarray(binary_dilation(quiet, np.ones(many)), bool)
     mean_command = uniform_filter1d(flight.command.mean(axis=1, dtype=float), many)
     flying = mean_command[~quiet & (mean_command > 0.0)]

@@ -20,16 +20,17 @@ from jaxtyping import Float
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
-from maidenflight.flights.checkup.kinematics import AXES, GRAVITY, rotations
+from maidenflight.flights.checkup.kinematics import AXES, rotations
 from maidenflight.flights.checkup.relations import (
     Samples,
     best_reading,
+    block_mean,
     sample_spans,
     span_mean,
     take_enough,
 )
 from maidenflight.flights.checkup.result import FAILS, PASSES, WARNS, CheckResult, unknown
-from maidenflight.flights.log import Flight
+from maidenflight.flights.log import GRAVITY, Flight
 
 WINDOW_S, SHORTEST_S = 6.0, 2.0
 """Time over which gravity is averaged, and a shorter piece's [s]."""
@@ -66,12 +67,6 @@ def check_accelerometer(pieces: Sequence[Flight]) -> list[CheckResult]:
     if pieces[0].accelerometer is None:
         return []
     return [_check_scale(pieces), _check_frame(pieces)]
-
-
-def block_mean(values: Float[np.ndarray, "N K"], rows: int) -> Float[np.ndarray, "M K"]:
-    """Averages each `rows` rows."""
-    count = len(values) // rows
-    return values[: count * rows].reshape(count, rows, -1).mean(axis=1, dtype=np.float64)
 
 
 def _inertial(piece: Flight) -> tuple[Float[np.ndarray, "M 3"], Float[np.ndarray, "M 3"], float]:

@@ -18,10 +18,8 @@ from scipy.spatial.transform import Rotation
 from maidenflight.flights.checkup import relations
 from maidenflight.flights.checkup.relations import Match, Measure, Samples, span_mean
 from maidenflight.flights.checkup.result import FAILS, PASSES, WARNS, CheckResult, unknown
-from maidenflight.flights.log import Flight
+from maidenflight.flights.log import GRAVITY, Flight
 
-GRAVITY = 9.81
-"""[m/s2]."""
 LEAST_RATE, LEAST_SPEED, LEAST_PUSH = 0.03, 0.012, 0.25
 """Standard deviations below which an axis is too quiet to judge [rad/s, m/s, m/s2]."""
 MATCH = 0.7

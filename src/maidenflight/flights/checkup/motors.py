@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from maidenflight.flights.checkup.gravity import GRAVITY
 from maidenflight.flights.checkup.response import (
     DELAYS_S,
     FORCE,
@@ -25,7 +24,7 @@ from maidenflight.flights.checkup.response import (
     spectra,
 )
 from maidenflight.flights.checkup.result import FAILS, PASSES, WARNS, CheckResult, unknown
-from maidenflight.flights.log import Flight
+from maidenflight.flights.log import GRAVITY, Flight
 from maidenflight.simulator.physics.geometry import TORQUES
 
 ORDERS = tuple(permutations(range(4)))
@@ -86,9 +85,10 @@ def check_motors(pieces: Sequence[Flight]) -> list[CheckResult]:
     drive = _check_drive(fits, answer.segments)
     if drive.verdict != PASSES and (slow := spectra(pieces, SLOW)) is not None:
         # A very smooth flight may be all below the usual band.
-        slowly = best_fits(responses(slow))
+        slow_answer = responses(slow)
+        slowly = best_fits(slow_answer)
         if max(fit.score for fit in slowly.values()) > CLEARLY[SLOW]:
-            motion, answer, fits = slow, responses(slow), slowly
+            motion, answer, fits = slow, slow_answer, slowly
             drive = _check_drive(fits, answer.segments)
     if drive.verdict in (FAILS, WARNS):
         return [drive, _check_thrust(pieces)]

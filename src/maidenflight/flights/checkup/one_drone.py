@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, UInt64
 
 from maidenflight.flights.checkup.motors import load_factor
+from maidenflight.flights.checkup.relations import block_mean
 from maidenflight.flights.checkup.result import PASSES, WARNS, CheckResult, unknown
 from maidenflight.flights.log import Flight
 
@@ -68,14 +69,14 @@ def thrust_per_command(pieces: Sequence[Flight]) -> Float[np.ndarray, "B"]:
     ratios = [np.zeros(0)]
     for piece in pieces:
         rows = max(1, round(_BLOCK_S / piece.period))
-        load, count = load_factor(piece), len(piece) // rows
-        if load is None or not count:
+        load = load_factor(piece)
+        if load is None or len(piece) < rows:
             continue
         late = min(max(1, round(_RESPONSE_S / piece.period)), len(piece) - 1)
         command = piece.mean_command.mean(axis=1, dtype=np.float64)
         command = np.concatenate([np.repeat(command[:1], late), command[:-late]])
-        blocks = [one[: count * rows].reshape(count, rows).mean(axis=1) for one in (load, command)]
-        ratios.append(np.log(np.maximum(blocks[0], 0.05) / np.maximum(blocks[1], 0.01)))
+        loads, commands = block_mean(np.column_stack([load, command]), rows).T
+        ratios.append(np.log(np.maximum(loads, 0.05) / np.maximum(commands, 0.01)))
     return np.concatenate(ratios)
 
 

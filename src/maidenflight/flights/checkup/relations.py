@@ -73,6 +73,12 @@ def slow_down(piece: Flight) -> Flight:
     return thinned(replace(piece, body_rates=rates.astype(np.float32)), every)
 
 
+def block_mean(values: Float[np.ndarray, "N K"], rows: int) -> Float[np.ndarray, "M K"]:
+    """Averages each `rows` rows."""
+    count = len(values) // rows
+    return values[: count * rows].reshape(count, rows, -1).mean(axis=1, dtype=np.float64)
+
+
 def span_mean(values: Float[np.ndarray, "N K"], rows: int) -> Float[np.ndarray, "M K"]:
     """Averages over `rows` steps by the trapezium rule; M = N - rows."""
     summed = np.cumsum((values[1:] + values[:-1]).astype(np.float64) / 2, axis=0)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float
 
-from maidenflight.flights.checkup.gravity import block_mean
+from maidenflight.flights.checkup.relations import block_mean
 from maidenflight.flights.log import Flight
 
 LAGS_S = np.array([0.012, 0.02, 0.03, 0.045, 0.065, 0.09, 0.13])

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.signal import butter, lfilter, sosfiltfilt
 
-from maidenflight.flights.checkup.gravity import block_mean
 from maidenflight.flights.checkup.motors import TORQUES
+from maidenflight.flights.checkup.relations import block_mean
 from maidenflight.flights.checkup.response import LAGS_S, responses, spectra
 from maidenflight.flights.checkup.result import PASSES, WARNS, CheckResult, unknown
 from maidenflight.flights.log import Flight

@@ -83,11 +83,6 @@ class Box:
         values = np.array([float(component(drone, name)) for name in self.names])
         return np.clip(self.unit(values), 0.0, 1.0)
 
-    def with_ranges(self, ranges: Mapping[str, tuple[float, float]]) -> "Box":
-        """Returns the box of these parameters and others, with the others' ranges as bounds."""
-        lows, highs = ([ends[side] for ends in ranges.values()] for side in (0, 1))
-        return Box((*self.names, *ranges), (*self.lower, *lows), (*self.upper, *highs))
-
     def drone(self, start: Parameters, unit: Float[np.ndarray, "d"]) -> Parameters:
         """Returns a drone with the values at a point of the unit cube in place."""
         values = zip(self.names, self.values(unit), strict=True)

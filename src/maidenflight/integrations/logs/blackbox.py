@@ -25,7 +25,7 @@ from jaxtyping import Float
 
 from maidenflight.errors import InputError, optional
 from maidenflight.flights.formats import LoggedFlights, Recording
-from maidenflight.flights.log import LONGEST_DELAY, Flight, flight_of
+from maidenflight.flights.log import GRAVITY, LONGEST_DELAY, Flight, flight_of
 from maidenflight.flights.streams import rates, streams
 from maidenflight.integrations.logs import blackbox_header
 
@@ -227,7 +227,7 @@ def _flight(
         by_battery_law=False,
         accelerometer_delay=min(accelerometer_delay, LONGEST_DELAY),
         gyro_delay=min(gyro_delay, LONGEST_DELAY),
-        accelerometer=values["accSmooth"] / one_g * 9.81,
+        accelerometer=values["accSmooth"] / one_g * GRAVITY,
         rotor_speed=speed,
     ), [*notes, *log_notes, *rates.notes(name, needed, REMEDY)]
 

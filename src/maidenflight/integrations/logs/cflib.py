@@ -19,7 +19,7 @@ import polars
 from maidenflight.errors import InputError
 from maidenflight.flights import compensation, tables
 from maidenflight.flights.formats import LoggedFlights, TableFormat
-from maidenflight.flights.log import flight_of
+from maidenflight.flights.log import GRAVITY, flight_of
 from maidenflight.flights.streams import attitudes, streams
 from maidenflight.flights.tables import Table
 from maidenflight.simulator.physics.battery import MOST_COUNTS
@@ -101,7 +101,7 @@ SPELLINGS: dict[str, tuple[Spelling, ...]] = {
 OPTIONAL: dict[str, tuple[Spelling, ...]] = {
     "setpoint": (Spelling(_columns("ctrltarget.{}", *_XYZ), _scaled(1.0)),),
     "thrust": (Spelling(("controller.cmd_thrust",), _scaled(1.0)),),
-    "accelerometer": (Spelling(_columns("acc.{}", *_XYZ), _scaled(9.81)),),
+    "accelerometer": (Spelling(_columns("acc.{}", *_XYZ), _scaled(GRAVITY)),),
     "rotor speed": (Spelling(_columns("rpm.m{}", *_MOTORS), _scaled(2 * np.pi / 60)),),
 }
 """Signals that may be there, likewise."""
