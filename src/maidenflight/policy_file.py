@@ -264,7 +264,12 @@ def _check_rest(content: Mapping[str, Any], where: str) -> None:
 
 
 def write_policy(path: StrPath, policy: Policy, record: Mapping[str, Any] | None = None) -> Path:
-    """Writes a policy file; see `to_json`."""
+    """Writes a policy file; see `to_json`.
+
+    Raises:
+        InputError: the policy has a network of its own.
+    """
+    policy.must_be_plain()
     return results.write(path, to_json(policy, record) + "\n")
 
 

@@ -203,7 +203,8 @@ def test_a_policy_is_neither_trained_nor_predicted_for_a_damaged_file(damaged, t
 def policies(tmp_path_factory):
     folder = tmp_path_factory.mktemp("policies")
     policy_file.write_policy(
-        folder / "policy_1.json", policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
+        folder / "policy_1.json",
+        policy.untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(3,))),
     )
     return folder
 

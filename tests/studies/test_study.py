@@ -125,7 +125,7 @@ GOOD: dict[str, Any] = {"name": "a", "kind": "train", "settings": {"drone": "cra
         ([GOOD, GOOD], "name = 'a'"),
         ([{**GOOD, "kind": "soar"}], "'soar': no such verb"),
         ([{**GOOD, "kind": "fly"}], "fly is no task of a study"),
-        ([{**GOOD, "kind": "toy_kinds:none"}], "cannot be imported"),
+        ([{**GOOD, "kind": "toy_kinds:none"}], "toy_kinds has no Verb 'none'"),
         ([{**GOOD, "kind": ".toy_kinds:Square"}], "cannot be imported"),
         ([{**GOOD, "kind": "toy_kinds:another"}], "is a int"),
         ([{**GOOD, "settings": 3}], "expected a table"),

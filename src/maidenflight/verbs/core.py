@@ -64,7 +64,7 @@ if TYPE_CHECKING:
     from maidenflight.simulator.realities.reality import AnyReality
     from maidenflight.simulator.realities.virtual_drone import VirtualDrone, must_be_virtual
     from maidenflight.simulator.tasks.look_ahead import LookAhead
-    from maidenflight.simulator.tasks.tasks import TASKS, with_yaw_penalty
+    from maidenflight.simulator.tasks.tasks import find_task, with_yaw_penalty
     from maidenflight.studies import sweeping
     from maidenflight.studies.engine import Resources
     from maidenflight.studies.status import Progress as Status
