@@ -56,7 +56,7 @@ class Block:
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedWidths:
     """Half widths of the 95 % interval of a parameter, in its SI unit."""
 
     plan: float
@@ -101,7 +101,7 @@ class FlightPlan:
     """Of the point about which it flies [m]."""
     seed: int = 0
     """Of random steps."""
-    expected: Mapping[str, Expected] = field(default_factory=dict)
+    expected: Mapping[str, ExpectedWidths] = field(default_factory=dict)
     """By parameter; empty where nothing was requested."""
     extremes: Extremes | None = None
     """Of the flight on the drones that it was planned for."""
@@ -174,7 +174,7 @@ def hovering(plan: FlightPlan) -> FlightPlan:
     return dataclasses.replace(plan, blocks=(block,), expected={}, extremes=None)
 
 
-def _rounded(content: Expected | Extremes) -> dict[str, float]:
+def _rounded(content: ExpectedWidths | Extremes) -> dict[str, float]:
     return {name: float(f"{value:.6g}") for name, value in dataclasses.asdict(content).items()}
 
 
@@ -252,13 +252,13 @@ def _block(table: Fields, where: str) -> Block:
     return block
 
 
-def _expectations(table: Fields) -> dict[str, Expected]:
+def _expectations(table: Fields) -> dict[str, ExpectedWidths]:
     result = {}
     for name in table.content:
         entry = table.table(name)
         if name not in COMPONENTS:
             raise table.refused(name, "a parameter of a drone as its title")
-        result[name] = Expected(
+        result[name] = ExpectedWidths(
             *(entry.number(part, 0.0) for part in ("plan", "hover", "plausible"))
         )
         entry.end()

@@ -89,7 +89,7 @@ class GroupGain:
     """Mean gain of a row [nats]."""
     standard_error: float | None
     """Standard error of that gain, over segments of flight [nats]; `None` of a single segment."""
-    kept: bool
+    is_in_model: bool
     """Whether the parameters were identified."""
 
 
@@ -326,7 +326,8 @@ def _gain(table: Fields) -> GroupGain:
         table.text("group"),
         table.number("log_likelihood_gain"),
         table.number("standard_error", 0.0) if "standard_error" in table.content else None,
-        table.flag("kept"),
+        # Files before the field had its name.
+        table.flag("kept" if "kept" in table.content else "is_in_model"),
     )
     table.end()
     return result

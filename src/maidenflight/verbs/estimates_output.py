@@ -80,7 +80,7 @@ def tabulate_gains(result: Identification) -> list[Table | str]:
     rows = []
     for group in result.gains:
         gain, error = with_error(group.log_likelihood_gain, group.standard_error)
-        verdict = "kept" if group.kept else "not kept"
+        verdict = "kept" if group.is_in_model else "not kept"
         rows.append({"group": group.group, "gain": gain, "error": error, "kept": verdict})
     columns = {"parameters": "{group}", "gain a row\n(nats)": "{gain}"}
     columns |= {"standard\nerror": "{error}", "": "{kept}"}

@@ -103,7 +103,7 @@ class Plan(Verb):
         )
 
 
-def _summarize(flight_plan: "core.planning.Planned") -> list[Table | str]:
+def _summarize(flight_plan: "core.planning.PlanResult") -> list[Table | str]:
     """Returns the manoeuvres, the intervals to expect, and how far the drone goes."""
     plan = flight_plan.plan
     blocks = [{"name": one.manoeuvre.name, "seconds": one.seconds} for one in plan.blocks]

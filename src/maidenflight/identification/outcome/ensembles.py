@@ -108,8 +108,8 @@ def drone_of_the_day(
         raise InputError(_DAY_EFFECTS.format(where=where))
     # Pieces of one flight have its trim: they are no flights of their own.
     rows = [trim(pieces, drone) for pieces in by_log(flights).values()]
-    known, errors = trims.with_standard_errors(rows)
-    if not len(known):
+    fitted_rows, errors = trims.with_standard_errors(rows)
+    if not len(fitted_rows):
         raise InputError(
             f"none of {len(rows)} flights of the day tells a constant torque. Give one of "
             f"{2 * SEGMENT_S:g} s or more with the motors' commands."
@@ -123,7 +123,7 @@ def drone_of_the_day(
         weights = 1.0 / (errors[:, place] ** 2 + within**2)
         before = old.between_sd**-2
         total = before + weights.sum()
-        value = float((before * old.value + weights @ known[:, place]) / total)
+        value = float((before * old.value + weights @ fitted_rows[:, place]) / total)
         deviation = float(np.sqrt(1.0 / total + within**2))
         ends = value - 1.96 * deviation, value + 1.96 * deviation
         text[name] = Estimate(value, ends, (value,), deviation)

@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from maidenflight.identification.signals.motor_response import Look, MotorResponse
+from maidenflight.identification.signals.motor_response import DelayEstimate, MotorResponse
 from maidenflight.parameters import Parameters
 
 LAG = "motor_time_constant"
@@ -19,7 +19,7 @@ def delay_estimates(
     draws: Mapping[str, np.ndarray],
     unidentifiable: Collection[str],
     drone: Parameters,
-) -> tuple[Look, ...]:
+) -> tuple[DelayEstimate, ...]:
     """Returns what each signal shows, and last what is taken.
 
     Nothing where neither delay is identified.
@@ -40,11 +40,11 @@ def delay_estimates(
     origin = "plausible" if LAG in unidentifiable else "taken" if motors else "likelihood"
     return (
         *(motors.delay_estimates if motors else ()),
-        Look(origin, float(value), (float(low), float(high))),
+        DelayEstimate(origin, float(value), (float(low), float(high))),
     )
 
 
-def notes(estimates: Sequence[Look], motors: MotorResponse | None) -> list[str]:
+def notes(estimates: Sequence[DelayEstimate], motors: MotorResponse | None) -> list[str]:
     """Returns the estimates in words, and those that disagree."""
     if not estimates:
         return []

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from maidenflight.identification.drone_file import Estimate, GroupGain
 from maidenflight.identification.likelihood.selection import SMALLEST_GAIN
 from maidenflight.identification.outcome.estimates import Identification
-from maidenflight.identification.signals.motor_response import Look
+from maidenflight.identification.signals.motor_response import DelayEstimate
 from maidenflight.parameters import Parameters, component
 from maidenflight.reporting import text
 from maidenflight.reporting.figures import charts, intervals
@@ -37,7 +37,7 @@ def identification(result: Identification, start: Parameters) -> Figure:
     begun = {"start": {name: [float(component(start, name))] for name in names}}
     figure = estimates(result.estimates, result.unidentified, begun)
     panels = [*figure.panels]
-    panels += [_draw_delays(result.lag_looks)] if result.lag_looks else []
+    panels += [_draw_delays(result.delay_estimates)] if result.delay_estimates else []
     panels += [_gains(result.gains)] if result.gains else []
     title = f"Identified from {source.seconds:.0f} s of {kind}"
     return Figure(title, panels, figure.legend, columns=1)
@@ -91,7 +91,7 @@ def estimates(
     return Figure("Estimates", [intervals.rows(names, marks, x, _TOOLTIP)], legend, columns=1)
 
 
-def _draw_delays(delay_estimates: Sequence[Look]) -> Spec:
+def _draw_delays(delay_estimates: Sequence[DelayEstimate]) -> Spec:
     """A row a signal, on one axis in milliseconds; the last is what was taken."""
     names, marks = [], []
     for row, look in enumerate(delay_estimates):
@@ -110,13 +110,13 @@ def _gains(gains: Sequence[GroupGain]) -> Spec:
     names, marks = [], []
     for row, gain in enumerate(gains):
         value, error = gain.log_likelihood_gain, gain.standard_error
-        colour = charts.paint("orange" if gain.kept else "soft")
+        colour = charts.paint("orange" if gain.is_in_model else "soft")
         low, high = (value + side * (error or 0.0) for side in (-2, 2))
         bar = {"row": row, "kind": "bar", "x": low, "x2": high, "colour": colour}
         marks += [bar, {"row": row, "kind": "value", "x": value, "colour": colour}]
         width = "" if error is None else f" ± {text.number(error, 1)}"
         numbers = f"{'+' if value > 0 else ''}{text.number(value, 2)}{width}"
-        verdict = "kept" if gain.kept else "not kept"
+        verdict = "kept" if gain.is_in_model else "not kept"
         names.append((gain.group.replace("_", " "), f"{numbers}, {verdict}"))
     powers = [10.0**power for power in range(-2, 4)]
     scale = {"type": "symlog", "constant": SMALLEST_GAIN, "nice": False, "padding": 10}

@@ -254,7 +254,9 @@ def _gains(run: Run) -> Markup | str:
     columns = {
         "group": Column("Parameters", lambda name, _: tables.plain(name.replace("_", " "))),
         "log_likelihood_gain": Column("Log-likelihood gain a row [nats]", gain),
-        "kept": Column("Kept", lambda in_model, _: tables.plain("yes" if in_model else "no")),
+        "is_in_model": Column(
+            "In the model", lambda in_model, _: tables.plain("yes" if in_model else "no")
+        ),
     }
     rows = polars.DataFrame([dataclasses.asdict(group) for group in gains])
     return tables.sortable("gains", rows, columns)
