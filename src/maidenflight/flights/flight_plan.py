@@ -184,17 +184,17 @@ def read(path: StrPath) -> FlightPlan:
     Raises:
         InputError: no file that can be read, or something in it is damaged.
     """
-    where = str(path)
+    place = str(path)
     try:
         document = inputs.from_toml(inputs.text(path))
     except OSError as error:
         raise InputError(
-            f"{where}: no readable flight plan ({error.strerror}). Make one: maidenflight plan -o "
-            f"{where}."
+            f"{place}: no readable flight plan ({error.strerror}). Make one: maidenflight plan -o "
+            f"{place}."
         ) from error
     except ValueError as error:
-        raise InputError(f"{where}: not valid TOML: {error}. {_CURE}") from error
-    table = Fields(document, where, "plan", _CURE)
+        raise InputError(f"{place}: not valid TOML: {error}. {_CURE}") from error
+    table = Fields(document, place, "plan", _CURE)
     if table.get("format") != FORMAT:
         raise table.refused("format", f"{FORMAT}, that of a flight plan of this version")
     room, seed = table.numbers("room"), table.get("seed")
@@ -202,7 +202,7 @@ def read(path: StrPath) -> FlightPlan:
         raise table.refused("room", "[width, depth, height] of 0.5 to 100 m")
     if type(seed) is not int or not 0 <= seed < 2**31:
         raise table.refused("seed", "a whole number from 0 on")
-    blocks = tuple(_block(one, where) for one in table.tables("manoeuvres"))
+    blocks = tuple(_block(one, place) for one in table.tables("manoeuvres"))
     if not blocks:
         raise table.refused("manoeuvres", "at least one table [[manoeuvres]]")
     expected = table.table("expected") if "expected" in table.content else None
@@ -210,7 +210,7 @@ def read(path: StrPath) -> FlightPlan:
     record = table.get("record") or {}
     if not isinstance(record, dict):
         raise table.refused("record", "a table [record]")
-    results.recorded_inputs(record, where)
+    results.recorded_inputs(record, place)
     result = FlightPlan(
         blocks,
         (room[0], room[1], room[2]),
@@ -219,7 +219,7 @@ def read(path: StrPath) -> FlightPlan:
         {} if expected is None else _expectations(expected),
         None if extremes is None else _extremes(extremes),
         record,
-        where,
+        place,
     )
     table.end()
     return _fitting(result)
@@ -243,11 +243,11 @@ def _fitting(plan: FlightPlan) -> FlightPlan:
     return plan
 
 
-def _block(table: Fields, where: str) -> Block:
+def _block(table: Fields, place: str) -> Block:
     part = Manoeuvre(
         table.text("kind"), table.number("size", 0.0), table.number("period", SHORTEST, LONGEST)
     )
-    block = Block(part.checked(where), table.number("seconds", 0.5, LONGEST_PLAN))
+    block = Block(part.checked(place), table.number("seconds", 0.5, LONGEST_PLAN))
     table.end()
     return block
 

@@ -89,12 +89,12 @@ def to_html(run: Run) -> str:
     """Returns the page."""
     sections = [Section(name, title, make(run)) for name, title, make in _SECTIONS]
     logs = viewer.viewer_data(run)
-    drawn = any("<figure class=chart " in section.content for section in sections)
+    has_charts = any("<figure class=chart " in section.content for section in sections)
     scripts = [asset("page.js")]
     scripts += [asset(name) for name in _VIEWER] if logs else []
     scripts += (
         [*vega(), Markup(f"const LOOK = {asset('look.json')};"), asset("charts.js")]
-        if drawn
+        if has_charts
         else []
     )
     page = render(

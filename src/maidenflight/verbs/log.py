@@ -103,8 +103,8 @@ def _tabulate_checks(flights: "core.Flights") -> list[Table | str]:
         counts_text = [
             f"{_MARKS[one]} {one}{f' {counts[one]}' if several else ''}" for one in words
         ]
-        known = [one.statistic for one in results if one.statistic is not None]
-        low, high = (f"{edge(known):.3g}" if known else "" for edge in (min, max))
+        statistics = [one.statistic for one in results if one.statistic is not None]
+        low, high = (f"{edge(statistics):.3g}" if statistics else "" for edge in (min, max))
         worst = min(results, key=lambda one: list(_MARKS).index(one.verdict))
         rows.append(
             {

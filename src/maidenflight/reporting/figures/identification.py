@@ -34,8 +34,8 @@ def identification(result: Identification, start: Parameters) -> Figure:
     source = result.source
     kind = "flight" if not source.simulated else "flight, some or all simulated"
     names = [*result.estimates, *result.unidentified]
-    begun = {"start": {name: [float(component(start, name))] for name in names}}
-    figure = estimates(result.estimates, result.unidentified, begun)
+    references = {"start": {name: [float(component(start, name))] for name in names}}
+    figure = estimates(result.estimates, result.unidentified, references)
     panels = [*figure.panels]
     panels += [_draw_delays(result.delay_estimates)] if result.delay_estimates else []
     panels += [_gains(result.gains)] if result.gains else []
@@ -86,8 +86,8 @@ def estimates(
         reference_text = f", {first} {' .. '.join(map(written, others[first]))}" if first else ""
         names.append((common["name"], f"{numbers}{reference_text} {unit}".rstrip()))
     x = charts.number("x", **charts.within(0.0, 1.0), axis=None)
-    used = {mark["series"] for mark in marks}
-    legend = [entry for series, entry in _ENTRIES.items() if series in used]
+    series_names = {mark["series"] for mark in marks}
+    legend = [entry for series, entry in _ENTRIES.items() if series in series_names]
     return Figure("Estimates", [intervals.rows(names, marks, x, _TOOLTIP)], legend, columns=1)
 
 

@@ -67,15 +67,15 @@ def _times(title: str, rows: polars.DataFrame) -> Figure | None:
     if not rows["duration"].is_finite().any():
         return None
     colours = flight_time_figures.COLOURS
-    known = bool(rows["control"].is_in(list(colours)).all())
+    is_complete = bool(rows["control"].is_in(list(colours)).all())
     group = polars.col("control").replace_strict(NAMES, default="").alias("group")
     displayed = rows.select(
         polars.col("policy").alias("row"),
         polars.col("control").replace_strict(colours, default="blue").alias("colour"),
         *("panel", "duration", "end_reason"),
-        *([group] if known else []),
+        *([group] if is_complete else []),
     )
-    labels = {colour: NAMES[kind] for kind, colour in colours.items()} if known else {}
+    labels = {colour: NAMES[kind] for kind, colour in colours.items()} if is_complete else {}
     return flight_time_figures.flight_times(displayed, title, labels)
 
 

@@ -79,8 +79,8 @@ def _intervals(run: Run) -> Figure | None:
     names = [*run.estimates, *run.drone.unidentified]
     references = {"paper": {name: [float(component(crazyflie(), name))] for name in names}}
     if run.reality is not None:
-        known = {name: list(dict.fromkeys(true_ends(run, name))) for name in names}
-        references = {"truth": known, **references}
+        true_values = {name: list(dict.fromkeys(true_ends(run, name))) for name in names}
+        references = {"truth": true_values, **references}
     return identification_figures.estimates(run.estimates, run.drone.unidentified, references)
 
 
@@ -92,8 +92,8 @@ def _shape_of_truth(run: Run) -> str:
 
 
 def _delays(run: Run) -> Figure | None:
-    known = set(run.posterior) & set(run.estimates)
-    if run.objective == "replay" or not set(delays.DELAYS) <= known:
+    identified = set(run.posterior) & set(run.estimates)
+    if run.objective == "replay" or not set(delays.DELAYS) <= identified:
         return None
     return delays.delay_posterior(run.posterior, run.estimates, runs.truth(run))
 
@@ -268,18 +268,18 @@ def _constants(run: Run) -> Markup | str:
         "identified": None if run.drone is None else run.drone.parameters,
         "truth": run.reality,
     }
-    known = {head: drone for head, drone in drones.items() if drone is not None}
-    if not known:
+    drone_columns = {head: drone for head, drone in drones.items() if drone is not None}
+    if not drone_columns:
         return ""
 
     def value(number: float, row: Mapping[str, Any]) -> Cell:
         return Cell(text.number(number * text.factor(row["parameter"])), number)
 
     columns = {"parameter": Column("Parameter", lambda name, _: _head(name, text.unit(name)))}
-    columns |= {head: Column(head.capitalize(), value) for head in known}
+    columns |= {head: Column(head.capitalize(), value) for head in drone_columns}
     rows = [
         {"parameter": name, "unit": QUANTITIES[field].unit}
-        | {head: float(component(drone, name)) for head, drone in known.items()}
+        | {head: float(component(drone, name)) for head, drone in drone_columns.items()}
         for name, (field, _) in COMPONENTS.items()
     ]
     return tables.sortable("all", polars.DataFrame(rows), columns)

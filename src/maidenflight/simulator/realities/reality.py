@@ -158,8 +158,8 @@ def is_drone(name: str) -> bool:
 def imports_code(name: str) -> bool:
     """Tests whether a reality's name stands for Python code: `MODULE:FACTORY`."""
     kind, _, rest = additions.split(name)[0].partition("@")[0].partition(":")
-    known = kind in VARIANTS or kind in REALITIES or rest.isdecimal()
-    return bool(rest) and not known and not is_drone(name)
+    is_reality = kind in VARIANTS or kind in REALITIES or rest.isdecimal()
+    return bool(rest) and not is_reality and not is_drone(name)
 
 
 def _virtual_about(drawn_name: str, centre: str) -> VirtualDrone:
@@ -208,7 +208,7 @@ def _hint(kind: str, rest: str) -> str:
 
 def _imported(module: str, factory: str) -> AnyReality:
     """What a factory in a module makes."""
-    where = f"{module}:{factory}"
+    place = f"{module}:{factory}"
     if (
         str(Path.cwd()) not in sys.path
     ):  # The folder of a script is there; that of a command is not.
@@ -217,16 +217,16 @@ def _imported(module: str, factory: str) -> AnyReality:
         imported = import_module(module)
     except ModuleNotFoundError as error:
         raise InputError(
-            f"{where}: {error}.{_hint(module, factory)} Expected MODULE:FACTORY with a Python "
+            f"{place}: {error}.{_hint(module, factory)} Expected MODULE:FACTORY with a Python "
             f"module that is installed or lies in {Path.cwd()}."
         ) from error
     make = getattr(imported, factory, None)
     if not callable(make):
         raise InputError(
-            f"{where}: {imported.__name__} has no class or function {factory!r}. It has "
+            f"{place}: {imported.__name__} has no class or function {factory!r}. It has "
             f"{', '.join(name for name in vars(imported) if not name.startswith('_'))}."
         )
     try:
         return check_reality(make())
     except InputError as error:
-        raise InputError(f"{where}: {error}") from error
+        raise InputError(f"{place}: {error}") from error
