@@ -298,7 +298,8 @@ def _cuts(flight: Flight, time: Float[np.ndarray, "N"]) -> tuple[Bool[np.ndarray
         return cuts, []
     worst = int(np.argmax(np.abs(step - flight.period)))
     largest = f"largest {step[worst]:.3f} s at t = {time[worst]:.2f} s, row {worst + 2}"
-    return cuts, [f"{flight.name}: cut at {int(cuts.sum())} jumps of time ({largest})"]
+    jumps = "a jump" if cuts.sum() == 1 else f"{cuts.sum()} jumps"
+    return cuts, [f"{flight.name}: cut at {jumps} of time ({largest})"]
 
 
 def _without_constants(pieces: list[Flight], name: str) -> tuple[list[Flight], list[str]]:

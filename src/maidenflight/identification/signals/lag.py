@@ -45,21 +45,14 @@ def delay_estimates(
 
 
 def notes(estimates: Sequence[DelayEstimate], motors: MotorResponse | None) -> list[str]:
-    """Returns the estimates in words, and those that disagree."""
+    """Returns which estimates disagree, and what the logs show of the motors."""
     if not estimates:
         return []
-    intervals = ", ".join(
-        f"{one.signal} {1e3 * one.value:.0f} [{1e3 * one.interval[0]:.0f},"
-        f" {1e3 * one.interval[1]:.0f}]"
-        for one in estimates
-    )
     outliers = [
         f"{one.signal} and {other.signal}"
         for number, one in enumerate(estimates)
         for other in estimates[number + 1 :]
         if one.interval[1] < other.interval[0] or other.interval[1] < one.interval[0]
     ]
-    lines = [f"motor lag and latency together, in ms with 95 % interval: {intervals}"]
-    if outliers:
-        lines.append(f"these disagree about the motors' lag: {'; '.join(outliers)}")
-    return [*lines, *(motors.notes if motors else ())]
+    lines = [f"these disagree about the motors' lag: {'; '.join(outliers)}"]
+    return [*(lines if outliers else []), *(motors.notes if motors else ())]
