@@ -49,7 +49,11 @@ def numbers(figure, panel=0):
 
 def test_intervals_looks_and_gains_lie_where_their_numbers_say():
     figure = identification(found(), crazyflie())
-    assert titles(figure) == ["", "Looks at the lag", "Log-likelihood gain of each group"]
+    assert titles(figure) == [
+        "",
+        "Motor lag and latency together",
+        "Log-likelihood gain of each group",
+    ]
     [bar], [value] = of(figure, kind="bar", row=0), of(figure, kind="value", row=0)
     share = (value["x"] - bar["x"]) / (bar["x2"] - bar["x"])
     assert share == pytest.approx((1.7 - 1.6) / (1.9 - 1.6), abs=1e-5)
@@ -62,7 +66,7 @@ def test_intervals_looks_and_gains_lie_where_their_numbers_say():
     assert not_kept["x"] == not_kept["x2"] == -1e-5, "no standard error"
     assert numbers(figure)[0] == ("thrust to weight", "1.70 [1.60, 1.90], start 1.73")
     assert numbers(figure, 1)[0] == ("gyro x", "100.0 [90.0, 120.0] ms")
-    assert numbers(figure, 2)[0] == ("drag", "+0.1 \N{PLUS-MINUS SIGN} 0.01, kept")
+    assert numbers(figure, 2)[0] == ("drag", "+0.1 \N{PLUS-MINUS SIGN} 0.01, in the model")
 
 
 def test_what_is_not_known_is_left_out():
@@ -79,11 +83,21 @@ def test_nothing_that_was_identified_makes_an_empty_picture():
 def test_what_is_known_besides_is_marked_on_the_same_scale():
     known = {"latency": Estimate(0.01, (0.008, 0.012), (0.01,), 0.0)}
     figure = estimates(
-        known, {}, {"truth": {"latency": [0.01, 0.014]}, "paper": {"latency": [0.018]}}
+        known,
+        {"drag_z": (0.0, 0.5)},
+        {"truth": {"latency": [0.01, 0.014]}, "paper": {"latency": [0.018]}},
+        crazyflie(),
     )
     [value] = of(figure, kind="value")
     first, last = of(figure, series="truth")
     assert (first["x"], first["value"]) == (value["x"], "10.0")
     [paper] = of(figure, series="paper")
     assert 0 < value["x"] < last["x"] < paper["x"] < 1
-    assert numbers(figure) == [("latency", "10.0 [8.0, 12.0], truth 10.0 .. 14.0 ms")]
+    # Latencies are plausible up to 30 ms.
+    assert (value["x"], last["x"]) == pytest.approx((1 / 3, 14 / 30))
+    assert numbers(figure) == [
+        ("latency", "10.0 [8.0, 12.0], truth 10.0 .. 14.0 ms"),
+        ("drag z", "not identified, 0.00 .. 0.50 1/s"),
+    ]
+    [unknown] = of(figure, series="unidentified")
+    assert (unknown["x"], unknown["x2"]) == (0.0, 1.0)

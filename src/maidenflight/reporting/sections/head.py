@@ -221,6 +221,11 @@ def _of_parameters(run: Run) -> list[KeyFigure]:
             figures.append(
                 KeyFigure(value, text.unit(name), label, f"95 % interval {low} to {high}")
             )
+        elif name in run.unidentified:
+            low, high = parameters.plausible(run, name)
+            label = Markup("{} {}").format(words, text.symbol(name))
+            note = f"plausible: {low} to {high} {text.unit(name)}".rstrip()
+            figures.append(KeyFigure("not identified", "", label, note))
     return figures
 
 
