@@ -37,6 +37,7 @@ class Section(NamedTuple):
 
 
 _SECTIONS: tuple[tuple[str, str, Callable[[Run], Markup]], ...] = (
+    ("recorded", "Recorded flights", flights.recorded),
     ("parameters", "Parameters", parameters.section),
     ("validation", "Prediction", predictions.section),
     ("training", "Training", training.section),
@@ -44,7 +45,6 @@ _SECTIONS: tuple[tuple[str, str, Callable[[Run], Markup]], ...] = (
     ("flights", "Test flights", flights.tested),
     ("change", "Change in flight", flights.change),
     ("study", "Study", study.section),
-    ("recorded", "Recorded flights", flights.recorded),
     ("reproduce", "Reproduce", reproduce.section),
 )
 """Anchor, title and content of the page's sections; an empty one is left out."""
