@@ -246,14 +246,14 @@ class Setting:
         value = self.default
         return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
 
-    def check(self, value: Any, where: str) -> Any:
+    def check(self, value: Any, place: str) -> Any:
         """Returns the value that the verb sees.
 
         Raises:
-            InputError: the setting takes no such value, or has none; `where` names it.
+            InputError: the setting takes no such value, or has none; `place` names it.
         """
         if value is REQUIRED:
-            raise InputError(f"{where} is missing; expected {self.values.expected}.")
+            raise InputError(f"{place} is missing; expected {self.values.expected}.")
         if value is PENDING:
             return value
         endless = isinstance(value, float) and not math.isfinite(value)
@@ -263,7 +263,7 @@ class Setting:
             return self.values.check(value)
         except (ValueError, TypeError, OverflowError):
             raise InputError(
-                f"{where} = {str(value)[:60]!r}; expected {self.values.expected}."
+                f"{place} = {str(value)[:60]!r}; expected {self.values.expected}."
             ) from None
 
 

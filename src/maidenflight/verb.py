@@ -117,12 +117,12 @@ class Verb:
         Raises:
             InputError: a setting is unknown, missing or out of its range.
         """
-        known = cls.settings()
+        known_settings = cls.settings()
         for name in settings:
-            if name not in known:
-                expected = ", ".join(known)
+            if name not in known_settings:
+                expected = ", ".join(known_settings)
                 raise InputError(f"{name} is no setting of {cls.name}. Expected {expected}.")
-        return cls(**{known[name][0]: value for name, value in settings.items()})
+        return cls(**{known_settings[name][0]: value for name, value in settings.items()})
 
     @property
     def key(self) -> Any:
@@ -218,8 +218,8 @@ class Verb:
             if one.recorded and name != "seed":
                 value = getattr(self, attribute)
                 settings[name] = _without_folders(value) if one.files else plain(value)
-        chosen = {name: value for name, value in (settings | more).items() if value not in ([], {})}
-        return results.record(seed=getattr(self, "seed", None), inputs=inputs, settings=chosen)
+        values = {name: value for name, value in (settings | more).items() if value not in ([], {})}
+        return results.record(seed=getattr(self, "seed", None), inputs=inputs, settings=values)
 
 
 def _without_folders(value: Any) -> Any:

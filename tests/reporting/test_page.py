@@ -517,7 +517,7 @@ ALONE = {
     "record": (
         ["recorded/flight_01.csv", "reality.toml"],
         "Flights of virtual",
-        ["parameters", "recorded", "reproduce"],
+        ["recorded", "parameters", "reproduce"],
     ),
     "validate": (["validation.csv"], "How well a drone is predicted", ["validation", "reproduce"]),
 }
@@ -706,7 +706,7 @@ def test_in_a_browser_the_drone_moves_and_tables_sort(run, tmp_path):
     time = float(re.findall(r'data-time="([\d.]+)"', dom)[-1])
     place = [float(number) for number in re.findall(r'data-position="([^"]+)"', dom)[-1].split()]
     assert time > 0
-    angle = 2 * np.pi * time / 3
+    angle = 2 * np.pi * min(time, 1.98) / 3  # the last row of the viewer
     np.testing.assert_allclose(
         place, [0.25 * np.cos(angle), 0.25 * np.sin(angle), 1.01], atol=0.003
     )

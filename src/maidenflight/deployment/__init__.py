@@ -49,6 +49,6 @@ def export(policy: "Policy", folder: "StrPath", to: str = "c", **options: Any) -
         InputError: no such exporter; or what is written cannot hold the policy.
     """
     policy.must_be_plain()
-    known = keywords_of(to)
-    accepted = {name: value for name, value in options.items() if name in known}
+    keywords = keywords_of(to)
+    accepted = {name: value for name, value in options.items() if name in keywords}
     return EXPORTERS[to](policy, folder, **accepted)

@@ -85,15 +85,17 @@ class Policies:
             if file.task is not None
         }
         alike = set(trained.values())
-        chosen = task or (
+        chosen_task = task or (
             alike.pop() if len(alike) == 1 and alike <= set(names.TASKS) else USUAL_TASK
         )
-        others = {name: task for name, task in trained.items() if task != chosen}
+        others = {name: task for name, task in trained.items() if task != chosen_task}
         if not others:
-            return chosen, []
+            return chosen_task, []
         first = ", ".join(f"{name} for {task}" for name, task in list(others.items())[:3])
         more = f" and {len(others) - 3} more for others" if len(others) > 3 else ""
-        return chosen, [f"they fly the task {chosen}, but were trained for another: {first}{more}."]
+        return chosen_task, [
+            f"they fly the task {chosen_task}, but were trained for another: {first}{more}."
+        ]
 
 
 def find_policies(places: Sequence[StrPath]) -> list[Path]:

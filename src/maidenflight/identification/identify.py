@@ -16,7 +16,7 @@ from maidenflight.flights.log import Flight
 from maidenflight.identification.likelihood import with_state, without_state
 from maidenflight.identification.methods import Likelihood, Replay
 from maidenflight.identification.outcome.estimates import Identification
-from maidenflight.identification.outcome.plausible import Expected
+from maidenflight.identification.outcome.plausible import ExpectedInterval
 from maidenflight.identification.outcome.problem import AUTO, Problem
 from maidenflight.identification.outcome.progress import Progress
 from maidenflight.identification.replay import replay
@@ -105,7 +105,7 @@ def expected_intervals(
     over: Sequence[str] | str | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     key: Array | None = None,
-) -> dict[str, Expected]:
+) -> dict[str, ExpectedInterval]:
     """Returns what flights can tell of each parameter, before anything is fitted; in seconds.
 
     Args:

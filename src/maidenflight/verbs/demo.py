@@ -133,7 +133,7 @@ class Demo(Verb):
             },
             summary=[
                 *core.estimates_output.tabulate_estimates(identified, truth),
-                *core.estimates_output.describe_unidentifiable(identified),
+                *core.estimates_output.summarize(identified),
                 *_summarize_flights(stage_results["transfer"].value.table),
                 "wall time: "
                 + ", ".join(f"{name} {spent:.0f} s" for name, spent in seconds.items()),

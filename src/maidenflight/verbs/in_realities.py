@@ -55,7 +55,7 @@ class FliesPolicies(Verb):
             parts: the other parts of the result.
         """
         task = parts["record"]["settings"].get("task")
-        named = [f"best: {best} ({reason})"] if best and len(self.fleet.files) > 1 else []
+        best_line = [f"best: {best} ({reason})"] if best and len(self.fleet.files) > 1 else []
         return Result(
             content={
                 **content,
@@ -65,7 +65,7 @@ class FliesPolicies(Verb):
                 "simulated": True,
                 "output": str(output),
             },
-            summary=[*summary, *named],
+            summary=[*summary, *best_line],
             next=export_command(best, self.fleet.policy_of(best)) if best else (),
             **parts,
         )

@@ -241,9 +241,11 @@ class Train(Verb):
         """
         further = self.start is not None
         method = self.method or core.defaults.choose_method(self.spec, further)
-        chosen = core.defaults.choose_settings(self._control, self.task, method, self.spec, further)
+        method_settings = core.defaults.choose_settings(
+            self._control, self.task, method, self.spec, further
+        )
         updates = {} if self.updates is None else {"updates": self.updates}
-        return core.override(chosen, {**updates, **self.learner})
+        return core.override(method_settings, {**updates, **self.learner})
 
     @property
     def _control(self) -> str:

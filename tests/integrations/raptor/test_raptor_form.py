@@ -77,7 +77,7 @@ def test_every_slope_is_finite_where_motors_stop_or_saturate(action: float) -> N
 def test_another_interface_is_refused(other: interface.ControlInterface) -> None:
     raptor_form.check(interface.pwm())
     with pytest.raises(InputError, match=r"here: .* of the form raptor has pwm at 100 Hz"):
-        raptor_form.check(other, where="here")
+        raptor_form.check(other, place="here")
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,12 @@ from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import SEGMENT_SECONDS, must_have_one_rate
 from maidenflight.identification.likelihood.selection import HELD_OUT
-from maidenflight.identification.signals.flight_signals import delayed, force_along_z, gyro, means
+from maidenflight.identification.signals.flight_signals import (
+    delay_command,
+    force_along_z,
+    gyro,
+    means,
+)
 from maidenflight.parameters import Parameters
 from maidenflight.parameters import replace as with_values
 from maidenflight.simulator.physics import dynamics
@@ -114,16 +119,18 @@ class Signals:
             return None
         names = list(dict.fromkeys(self.flights))
         if len(names) < HELD_OUT:
-            judged = np.arange(len(self.flights)) % HELD_OUT == HELD_OUT - 1
+            is_held_out = np.arange(len(self.flights)) % HELD_OUT == HELD_OUT - 1
         else:
-            judged = np.isin(self.flights, names[HELD_OUT - 1 :: HELD_OUT])
-        return self.some(~judged), self.some(judged)
+            is_held_out = np.isin(self.flights, names[HELD_OUT - 1 :: HELD_OUT])
+        return self.some(~is_held_out), self.some(is_held_out)
 
     def rotors(self, drone: Parameters) -> Rotors:
         """Returns what the rotors of a drone did, by the simulator's motors."""
         substeps = max(1, int(np.ceil(self.period / SLOWEST_STEP - 1e-6)))
         count = self.command.shape[1]
-        commands = delayed(self.command, float(drone.latency) / self.period).astype(np.float32)
+        commands = delay_command(self.command, float(drone.latency) / self.period).astype(
+            np.float32
+        )
         commands = np.pad(commands, ((0, 0), (0, -count % CHUNK), (0, 0)))
         commands = commands.reshape(-1, self.rows, *commands.shape[1:])
         drone = with_values(drone, time_step=np.float32(self.period / substeps))

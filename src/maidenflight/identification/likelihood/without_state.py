@@ -43,7 +43,7 @@ from maidenflight.identification.signals import lag
 from maidenflight.identification.signals.lag import DELAYS, LAG
 from maidenflight.identification.signals.motor_response import (
     MotorResponse,
-    motor_response,
+    estimate_motor_response,
 )
 from maidenflight.parameters import Parameters, check, component, replace
 
@@ -100,7 +100,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     _require_signals(problem.over)
     problem = replace_(problem, bounds={**BOUNDS, **problem.bounds})
     settings = replace_(settings, evaluations=min(settings.evaluations, _MOST))
-    motors = motor_response(problem.flights, problem.generator.spawn(1)[0], problem.start)
+    motors = estimate_motor_response(problem.flights, problem.generator.spawn(1)[0], problem.start)
     force = _force(problem, settings, motors)
     answer = [one for one in (force, _torque(problem, settings, force)) if one is not None]
     unidentifiable = {name: ends for one in answer for name, ends in one.unidentifiable.items()}
@@ -138,18 +138,18 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         posterior=draws,
         gains=tuple(gain for one in answer for gain in one.gains),
         notes=(*notes_on(estimates, segments), *notes, *lag.notes(delay_estimates, motors)),
-        lag_looks=delay_estimates,
+        delay_estimates=delay_estimates,
     )
 
 
 def _require_signals(over: Sequence[str] | None) -> None:
     if over is None:
         return
-    hidden = [name for name in over if name not in (*OF_ACCELEROMETER, *OF_GYRO)]
-    if hidden:
+    insensitive_names = [name for name in over if name not in (*OF_ACCELEROMETER, *OF_GYRO)]
+    if insensitive_names:
         raise InputError(
-            f"{', '.join(hidden)}: not told by accelerometer, gyro and commands alone, which tell "
-            f"{', '.join((*OF_ACCELEROMETER, *OF_GYRO))}."
+            f"{', '.join(insensitive_names)}: not identifiable from accelerometer, gyro and "
+            f"commands alone; these are: {', '.join((*OF_ACCELEROMETER, *OF_GYRO))}."
         )
     if {"inertia_z", "torque_to_thrust"} <= set(over):
         raise InputError(
@@ -183,12 +183,12 @@ def _force(problem: Problem, settings: Likelihood, motors: MotorResponse | None)
     groups = FORCE_GROUPS if problem.over is None else {}
     answer = _ask_sensor(problem, settings, model, names, groups, start)
     plausible = _plausible(problem, tuple(answer.samples), priors)
-    lost = [
+    removed_names = [
         name for name in DELAYS if name in names and not _lag_is_identifiable(answer, plausible)
     ]
-    if lost and motors and motors.is_identifiable and set(DELAYS) < set(names):
-        chosen = problem.generator.integers(len(motors.lag), size=RESAMPLES)
-        measured_delays = {LAG: motors.lag[chosen], "latency": motors.latency[chosen]}
+    if removed_names and motors and motors.is_identifiable and set(DELAYS) < set(names):
+        resampled = problem.generator.integers(len(motors.lag), size=RESAMPLES)
+        measured_delays = {LAG: motors.lag[resampled], "latency": motors.latency[resampled]}
         drone = replace(
             start, **{name: np.float32(np.median(measured_delays[name])) for name in DELAYS}
         )
@@ -196,19 +196,21 @@ def _force(problem: Problem, settings: Likelihood, motors: MotorResponse | None)
         again = _ask_sensor(problem, settings, model, rest, {}, drone, measured_delays)
         usual = motors.usual_latency
         return again if usual is None else replace_(again, unidentifiable={"latency": usual})
-    if lost:
-        lost = [name for name in answer.samples if name in MOTORS]
+    if removed_names:
+        removed_names = [name for name in answer.samples if name in MOTORS]
     if "thrust_linear" in names and not is_identifiable(
         answer.posterior.error["thrust_linear"], plausible["thrust_linear"]
     ):
-        lost.append("thrust_linear")
-    if not lost:
+        removed_names.append("thrust_linear")
+    if not removed_names:
         return answer
-    less = answer.without({name: plausible[name] for name in lost}, start, problem.generator)
-    names_left = tuple(name for name in answer.samples if name not in lost)
+    less = answer.without(
+        {name: plausible[name] for name in removed_names}, start, problem.generator
+    )
+    names_left = tuple(name for name in answer.samples if name not in removed_names)
     if not names_left:
         return less
-    known = {name: less.samples[name] for name in lost}
+    known = {name: less.samples[name] for name in removed_names}
     again = _ask_sensor(problem, settings, model, names_left, {}, less.best.drone, known)
     return replace_(again, unidentifiable=less.unidentifiable, gains=answer.gains)
 
@@ -271,10 +273,10 @@ def _torque(problem: Problem, settings: Likelihood, force: Answer | None) -> Ans
     answer = _ask_sensor(problem, settings, model, names, groups, drone, known)
     plausible = _plausible(problem, names, {})
     error = answer.posterior.error
-    lost = {
+    removed_ranges = {
         name: plausible[name] for name in names if not is_identifiable(error[name], plausible[name])
     }
-    return answer.without(lost, problem.start, problem.generator)
+    return answer.without(removed_ranges, problem.start, problem.generator)
 
 
 def _with_inertia_z(

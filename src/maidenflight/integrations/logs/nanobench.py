@@ -68,7 +68,7 @@ def flights(table: Table) -> LoggedFlights:
 
     rates, volts, pwm = columns(*GYRO), column["pwr_pm_vbat"], columns(*MOTORS)
     thrust = column["pid_controller_cmd_thrust"]
-    law, how = compensation.choose_law(table, pwm, volts, thrust, compensation.PLUS)
+    law, law_choice = compensation.choose_law(table, pwm, volts, thrust, compensation.PLUS)
     vicon = columns(*VICON)
     vicon[np.isinf(vicon)] = np.nan
     vicon[:, 6:] = np.unwrap(vicon[:, 6:], axis=0)
@@ -91,7 +91,7 @@ def flights(table: Table) -> LoggedFlights:
     )
     with np.errstate(invalid="ignore"):  # what is not finite is refused by checking
         time = column["t"] - column["t"][0]
-    return [(flight, time)], [compensation.note(table.name, law, how)]
+    return [(flight, time)], [compensation.note(table.name, law, law_choice)]
 
 
 def lag(

@@ -203,10 +203,10 @@ class PreflightState(NamedTuple):
 def preflight_failures(standing: PreflightState, limits: Limits, needs_policy: bool) -> list[str]:
     """Returns why the drone must not take off, each with what to do; empty if it may."""
     reading, problems = standing.reading, []
-    for bit, what in ((LOCKED, "locked"), (CRASHED, "crashed"), (TUMBLED, "tumbled")):
+    for bit, state_name in ((LOCKED, "locked"), (CRASHED, "crashed"), (TUMBLED, "tumbled")):
         if reading.supervisor & bit:
             problems.append(
-                f"the firmware says that it has {what}; put it level, switch it off and on"
+                f"the firmware says that it has {state_name}; put it level, switch it off and on"
             )
     if reading.battery < limits.full:
         problems.append(

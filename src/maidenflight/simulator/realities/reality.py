@@ -156,8 +156,8 @@ def is_drone(name: str) -> bool:
 def imports_code(name: str) -> bool:
     """Tests whether a reality's name stands for Python code: `MODULE:FACTORY`."""
     kind, _, rest = additions.split(name)[0].partition("@")[0].partition(":")
-    known = kind in VARIANTS or kind in REALITIES or rest.isdecimal()
-    return bool(rest) and not known and not is_drone(name)
+    is_reality = kind in VARIANTS or kind in REALITIES or rest.isdecimal()
+    return bool(rest) and not is_reality and not is_drone(name)
 
 
 def _virtual_about(drawn_name: str, centre: str) -> VirtualDrone:
@@ -206,14 +206,14 @@ def _hint(kind: str, rest: str) -> str:
 
 def _imported(module: str, factory: str) -> AnyReality:
     """What a factory in a module makes."""
-    where = f"{module}:{factory}"
+    place = f"{module}:{factory}"
     try:
-        make = import_part(where, "reality")
+        make = import_part(place, "reality")
     except InputError as error:
         raise InputError(f"{error}{_hint(module, factory)}") from error
     if not callable(make):
-        raise InputError(f"{where}: is no class or function that makes a reality.")
+        raise InputError(f"{place}: is no class or function that makes a reality.")
     try:
         return check_reality(make())
     except InputError as error:
-        raise InputError(f"{where}: {error}") from error
+        raise InputError(f"{place}: {error}") from error
