@@ -1,9 +1,7 @@
 """Betaflight logs: written by a writer of our own and read back through orangebox."""
 
-import builtins
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 import jax
 import made_blackbox as made
@@ -12,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import maidenflight as mf
-from made_flights import driven
+from made_flights import sensed
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import Flights, read_flights
@@ -21,15 +19,6 @@ from maidenflight.identification.methods import Likelihood
 from maidenflight.parameters import component, crazyflie, replace
 
 pytest.importorskip("orangebox")
-
-
-def sensed(rows: int = 600, seed: int = 0) -> Flight:
-    """A flight with an accelerometer and rotor speeds."""
-    generator = np.random.default_rng(1)
-    flight = driven(rows, seed)
-    force = generator.normal([0.0, 0.0, 9.81], 0.3, (rows, 3)).astype(np.float32)
-    speed = (2000 * np.sqrt(flight.command)).astype(np.float32)
-    return dataclasses.replace(flight, accelerometer=force, rotor_speed=speed)
 
 
 def read(tmp_path: Path, *logs: bytes, name: str = "LOG00001.BFL") -> Flights:
@@ -205,22 +194,6 @@ def test_damage_in_the_middle_costs_the_frames_about_it(tmp_path: Path) -> None:
     raw[len(raw) // 2 : len(raw) // 2 + 100] = b"\0" * 100
     flights = read(tmp_path, bytes(raw))
     assert sum(map(len, flights)) > 1000
-
-
-def test_without_orangebox_it_is_said_how_to_get_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    real = builtins.__import__
-
-    def without(name: str, *rest: Any, **named: Any) -> Any:
-        if name.split(".")[0] == "orangebox":
-            raise ImportError(name=name)
-        return real(name, *rest, **named)
-
-    (tmp_path / "log.bbl").write_bytes(made.blackbox(made.fields_of(sensed())))
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(InputError, match=r"\[blackbox\]"):
-        read_flights(tmp_path / "log.bbl")
 
 
 @pytest.mark.slow

@@ -1,6 +1,5 @@
 """PX4 logs: written by a writer of our own and read back through pyulog."""
 
-import builtins
 import dataclasses
 import re
 from collections.abc import Callable
@@ -14,10 +13,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 import maidenflight as mf
-from made_flights import driven
+from made_flights import driven, sensed
 from maidenflight.errors import InputError
 from maidenflight.flights import formats
-from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import Flights, read_flights
 from maidenflight.identification.identify import identify
 from maidenflight.identification.methods import Likelihood
@@ -26,15 +24,6 @@ from maidenflight.parameters import component, crazyflie, replace
 pytest.importorskip("pyulog")
 SENSED = ("body_rates", "accelerometer")
 STATE = ("position", "velocity", "attitude")
-
-
-def sensed(rows: int = 600, **changes: Any) -> Flight:
-    """A flight with an accelerometer and rotor speeds."""
-    generator = np.random.default_rng(1)
-    flight = driven(rows)
-    force = generator.normal([0.0, 0.0, 9.81], 0.3, (rows, 3)).astype(np.float32)
-    speed = (2000 * np.sqrt(flight.command)).astype(np.float32)
-    return dataclasses.replace(flight, accelerometer=force, rotor_speed=speed, **changes)
 
 
 def read(tmp_path: Path, topics: Any, parameters: Any = None) -> Flights:
@@ -409,21 +398,6 @@ def test_in_a_folder_it_stands_beside_others(tmp_path: Path) -> None:
     assert len(flights.refused) == 1
     with pytest.raises(InputError):
         read_flights(tmp_path / "one", battery_law="legacy propellers")
-
-
-def test_without_pyulog_it_is_said_how_to_get_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    real = builtins.__import__
-
-    def without(name: str, *rest: Any, **named: Any) -> Any:
-        if name.split(".")[0] == "pyulog":
-            raise ImportError(name=name)
-        return real(name, *rest, **named)
-
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(InputError, match=r"\[ulog\]"):
-        read(tmp_path, made.topics_of(sensed()))
 
 
 @pytest.mark.slow

@@ -357,12 +357,6 @@ def test_policies_transfer_to_pybullet(pybullet):
     assert flown.table["position_error"].is_finite().all()
 
 
-def test_without_the_package_one_error_says_how_to_get_it(monkeypatch):
-    monkeypatch.setitem(sys.modules, "pybullet", None)
-    with pytest.raises(InputError, match=r"pybullet is not installed.*pip install '.\[pybullet\]'"):
-        find_reality("pybullet:7")
-
-
 def test_a_reality_in_pybullet_needs_a_seed():
     with pytest.raises(
         InputError,
