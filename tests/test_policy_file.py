@@ -30,6 +30,7 @@ SMALL = json.loads(to_json(noisy(KEY, SPEC)))
         PolicySpec(),
         PolicySpec(history=1, look_ahead=LookAhead(4, 0.05), hidden=(3,)),
         PolicySpec(history=3, hidden=()),
+        PolicySpec(memory=5, hidden=(8, 6)),
     ],
 )
 def test_a_policy_reads_back_bit_by_bit(tmp_path, spec):
@@ -51,6 +52,7 @@ def test_a_policy_reads_back_bit_by_bit(tmp_path, spec):
     points = spec.look_ahead.points
     assert back.layer_sizes == (20 * spec.history + 3 * points, *spec.hidden, 4)
     assert ("look_ahead" in json.loads(to_json(made))) == (points > 0)
+    assert ("gru" in json.loads(to_json(made))) == (spec.memory > 0)
 
 
 def test_a_file_says_what_its_policy_was_trained_for_where_its_record_does():
