@@ -115,85 +115,59 @@ def test_code_that_a_file_names_is_imported_with_trust_alone(
 GOOD: dict[str, Any] = {"name": "a", "kind": "train", "settings": {"drone": "crazyflie"}}
 
 
+def good(**changes: Any) -> list[dict[str, Any]]:
+    """An entry in which something is changed."""
+    return [{**GOOD, **changes}]
+
+
+def drone(**settings: Any) -> list[dict[str, Any]]:
+    """An entry with further settings."""
+    return good(settings={"drone": "crazyflie", **settings})
+
+
+def after(kind: str, inputs: dict[str, Any], **settings: Any) -> list[dict[str, Any]]:
+    """A good entry and one that takes something of it."""
+    return [GOOD, {"name": "b", "kind": kind, "inputs": inputs, "settings": settings}]
+
+
+MANY = {"seed": {"first": 0, "count": 1001}, "policies": list(range(1, 1001))}
+
+
 @pytest.mark.parametrize(
     ("entries", "told"),
     [
         ([], "no tasks"),
         ([3], "expected a table"),
-        ([{**GOOD, "grids": {}}], "grids is unknown"),
+        (good(grids={}), "grids is unknown"),
         ([{"kind": "train"}], "name = None"),
         ([GOOD, GOOD], "name = 'a'"),
-        ([{**GOOD, "kind": "soar"}], "'soar': no such verb"),
-        ([{**GOOD, "kind": "fly"}], "fly is no task of a study"),
-        ([{**GOOD, "kind": "toy_kinds:none"}], "cannot be imported"),
-        ([{**GOOD, "kind": ".toy_kinds:Square"}], "cannot be imported"),
-        ([{**GOOD, "kind": "toy_kinds:another"}], "is a int"),
-        ([{**GOOD, "settings": 3}], "expected a table"),
-        ([{**GOOD, "settings": {}}], "no file drone.toml"),
-        ([{**GOOD, "settings": {"drone": "crazyflie", "sed": 1}}], "sed is no setting"),
-        ([{**GOOD, "settings": {"drone": "crazyflie", "policies": 0}}], "policies = '0'"),
-        ([{**GOOD, "settings": {"drone": "crazyflie", "policies": True}}], "policies = 'True'"),
-        ([{**GOOD, "settings": {"drone": "crazyflie", "randomize": "far"}}], "randomize"),
-        ([{**GOOD, "settings": {"drone": "crazyflie", "rate": math.nan}}], "rate = 'nan'"),
-        ([{**GOOD, "settings": {"drone": "crazyflee"}}], "crazyflee"),
-        ([{**GOOD, "settings": {"drone": "a" * 5000}}], "aaa"),
-        (
-            [
-                GOOD,
-                {
-                    "name": "b",
-                    "kind": "transfer",
-                    "settings": {"reality": ["b" * 5000]},
-                    "inputs": {"policies": "a"},
-                },
-            ],
-            "bbb",
-        ),
-        ([{**GOOD, "settings": {"drone": "my.toml"}}], "no file my.toml"),
-        ([{**GOOD, "grid": {"drone": ["crazyflie"]}}], "drone is set twice"),
-        ([{**GOOD, "grid": {"seed": []}}], "grid seed"),
-        ([{**GOOD, "grid": {"seed": [1, 1]}}], "twice"),
-        ([{**GOOD, "grid": {"seed": {"first": 0}}}], "grid seed"),
-        ([{**GOOD, "grid": {"seed": [1, -1]}}], "seed = '-1'"),
-        (
-            [
-                {
-                    **GOOD,
-                    "grid": {"seed": {"first": 0, "count": 1001}, "policies": list(range(1, 1001))},
-                }
-            ],
-            "more than",
-        ),
-        ([GOOD, {"name": "b", "kind": "transfer", "inputs": {"policies": "c"}}], "above it"),
-        ([GOOD, {"name": "b", "kind": "transfer", "inputs": {"policies": ["a"]}}], "above it"),
-        (
-            [GOOD, {"name": "b", "kind": "predict", "inputs": {"policies": "a", "drone": "a"}}],
-            "identify",
-        ),
-        (
-            [
-                GOOD,
-                {
-                    "name": "b",
-                    "kind": "train",
-                    "settings": {"drone": "crazyflie"},
-                    "inputs": {"seed": "a"},
-                },
-            ],
-            "no task makes seed",
-        ),
-        (
-            [
-                GOOD,
-                {
-                    "name": "b",
-                    "kind": "transfer",
-                    "inputs": {"policies": "a"},
-                    "settings": {"reality": ["nowhere"]},
-                },
-            ],
-            "nowhere",
-        ),
+        (good(kind="soar"), "'soar': no such verb"),
+        (good(kind="fly"), "fly is no task of a study"),
+        (good(kind="toy_kinds:none"), "cannot be imported"),
+        (good(kind=".toy_kinds:Square"), "cannot be imported"),
+        (good(kind="toy_kinds:another"), "is a int"),
+        (good(settings=3), "expected a table"),
+        (good(settings={}), "no file drone.toml"),
+        (drone(sed=1), "sed is no setting"),
+        (drone(policies=0), "policies = '0'"),
+        (drone(policies=True), "policies = 'True'"),
+        (drone(randomize="far"), "randomize"),
+        (drone(rate=math.nan), "rate = 'nan'"),
+        (drone(drone="crazyflee"), "crazyflee"),
+        (drone(drone="a" * 5000), "aaa"),
+        (after("transfer", {"policies": "a"}, reality=["b" * 5000]), "bbb"),
+        (drone(drone="my.toml"), "no file my.toml"),
+        (good(grid={"drone": ["crazyflie"]}), "drone is set twice"),
+        (good(grid={"seed": []}), "grid seed"),
+        (good(grid={"seed": [1, 1]}), "twice"),
+        (good(grid={"seed": {"first": 0}}), "grid seed"),
+        (good(grid={"seed": [1, -1]}), "seed = '-1'"),
+        (good(grid=MANY), "more than"),
+        (after("transfer", {"policies": "c"}), "above it"),
+        (after("transfer", {"policies": ["a"]}), "above it"),
+        (after("predict", {"policies": "a", "drone": "a"}), "identify"),
+        (after("train", {"seed": "a"}, drone="crazyflie"), "no task makes seed"),
+        (after("transfer", {"policies": "a"}, reality=["nowhere"]), "nowhere"),
     ],
 )
 def test_what_is_wrong_in_a_study_is_told_before_anything_runs(
