@@ -11,12 +11,11 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from maidenflight import cache, inputs, results
-from maidenflight.errors import InputError, WriteError, optional
+from maidenflight.errors import InputError, WriteError, imported
 
 RESULT = "result.json"
 """In the folder of a result: its rows and record."""
@@ -131,8 +130,7 @@ class Address:
         Raises:
             InputError: fsspec, or its package for this kind of address, is not installed.
         """
-        with optional("fsspec", "remote", address):
-            fsspec: Any = import_module("fsspec")
+        fsspec = imported("fsspec", "remote", address)
         try:
             self._files, self._root = fsspec.core.url_to_fs(address)
         except (ImportError, ValueError) as error:
