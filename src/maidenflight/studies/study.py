@@ -21,6 +21,7 @@ their points agree. A grid may sweep one value of a table, as in `"set.latency" 
 import hashlib
 import itertools
 import json
+import math
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -304,12 +305,12 @@ def _expanded(
             for task in tasks_by_part[source]
             if all(point.get(axis, value) == value for axis, value in task.point.items())
         ]
+    if len(joined) * math.prod(map(len, entry.grid.values())) > MAX_TASKS:
+        raise InputError(f"{entry.label}: more than {MAX_TASKS} tasks. Make several studies of it.")
     own = [
         dict(zip(entry.grid, values, strict=True))
         for values in itertools.product(*entry.grid.values())
     ]
-    if len(joined) * len(own) > MAX_TASKS:
-        raise InputError(f"{entry.label}: more than {MAX_TASKS} tasks. Make several studies of it.")
     defaults = {
         name: plain(setting.default)
         for name, setting in settings_of(entry.verb).items()

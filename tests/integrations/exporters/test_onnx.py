@@ -197,13 +197,6 @@ def test_an_action_that_overflows_gives_no_command():
     assert np.isnan(command).all()
 
 
-def test_without_the_package_one_error_says_how_to_install_it(monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "onnx", None)
-    with pytest.raises(InputError, match=r"onnx is not installed.*pip install '.\[onnx\]'"):
-        export_onnx(made(), tmp_path)
-    assert not list(tmp_path.iterdir())
-
-
 def test_what_makes_no_sense_is_refused(tmp_path):
     one = made()
     for wrong, message in (

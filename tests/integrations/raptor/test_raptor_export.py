@@ -5,7 +5,6 @@ import hashlib
 import json
 import re
 import shlex
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -223,14 +222,6 @@ def test_other_policies_are_refused_and_told_how_to_train_one(tmp_path: Path) ->
         with pytest.raises(InputError, match="overflows float32"):
             export_raptor(wrong, tmp_path)
     assert not list(tmp_path.iterdir())
-
-
-def test_without_the_package_one_error_says_how_to_install_it(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setitem(sys.modules, "h5py", None)
-    with pytest.raises(InputError, match=r"h5py is not installed.*pip install '.\[raptor\]'"):
-        export_raptor(made(), tmp_path)
 
 
 def test_the_command_exports_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
