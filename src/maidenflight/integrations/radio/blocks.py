@@ -76,6 +76,12 @@ REASONS = (
     "self-test",
     "another controller was chosen",
     "set-points without a future",
+    "battery",
+    "fence",
+    "ceiling",
+    "time",
+    "estimate against accelerometer",
+    "another drone than the policy's",
 )
 """Source: integrations/exporters/crazyflie/src/maidenflight.c.template, enum why."""
 TASK, START_X, START_Y, FULL = "mf.task", "mf.x", "mf.y", "mf.full"
