@@ -3,7 +3,7 @@
 Writes a table of paper/notes/export.md. Estimator and PID of the firmware are our models; the app
 is what `export` writes, compiled for this computer (tests/integrations/exporters/app_in_plant.py).
 
-    maidenflight train --drone crazyflie_2.1+ --control pwm --yaw-penalty 0.1 --policies 1 -o policies
+    maidenflight train --drone crazyflie_2.1+ --yaw-penalty 0.1 --policies 1 -o policies
     python benchmarks/guards.py policies/policy_1.json
 """
 

@@ -36,8 +36,8 @@ class Pid:
 
         @jax.jit
         def tick(memory: Any, seen: Any, number: Any) -> tuple[Any, Any]:
-            memory: Any = whole(memory)
-            memory = memory._replace(mode=memory.mode.astype(jnp.int32))
+            known: Any = whole(memory)
+            known = known._replace(mode=known.mode.astype(jnp.int32))
             state = firmware.StateEstimate(
                 seen[:3],
                 seen[3:6],
@@ -45,7 +45,7 @@ class Pid:
                 jnp.degrees(seen[10:13]),
             )
             wanted = NOTHING._replace(position=seen[13:16], mode=np.array(MODES, np.int32))
-            after, motors = firmware.tick(memory, wanted, state, "2026.08", number % 10 == 0, True)
+            after, motors = firmware.tick(known, wanted, state, "2026.08", number % 10 == 0, True)
             return ravel_pytree(jax.tree.map(lambda leaf: leaf.astype(jnp.float32), after))[
                 0
             ], motors
@@ -109,7 +109,7 @@ class Loop:
         if found["mode"] == FORCE:
             counts = 65535.0 * np.clip(found["forces"], 0.0, 1.0)
         share = counts.astype(np.float32) / np.float32(65535.0)
-        ratio = battery.motor_ratio(share, np.float32(self.volts), SUPPLY)
+        ratio = battery.motor_ratio(share, np.array(self.volts, np.float32), SUPPLY)
         self.plant.step(65535.0 * ratio + 1.0)
 
     def fly(self, seconds: float, fault: Fault = lambda loop, time: None) -> float:

@@ -79,7 +79,7 @@ def late(loop: Loop) -> bool:
     return True
 
 
-FAULTS = {
+FAULTS: dict[str, Callable[[Loop], bool]] = {
     "battery": tired,
     "estimate against accelerometer": displaced,
     "fence": led_away,
