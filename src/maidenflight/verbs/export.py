@@ -33,7 +33,7 @@ class Export(Verb):
         "c",
         "c: C99 without dependencies, policy.h and policy.c; onnx: policy.onnx; authors: a JSON as "
         "the tools of Gronauer et al. read it; crazyflie: an app that builds beside an unmodified "
-        "Crazyflie firmware; raptor: policy.h5, which programs for RAPTOR read, of a policy "
+        "Crazyflie firmware; raptor: policy.h5 and, for PX4, policy.tar, of a policy "
         "trained with --form raptor.",
     )
     control: str | None = shared.control_of_authors()
