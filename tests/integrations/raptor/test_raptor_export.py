@@ -88,7 +88,7 @@ def test_a_reader_commands_what_we_command_in_flight(
 ) -> None:
     """The observations are those of our flight, converted by what flies RAPTOR itself."""
     one, drone, task = made(), crazyflie(), tasks.circle()
-    (path,) = export_raptor(one, tmp_path)
+    path, *_ = export_raptor(one, tmp_path)
     evaluate, hover = read(path), float(dynamics.hover_command(drone))
     env = Environment.matching(
         drone,
@@ -115,7 +115,7 @@ def test_a_reader_commands_what_we_command_in_flight(
 
 def test_the_file_is_laid_out_as_raptors_own(tmp_path: Path) -> None:
     one = made()
-    (path,) = export(one, tmp_path, "raptor", name="mine", seed=3, record={"seed": 3}, hover=0.5)
+    path, *_ = export(one, tmp_path, "raptor", name="mine", seed=3, record={"seed": 3}, hover=0.5)
     assert path == tmp_path / "policy.h5"
     with h5py.File(path) as file:
         shapes = {}
@@ -159,7 +159,7 @@ def test_the_file_is_laid_out_as_raptors_own(tmp_path: Path) -> None:
 
 
 def test_the_example_is_what_a_reader_computes(tmp_path: Path) -> None:
-    (path,) = export_raptor(made(), tmp_path, seed=5)
+    path, *_ = export_raptor(made(), tmp_path, seed=5)
     with h5py.File(path) as file:
         seen, outputs = (np.asarray(file[f"example/{name}"]) for name in ("input", "output"))
     for number in range(seen.shape[1]):
