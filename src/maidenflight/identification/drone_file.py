@@ -91,6 +91,8 @@ class GroupGain:
     """Standard error of that gain, over segments of flight [nats]; `None` of a single segment."""
     kept: bool
     """Whether the parameters were identified."""
+    reason: str | None = None
+    """Why they were not."""
 
 
 @dataclass(frozen=True)
@@ -327,6 +329,7 @@ def _gain(table: Fields) -> GroupGain:
         table.number("log_likelihood_gain"),
         table.number("standard_error", 0.0) if "standard_error" in table.content else None,
         table.flag("kept"),
+        table.text("reason") if "reason" in table.content else None,
     )
     table.end()
     return result

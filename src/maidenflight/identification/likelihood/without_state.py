@@ -210,7 +210,13 @@ def _force(problem: Problem, settings: Likelihood, motors: MotorResponse | None)
         return less
     known = {name: less.samples[name] for name in lost}
     again = _ask_sensor(problem, settings, model, names_left, {}, less.best.drone, known)
-    return replace_(again, unidentifiable=less.unidentifiable, gains=answer.gains)
+    gains = tuple(
+        replace_(gain, kept=False, reason="not identifiable")
+        if gain.kept and set(groups[gain.group]) & set(lost)
+        else gain
+        for gain in answer.gains
+    )
+    return replace_(again, unidentifiable=less.unidentifiable, gains=gains)
 
 
 def _ask_sensor(
