@@ -68,8 +68,8 @@ def describe_unidentifiable(result: Identification) -> list[str]:
         scale, unit = scale_of(name, high)
         ranges.append(f"{name} {low * scale:.3g} .. {high * scale:.3g} {unit}".strip())
     text = (
-        f"not identifiable from these flights: {', '.join(ranges)}. That is what is plausible; "
-        "start values stay, and training with --randomize posterior covers these ranges."
+        f"not identifiable from these flights: {', '.join(ranges)}. That is what is plausible, "
+        "as before the flights; training with --randomize posterior covers these ranges."
     )
     return [fill(text, _WIDTH)] if ranges else []
 

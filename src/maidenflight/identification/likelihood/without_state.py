@@ -35,7 +35,13 @@ from maidenflight.identification.outcome.estimates import (
     evaluations_table,
     notes_on,
 )
-from maidenflight.identification.outcome.plausible import Ranges, is_identifiable, prior_ranges
+from maidenflight.identification.outcome.plausible import (
+    HOVERING,
+    Ranges,
+    is_identifiable,
+    prior_ranges,
+    unchanged,
+)
 from maidenflight.identification.outcome.posterior import RESAMPLES
 from maidenflight.identification.outcome.problem import Problem, must_tell
 from maidenflight.identification.search.box import Box
@@ -109,6 +115,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     drone, draws, spread, notes = _with_inertia_z(
         problem.start, answer[-1].best.drone, draws, spread, unidentifiable
     )
+    unidentifiable |= _unchanged(problem, force, unidentifiable)
     names = tuple(name for name in draws if name not in unidentifiable)
     must_tell(names, unidentifiable)
     box = box_of(problem, names)
@@ -172,13 +179,7 @@ def _force(problem: Problem, settings: Likelihood, motors: MotorResponse | None)
     names, start = _names_of(problem, FORCE, OF_ACCELEROMETER), problem.start
     if not names:
         return None
-    by_law = all(
-        flight.by_battery_law and np.isfinite(flight.battery).any() for flight in problem.flights
-    )
-    priors = {
-        "thrust_linear": (float(start.thrust_linear), SHAPE if by_law else SHAPE_OF_PWM),
-        "drag_z": (float(component(start, "drag_z")), CLIMB_DRAG),
-    }
+    priors = _force_priors(problem)
     model = AccelerometerErrors.of(problem.flights, priors)
     groups = FORCE_GROUPS if problem.over is None else {}
     answer = _ask_sensor(problem, settings, model, names, groups, start)
@@ -254,6 +255,35 @@ def _plausible(
         reach = np.sqrt(3.0) * deviation
         answer[name] = max(low, float(mean - reach)), min(high, float(mean + reach))
     return answer
+
+
+def _unchanged(problem: Problem, force: Answer | None, known: Ranges) -> Ranges:
+    """What the accelerometer tells no better than before, although it tells others beside it.
+
+    It keeps the value that belongs to the others, as a latency does to a lag.
+    """
+    if force is None:
+        return {}
+    names = tuple(
+        name for name in force.samples if name not in (HOVERING, LAG) and name not in known
+    )
+    if not names:
+        return {}
+    samples = {name: force.samples[name] for name in names}
+    added = {name: 1.0 for group in FORCE_GROUPS.values() for name in group}
+    return unchanged(samples, _plausible(problem, names, _force_priors(problem)), added)
+
+
+def _force_priors(problem: Problem) -> dict[str, tuple[float, float]]:
+    """Mean and standard deviation of what is known of the force beforehand."""
+    start = problem.start
+    by_law = all(
+        flight.by_battery_law and np.isfinite(flight.battery).any() for flight in problem.flights
+    )
+    return {
+        "thrust_linear": (float(start.thrust_linear), SHAPE if by_law else SHAPE_OF_PWM),
+        "drag_z": (float(component(start, "drag_z")), CLIMB_DRAG),
+    }
 
 
 def _lag_is_identifiable(answer: Answer, plausible: Ranges) -> bool:
