@@ -175,18 +175,20 @@ def _names_of(
 
 
 def _force(problem: Problem, settings: Likelihood, motors: MotorResponse | None) -> Answer | None:
-    """What the accelerometer tells, given the gyro's lag where it tells none itself."""
+    """What the accelerometer tells, given the lag of measured speeds, or of the gyro if it tells none."""
     names, start = _names_of(problem, FORCE, OF_ACCELEROMETER), problem.start
     if not names:
         return None
     priors = _force_priors(problem)
     model = AccelerometerErrors.of(problem.flights, priors)
     groups = FORCE_GROUPS if problem.over is None else {}
-    answer = _ask_sensor(problem, settings, model, names, groups, start)
-    plausible = _plausible(problem, tuple(answer.samples), priors)
-    lost = [
-        name for name in DELAYS if name in names and not _lag_is_identifiable(answer, plausible)
-    ]
+    measured = all(one.rotor_speed is not None for one in problem.flights)
+    answer, lost, plausible = None, list(DELAYS), {}
+    if not (measured and motors and motors.is_identifiable and set(DELAYS) < set(names)):
+        answer = _ask_sensor(problem, settings, model, names, groups, start)
+        plausible = _plausible(problem, tuple(answer.samples), priors)
+        identifiable = _lag_is_identifiable(answer, plausible)
+        lost = [name for name in DELAYS if name in names and not identifiable]
     if lost and motors and motors.is_identifiable and set(DELAYS) < set(names):
         chosen = problem.generator.integers(len(motors.lag), size=RESAMPLES)
         measured_delays = {LAG: motors.lag[chosen], "latency": motors.latency[chosen]}
@@ -197,6 +199,8 @@ def _force(problem: Problem, settings: Likelihood, motors: MotorResponse | None)
         again = _ask_sensor(problem, settings, model, rest, {}, drone, measured_delays)
         usual = motors.usual_latency
         return again if usual is None else replace_(again, unidentifiable={"latency": usual})
+    if answer is None:
+        return None
     if lost:
         lost = [name for name in answer.samples if name in MOTORS]
     if "thrust_linear" in names and not is_identifiable(
