@@ -51,6 +51,7 @@ from maidenflight.identification.signals.motor_response import (
     MotorResponse,
     motor_response,
 )
+from maidenflight.identification.signals.saturation import note_saturation, saturation
 from maidenflight.parameters import Parameters, check, component, replace
 
 FORCE = ("thrust_to_weight", "thrust_linear", *DELAYS, "drag_z")
@@ -107,8 +108,10 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     problem = replace_(problem, bounds={**BOUNDS, **problem.bounds})
     settings = replace_(settings, evaluations=min(settings.evaluations, _MOST))
     motors = motor_response(problem.flights, problem.generator.spawn(1)[0], problem.start)
-    force = _force(problem, settings, motors)
-    answer = [one for one in (force, _torque(problem, settings, force)) if one is not None]
+    limit = saturation(problem.flights, float(problem.start.motor_time_constant))
+    force = _force(problem, settings, motors, limit)
+    torque = _torque(problem, settings, force, limit)
+    answer = [one for one in (force, torque) if one is not None]
     unidentifiable = {name: ends for one in answer for name, ends in one.unidentifiable.items()}
     draws = {name: samples for one in answer for name, samples in one.samples.items()}
     spread = {name: size for one in answer for name, size in one.posterior.spread.items()}
@@ -144,7 +147,12 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         search=evaluations_table(box, runs),
         posterior=draws,
         gains=tuple(gain for one in answer for gain in one.gains),
-        notes=(*notes_on(estimates, segments), *notes, *lag.notes(delay_estimates, motors)),
+        notes=(
+            *note_saturation(limit),
+            *notes_on(estimates, segments),
+            *notes,
+            *lag.notes(delay_estimates, motors),
+        ),
         lag_looks=delay_estimates,
     )
 
@@ -174,13 +182,15 @@ def _names_of(
     )
 
 
-def _force(problem: Problem, settings: Likelihood, motors: MotorResponse | None) -> Answer | None:
-    """What the accelerometer tells, given the lag of measured speeds, or of the gyro if it tells none."""
+def _force(
+    problem: Problem, settings: Likelihood, motors: MotorResponse | None, limit: float
+) -> Answer | None:
+    """What the accelerometer tells, given the lag of measured speeds or, if it has none, the gyro's."""
     names, start = _names_of(problem, FORCE, OF_ACCELEROMETER), problem.start
     if not names:
         return None
     priors = _force_priors(problem)
-    model = AccelerometerErrors.of(problem.flights, priors)
+    model = AccelerometerErrors.of(problem.flights, priors, limit)
     groups = FORCE_GROUPS if problem.over is None else {}
     measured = all(one.rotor_speed is not None for one in problem.flights)
     answer, lost, plausible = None, list(DELAYS), {}
@@ -300,13 +310,15 @@ def _lag_is_identifiable(answer: Answer, plausible: Ranges) -> bool:
     )
 
 
-def _torque(problem: Problem, settings: Likelihood, force: Answer | None) -> Answer | None:
+def _torque(
+    problem: Problem, settings: Likelihood, force: Answer | None, limit: float
+) -> Answer | None:
     """What the gyro tells, given what the accelerometer tells."""
     names = _names_of(problem, TORQUE, OF_GYRO)
     if not names:
         return None
     known, drone = ({}, problem.start) if force is None else (force.samples, force.best.drone)
-    model = GyroErrors.of(problem.flights)
+    model = GyroErrors.of(problem.flights, None, limit)
     groups = TORQUE_GROUPS if problem.over is None else {}
     answer = _ask_sensor(problem, settings, model, names, groups, drone, known)
     plausible = _plausible(problem, names, {})
