@@ -39,7 +39,10 @@ WHOLE = DroneFile(
     },
     Source(4, 120.0, True, "subsampled", 65535.0),
     Search("likelihood", -15.4, 116, 3),
-    (GroupGain("drag", 0.098, 0.0054, True), GroupGain("torque_bias", -1e-5, None, False)),
+    (
+        GroupGain("drag", 0.098, 0.0054, True),
+        GroupGain("torque_bias", -1e-5, None, False, "no gain"),
+    ),
     {"inertia_z": (1.8e-5, 3.9e-5)},
     {"version": "0.1.0", "seed": 7, "inputs": ["flight_01.csv sha256:ab12"], "settings": {}},
 )
