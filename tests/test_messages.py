@@ -129,7 +129,7 @@ def test_policies_fly_what_they_were_trained_for(trained: Path) -> None:
 
     assert task_of("circle") == ("circle", [])
     assert task_of("hover") == ("hover", [])
-    assert task_of("mute") == ("circle", [])
+    assert task_of("mute") == ("paper_circle", [])
     assert task_of("mute", "hover") == ("hover", [])
     # Of an authors' policy whose name does not say what it commands.
     theirs = trained / "model.json"
@@ -138,13 +138,15 @@ def test_policies_fly_what_they_were_trained_for(trained: Path) -> None:
     with pytest.raises(InputError, match="do not say what they command"):
         read_policies([theirs])
     for folders, asked, task, note in (
-        (("hover",), "circle", "circle", "policy_1 for hover"),
-        (("circle", "hover"), None, "circle", "hover/policy_1 for hover"),
-        (("circle",), "hover", "hover", "policy_1 for circle, policy_2 for circle"),
+        (("hover",), "circle", "circle", "policy_1 flies circle, trained for hover"),
+        (("circle", "hover"), None, "circle", "hover/policy_1 flies circle, trained for hover"),
+        (("circle",), "hover", "hover", "policy_2 flies hover, trained for circle"),
     ):
-        flown, notes = task_of(*folders, asked=asked)
+        flown, (said,) = task_of(*folders, asked=asked)
         assert flown == task
-        assert notes == [f"they fly the task {task}, but were trained for another: {note}."]
+        assert said.endswith(f"{note}.")
+    own = read_policies([trained / name for name in ("circle", "hover", "mute")]).choose_tasks(None)
+    assert own == (["circle", "circle", "hover", "paper_circle"], [])
 
 
 def test_the_best_policy_is_told_from_one_of_the_same_name(trained: Path) -> None:
@@ -165,12 +167,14 @@ def test_the_best_policy_is_told_from_one_of_the_same_name(trained: Path) -> Non
                 "command_change": change,
                 "at_limits": 0.0,
                 "end_reason": reason,
+                **{"largest_tilt": np.radians(25.0 * duration / 20.0), "largest_distance": 0.1},
+                "largest_body_rate": 1.0,
             }
             for name, duration, error, change in rows
             for reason in ("tilt", "time limit")
         ]
     )
-    best = comparison.best_in_transfer(table, policies.own_names)
+    best = comparison.choose_best(table, policies.own_names)
     assert policies.path_of(best) == policies.paths[2]
     summary = comparison.summarize(table)
     assert summary.columns == [
@@ -182,8 +186,11 @@ def test_the_best_policy_is_told_from_one_of_the_same_name(trained: Path) -> Non
         "position_error",
         "command_change",
         "at_limits",
+        *comparison.LARGEST,
     ]
-    assert summary.row(1) == ("circle/policy_2", "virtual-7", 2, 1, 20.0, 0.05, 0.4, 0.0)
+    assert summary.row(1)[:8] == ("circle/policy_2", "virtual-7", 2, 1, 20.0, 0.05, 0.4, 0.0)
+    (near,) = comparison.describe_margins(summary)
+    assert near.startswith("circle/policy_2, hover/policy_1: tilts of up to 25 deg")
     (note,) = comparison.describe_limit_cycles(summary)
     assert note.startswith("circle/policy_2 in virtual-7 changes its commands by 0.40 ")
 

@@ -4,7 +4,12 @@ from typing import Literal, get_args
 
 CONTROLS = ("pwm", "attitude_rate", "attitude")
 """The paper's control structures (Gronauer et al. 2022, sec. Control Structures)."""
-TASKS = ("circle", "figure_eight", "fast_circle", "fast_figure_eight", "hover", "take_off")
+PAPER_TASK = "paper_circle"
+"""The circle at full speed from the first instant on, which the paper's policies fly."""
+TASKS = (
+    *("circle", "figure_eight", "fast_circle", "fast_figure_eight", "hover", "take_off"),
+    PAPER_TASK,
+)
 """What policies are trained to fly."""
 REAL_TASKS = ("circle", "figure_eight", "hover")
 """What a real drone flies."""

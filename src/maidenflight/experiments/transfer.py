@@ -19,7 +19,7 @@ from maidenflight.flying.pilots import AnyPolicy, pilots_of
 from maidenflight.flying.scenario import Scenario
 from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.realities.reality import AnyReality, check_reality
-from maidenflight.simulator.tasks import tasks
+from maidenflight.simulator.tasks import failures, tasks
 from maidenflight.simulator.tasks.failures import ZERO_SHOT
 from maidenflight.simulator.tasks.tasks import Task
 
@@ -33,7 +33,8 @@ class Transfer:
 
     table: polars.DataFrame
     """One row a flight: flight, policy, reality, trial, duration [s], end_reason, position_error
-    [m], command_change and at_limits of `activity`."""
+    [m], command_change and at_limits of `activity`, and of the true state largest_tilt [rad],
+    largest_body_rate [rad/s] and largest_distance [m]."""
     flights: tuple[Flight, ...]
     """Their logs, in the table's order, each up to its end."""
 
@@ -85,7 +86,7 @@ def transfer(
         realities: where to fly them; one or more.
         trials: flights of each policy in each reality.
         key: random key; `jax.random.key(0)` by default.
-        task: the circle of the paper by default.
+        task: the circle, from rest, by default.
         controller: what carries out their commands; `control.controller_for` their interface
             by default.
         duration: longest flight [s].
@@ -119,7 +120,7 @@ def transfer(
         simulated = fly_all(reality, chosen, scenario, keys, ZERO_SHOT)
         for (policy, trial), one in zip(plan, simulated, strict=True):
             flight = one.to_flight(f"flight_{len(table) + 1:02d}")
-            error = np.linalg.norm(one.rows.true_position - one.rows.true_setpoint, axis=1)
+            excursion = one.rows.excursion
             table.append(
                 {
                     "flight": len(table) + 1,
@@ -128,8 +129,9 @@ def transfer(
                     "trial": trial + 1,
                     "duration": round(one.duration, 6),
                     "end_reason": one.end_reason,
-                    "position_error": round(float(np.mean(error, dtype=np.float64)), 6),
+                    "position_error": round(float(np.mean(excursion.position_error)), 6),
                     **activity(flight),
+                    **failures.largest(excursion),
                 }
             )
             flights.append(flight)

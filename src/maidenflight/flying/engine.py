@@ -29,6 +29,7 @@ from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.realities.reality import MOTORS, AnyReality, Reality, Truth
 from maidenflight.simulator.realities.stepped import Stepped
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone
+from maidenflight.simulator.tasks import failures
 from maidenflight.simulator.tasks.failures import Guard
 from maidenflight.simulator.tasks.tasks import Task
 
@@ -271,7 +272,8 @@ def _plan(
 
 def _ends(guard: Guard, truth: Truth, setpoint: Float[np.ndarray, "3"]) -> bool:
     attitude = np.asarray(_attitude(truth.quaternion))
-    return any(guard.trips(truth.position, attitude, truth.body_rates, setpoint).values())
+    now = failures.excursion(truth.position, attitude, truth.body_rates, setpoint)
+    return any(guard.trips(now).values())
 
 
 _attitude = jax.jit(rotations.to_attitude)

@@ -12,7 +12,7 @@ from maidenflight.parameters import Parameters
 from maidenflight.simulator.physics import battery
 from maidenflight.simulator.physics.battery import Supply
 from maidenflight.simulator.tasks import failures
-from maidenflight.simulator.tasks.failures import END_REASONS, TIME_LIMIT, End, Guard
+from maidenflight.simulator.tasks.failures import END_REASONS, TIME_LIMIT, End, Excursion, Guard
 
 
 class Rows(NamedTuple):
@@ -42,11 +42,15 @@ class Rows(NamedTuple):
         away = np.subtract(self.true_position, self.true_setpoint, dtype=np.float64)
         return np.linalg.norm(away, axis=1)
 
+    @property
+    def excursion(self) -> Excursion:
+        """How far the true state is from hover at the set-point, at the end of each period."""
+        judged = self.true_position, self.true_attitude, self.true_body_rates, self.true_setpoint
+        return failures.excursion(*(np.asarray(part) for part in judged))
+
     def end(self, guard: Guard) -> End:
         """Returns when a guard that looks at the true state ends the flight, and why."""
-        judged = self.true_position, self.true_attitude, self.true_body_rates, self.true_setpoint
-        tripped = guard.trips(*(np.asarray(part) for part in judged))
-        return failures.first_end(failures.reason(**tripped))
+        return failures.first_end(failures.reason(**guard.trips(self.excursion)))
 
 
 @dataclass(frozen=True, eq=False)

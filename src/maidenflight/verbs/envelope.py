@@ -44,7 +44,7 @@ class Envelope(InRealities):
         """Flies; writes `envelope.csv`, whole again after each axis, and a picture."""
         import polars
 
-        fleet, (task, notes) = self.fleet, self.choose_task(self.task, progress)
+        fleet, (task, notes) = self.fleet, self.fleet.choose_task(self.task)
         record = results.plain(self.make_flight_record(task, within=core.envelope.WITHIN_M))
         path = output / run_folder.ENVELOPE.name
         parts = _read_parts(path, record) if self.resume else {}
@@ -72,8 +72,9 @@ class Envelope(InRealities):
         return self.conclude(
             {"envelope": rows},
             [_tabulate(rows)],
-            fleet.path_of(core.comparison.best_in_envelope(summary, fleet.own_names)),
-            "greatest mean share of all axes",
+            all_rows.with_columns(
+                duration=polars.col("reached").fill_nan(0.0) / polars.col("hardest")
+            ),
             output,
             written={"envelope": [path], "picture": [picture]},
             read={"policies": fleet.inputs},

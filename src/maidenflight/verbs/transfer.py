@@ -38,7 +38,7 @@ class Transfer(InRealities):
     def compute(self, output: Path, progress: Progress) -> Result:
         """Flies; writes `flights.csv` with a row a flight, and every flight's log."""
         fleet, own = self.fleet, self.fleet.own
-        task, notes = self.choose_task(self.task, progress)
+        task, notes = fleet.choose_task(self.task)
         progress.move(0, None, "compiling and flying")
         if self.rate is not None:
             own = [replace(one, interface=replace(one.interface, rate=self.rate)) for one in own]
@@ -56,12 +56,12 @@ class Transfer(InRealities):
         table = run_folder.FLIGHTS.write(output / run_folder.FLIGHTS.name, transfer.table)
         flights, summary = transfer.table.to_dicts(), core.comparison.summarize(transfer.table)
         notes += core.comparison.describe_limit_cycles(summary)
+        notes += core.comparison.describe_margins(summary)
         rows = summary.to_dicts()
         return self.conclude(
             {"flights": flights, "summary": rows},
             [*([tabulate_flights(flights)] if len(flights) <= _FEW else []), _tabulate(rows)],
-            fleet.path_of(core.comparison.best_in_transfer(transfer.table, fleet.own_names)),
-            "longest mean flight; among equals no limit cycle and the smallest mean error",
+            transfer.table,
             output,
             written={"flights": [table], "flight_logs": logs},
             read={"policies": fleet.inputs},
@@ -72,14 +72,18 @@ class Transfer(InRealities):
         )
 
 
-_MEASURES = {"error": "{position_error:.1f cm}", "change of u": "{command_change:.3f}"}
+_TITLE = "error: mean distance from the set-point; u: in 10 ms; largest tilt and rate, of a guard's"
+_MEASURES = {
+    **{"error": "{position_error:.1f cm}", "change of u": "{command_change:.3f}"},
+    **shared.LARGEST,
+}
 
 
 def tabulate_flights(flights: list[Row]) -> Table:
     """Returns a table of zero-shot flights."""
     columns = {name: f"{{{name}}}" for name in ("flight", "policy", "reality", "trial")}
     columns |= {"duration": "{duration:.2f s}", "ended by": "{end_reason}", **_MEASURES}
-    title = "Zero-shot flights, simulated; error: mean distance from the set-point; u: in 10 ms"
+    title = f"Zero-shot flights, simulated; {_TITLE}"
     return Table(title, columns, flights)
 
 
@@ -90,9 +94,7 @@ def _tabulate(summary: list[Row]) -> Table:
         "reality": "{reality}",
         "reached the time limit": "{time_limit} of {flights}",
         "mean duration": "{duration:.2f s}",
-        **{f"mean {name}": cell for name, cell in _MEASURES.items()},
+        **_MEASURES,
     }
-    title = (
-        "Zero-shot flights by policy, simulated; error: distance from the set-point; u: in 10 ms"
-    )
+    title = f"Zero-shot flights by policy, simulated; {_TITLE}"
     return Table(title, columns, summary)
