@@ -13,7 +13,7 @@ TASKS = (
 """What policies are trained to fly."""
 REAL_TASKS = ("circle", "figure_eight", "hover")
 """What a real drone flies."""
-AXES = ("circle", "figure_eight", "gusts", "payload", "battery", "propeller", "latency")
+AXES = ("speed", "circle", "figure_eight", "gusts", "payload", "battery", "propeller", "latency")
 """Along which an envelope grows harder."""
 Firmware = Literal["2021.10", "2026.08"]
 FIRMWARES: tuple[Firmware, ...] = get_args(Firmware)

@@ -25,7 +25,7 @@ from numpy_drone import NumpyDrone
 
 DRONE = virtual_drone(7)
 CONDITIONS = {name: axis for name, axis in AXES.items() if isinstance(axis, Condition)}
-PACES = {name: axis for name, axis in AXES.items() if isinstance(axis, SpeedRamp)}
+PACES = {name: axis for name, axis in AXES.items() if isinstance(axis, SpeedRamp) and axis.of}
 
 
 def rows(distance: Any) -> Rows:

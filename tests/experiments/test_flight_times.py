@@ -138,7 +138,8 @@ def test_the_guard_is_the_papers_on_what_the_sensors_tell(
         begun._replace(measurement=seen), jnp.array([0.0, 0.0, 1.0]), jnp.float32(2.5)
     )
     assert failures.END_REASONS[int(found)] == reason
-    assert float(seen_now.position_error) == pytest.approx(abs(1.0 - position[2]), rel=1e-5)
+    away = np.linalg.norm(np.subtract(position, (0.0, 0.0, 1.0)))
+    assert float(seen_now.position_error) == pytest.approx(away, rel=1e-5)
 
 
 def test_yaw_rate_is_the_rate_pids_own_set_point() -> None:

@@ -132,7 +132,7 @@ def fly_together(
             )
             # Rows up to the end count, with the one that a guard ends.
             last = jnp.where(reason > 0, first, every - 1)
-            counts = ~over[..., None] & (jnp.arange(every) <= last[..., None])
+            counts = ~over[..., None] & (jnp.arange(every)[None, None] <= last[..., None])
             rows = jax.tree.map(lambda values: jnp.where(counts, values, 0.0), excursions)
             largest = jax.tree.map(
                 lambda old, new: jnp.maximum(old, jnp.max(new, axis=-1)), flights.largest, rows

@@ -2,9 +2,10 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-from maidenflight import run_folder
-from maidenflight.settings import number, setting, whole
+from maidenflight import names, run_folder
+from maidenflight.settings import choice, number, setting, several, whole
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row
 from maidenflight.verbs import core, shared
@@ -27,6 +28,12 @@ class Transfer(InRealities):
 
     trials: int = setting(whole(1, 1000), 3, "Flights of each policy in each reality.")
     duration: float = setting(number(0.1, 600.0), 20.0, "Longest flight [s].")
+    against: tuple[str, ...] = setting(
+        several(choice(*names.CONTROLLERS), empty=True),
+        names.CONTROLLERS[:1],
+        "Controllers of the firmware that fly the same, beside the policies; may be repeated.",
+        rare=True,
+    )
     rate: int | None = setting(
         whole(1, 1000),
         None,
@@ -42,25 +49,24 @@ class Transfer(InRealities):
         progress.move(0, None, "compiling and flying")
         if self.rate is not None:
             own = [replace(one, interface=replace(one.interface, rate=self.rate)) for one in own]
-        transfer = core.transfer(
-            [*own, *fleet.foreign],
-            self.realities,
-            self.trials,
-            self.key,
-            task=core.TASKS[task](),
-            duration=self.duration,
-            names=fleet.names,
-        )
+        flying: Any = self.realities, self.trials, self.key
+        how: Any = {"task": core.TASKS[task](), "duration": self.duration}
+        transfer = core.transfer([*own, *fleet.foreign], *flying, names=fleet.names, **how)
+        rivals, left_out = core.fly_firmware(self.against, *flying, **how)
         record = self.make_flight_record(task)
         logs = core.logs.write_logs(output, {one.name: one for one in transfer.flights}, record)
         table = run_folder.FLIGHTS.write(output / run_folder.FLIGHTS.name, transfer.table)
         flights, summary = transfer.table.to_dicts(), core.comparison.summarize(transfer.table)
         notes += core.comparison.describe_limit_cycles(summary)
-        notes += core.comparison.describe_margins(summary)
+        notes += core.comparison.describe_margins(summary) + left_out
         rows = summary.to_dicts()
+        against = [row for one in rivals for row in core.comparison.summarize(one).to_dicts()]
         return self.conclude(
-            {"flights": flights, "summary": rows},
-            [*([tabulate_flights(flights)] if len(flights) <= _FEW else []), _tabulate(rows)],
+            {"flights": flights, "summary": rows, "against": against},
+            [
+                *([tabulate_flights(flights)] if len(flights) <= _FEW else []),
+                _tabulate([*rows, *against]),
+            ],
             transfer.table,
             output,
             written={"flights": [table], "flight_logs": logs},

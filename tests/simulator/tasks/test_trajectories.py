@@ -111,6 +111,19 @@ def test_a_quickening_reference_starts_at_rest_and_gains_speed_evenly_to_its_fas
         assert np.trapezoid(speeds, times) == pytest.approx(0.5 * 2.0 * end, rel=1e-4)
 
 
+def test_a_hastening_path_is_the_same_and_three_times_as_fast_in_the_end():
+    plain = trajectories.circle()
+    reference = trajectories.hastening(plain, 3.0)
+    # By hand: 30 s and half of twice 30 s more.
+    np.testing.assert_allclose(
+        jax.vmap(reference)(jnp.array([0.0, 15.0, 31.0])),
+        jax.vmap(plain)(jnp.array([0.0, 22.5, 63.0])),
+        atol=1e-4,
+    )
+    speeds = np.linalg.norm(jax.vmap(velocity(reference))(jnp.array([0.0, 15.0, 31.0])), axis=1)
+    np.testing.assert_allclose(speeds / (np.pi * 0.5 / 3.0), [1.0, 2.0, 3.0], rtol=1e-4)
+
+
 def test_a_circle_from_rest_never_accelerates_as_a_jump_would():
     """The phase is by hand: half of the ramp is lost; the acceleration is that of 7 degrees."""
     plain, reference = trajectories.circle(), tasks.circle().reference

@@ -113,6 +113,8 @@ BACKUP = Guard(float(np.radians(30.0)), float(np.radians(800.0)))
 Experiments)."""
 ZERO_SHOT = BACKUP._replace(position_error=MAX_POSITION_ERROR_M)
 """Of zero-shot flights: the same, and the distance at which an episode fails."""
+APP = BACKUP._replace(position_error=0.6)
+"""Of the exported app by default."""
 LOST = Guard(position_error=MAX_POSITION_ERROR_M)
 """Of flights at any speed, whose tilt is no failure."""
 

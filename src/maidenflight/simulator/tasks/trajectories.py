@@ -154,6 +154,23 @@ def quickening(
 
 
 @cached_by_arguments
+def hastening(trajectory: Trajectory, fastest: float) -> Trajectory:
+    """Returns the same path, faster: its speed grows evenly to `fastest` times its own.
+
+    Args:
+        trajectory: the trajectory, for ever.
+        fastest: of its own speed, after `RAMP_DURATION_S` [-].
+    """
+
+    def reference(time: Float[Array, ""]) -> Float[Array, "3"]:
+        early = jnp.minimum(time, RAMP_DURATION_S)
+        gained = (fastest - 1.0) * early * early / (2.0 * RAMP_DURATION_S)
+        return trajectory(early + gained + fastest * jnp.maximum(time - RAMP_DURATION_S, 0.0))
+
+    return reference
+
+
+@cached_by_arguments
 def quickening_circle(fastest: float, diameter: float = 1.0) -> Trajectory:
     """Returns a `circle` of a diameter [m] whose speed grows to fastest [m/s]."""
     return quickening(circle(diameter, pi * diameter / fastest))
