@@ -15,10 +15,10 @@ import pytest
 from commands import Command
 from maidenflight import cli, parameters, policy, policy_file
 from maidenflight.errors import InputError
-from maidenflight.experiments import comparison
+from maidenflight.experiments import comparison, drones
 from maidenflight.experiments.policies import read_policies
 from maidenflight.flights.reading import Flights
-from maidenflight.identification.drone_file import Estimate, GroupGain
+from maidenflight.identification.drone_file import DroneFile, Estimate, GroupGain
 from maidenflight.integrations.exporters.authors_json import to_authors_json
 from maidenflight.names import CONTROLS, TASKS, WIDE
 from maidenflight.registry import VERBS
@@ -239,6 +239,29 @@ def test_a_score_is_a_line_with_the_speed_since_the_first(monkeypatch: Any) -> N
     line = "return -7.5, survival 100%, error 1.3 cm"
     assert heard.add(Progress(10, 1000, score, best)) == line
     assert heard.add(Progress(20, 11000, score, best)) == f"{line}, 5 k steps/s"
+
+
+def test_seeds_that_differ_much_are_said_to() -> None:
+    def best(*errors: float) -> list[dict[str, float]]:
+        return [{"survival": 1.0, "position_error": error} for error in errors]
+
+    assert scores.describe_spread(best(0.01)) == []
+    spread = "spread over 2 seeds: survival 100% to 100%, position error 1.0 to"
+    assert scores.describe_spread(best(0.01, 0.014)) == [f"{spread} 1.4 cm."]
+    (much,) = scores.describe_spread(best(0.01, 0.02))
+    assert much.startswith(f"{spread} 2.0 cm: they differ much")
+
+
+def test_what_is_unknown_of_a_drone_is_said_where_policies_are_trained_for_it() -> None:
+    drone = parameters.crazyflie()
+    assert drones.describe_unknown(DroneFile(drone, name="crazyflie")) == []
+    (none,) = drones.describe_unknown(DroneFile(drone, name="mine.toml"))
+    assert none.startswith("mine.toml: no parameter was identified")
+    known: Any = {"thrust_to_weight": None}
+    lag = DroneFile(drone, known, unidentified={"latency": (0.0, 0.012)}, name="mine.toml")
+    (some,) = drones.describe_unknown(lag)
+    assert "do not determine latency (0 to 0.012), SI units" in some
+    assert drones.describe_unknown(DroneFile(drone, known, name="mine.toml")) == []
 
 
 def help_of(name: str) -> Setting:

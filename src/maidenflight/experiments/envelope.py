@@ -230,22 +230,24 @@ def _paced(
     task = tasks.tracking(path, trajectories.RAMP_DURATION_S)
     scenario, reached = Scenario(task, trajectories.RAMP_DURATION_S), []
     for one in fly_all(reality, pilot, scenario, keys, LOST):
-        share = steps_done(one.rows, one.rate) / round(trajectories.RAMP_DURATION_S * one.rate)
+        done = steps_done(one.rows, one.rate, one.estimated)
+        share = done / round(trajectories.RAMP_DURATION_S * one.rate)
         reached.append(slowest + (pace.fastest - slowest) * share if share else float("nan"))
     return reached
 
 
-def steps_done(rows: Rows, rate: int) -> int:
+def steps_done(rows: Rows, rate: int, estimated: bool = False) -> int:
     """Returns rows until a guard trips or the distance's mean over `WINDOW_S` exceeds `WITHIN_M`.
 
     Args:
         rows: one flight.
         rate: its rows a second.
+        estimated: whether the drone's estimates are judged.
     """
-    steps, reason = rows.end(LOST)
+    steps, reason = rows.end(LOST, estimated)
     # The row in which it is lost does not count; the tilt that speed takes trips no guard here.
     end = int(steps) - (reason != TIME_LIMIT)
-    distance = rows.distance[:end]
+    distance = rows.excursion(estimated).position_error[:end]
     window = round(WINDOW_S * rate)
     if len(distance) < window:
         return 0
@@ -277,7 +279,9 @@ def _under(
 
 
 def _holds(flight: SimulatedFlight) -> bool:
-    return flight.reason == TIME_LIMIT and float(np.mean(flight.rows.distance)) <= WITHIN_M
+    return (
+        flight.reason == TIME_LIMIT and float(np.mean(flight.excursion.position_error)) <= WITHIN_M
+    )
 
 
 def summary(flights: polars.DataFrame) -> polars.DataFrame:

@@ -34,8 +34,9 @@ class Transfer:
 
     table: polars.DataFrame
     """One row a flight: flight, policy, reality, trial, duration [s], end_reason, position_error
-    [m], command_change and at_limits of `activity`, and of the true state largest_tilt [rad],
-    largest_body_rate [rad/s] and largest_distance [m]."""
+    [m], command_change and at_limits of `activity`, largest_tilt [rad], largest_body_rate [rad/s]
+    and largest_distance [m]; errors and largest values are of the true state, or by the drone's
+    estimates where these drift."""
     flights: tuple[Flight, ...]
     """Their logs, in the table's order, each up to its end."""
 
@@ -123,7 +124,7 @@ def transfer(
         simulated = fly_all(reality, chosen, scenario, keys, APP if by_firmware else ZERO_SHOT)
         for (policy, trial), one in zip(plan, simulated, strict=True):
             flight = one.to_flight(f"flight_{len(table) + 1:02d}")
-            excursion = one.rows.excursion
+            excursion = one.excursion
             table.append(
                 {
                     "flight": len(table) + 1,

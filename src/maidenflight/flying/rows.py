@@ -42,15 +42,20 @@ class Rows(NamedTuple):
         away = np.subtract(self.true_position, self.true_setpoint, dtype=np.float64)
         return np.linalg.norm(away, axis=1)
 
-    @property
-    def excursion(self) -> Excursion:
-        """How far the true state is from hover at the set-point, at the end of each period."""
+    def excursion(self, estimated: bool = False) -> Excursion:
+        """Returns how far the drone is from hover at the set-point, in each period.
+
+        By the true state at its end; or by the estimates at its beginning, as the drone's own
+        guards see it.
+        """
         judged = self.true_position, self.true_attitude, self.true_body_rates, self.true_setpoint
+        if estimated:
+            judged = self.position, self.attitude, self.body_rates, self.setpoint
         return failures.excursion(*(np.asarray(part) for part in judged))
 
-    def end(self, guard: Guard) -> End:
-        """Returns when a guard that looks at the true state ends the flight, and why."""
-        return failures.first_end(failures.reason(**guard.trips(self.excursion)))
+    def end(self, guard: Guard, estimated: bool = False) -> End:
+        """Returns when a guard ends the flight, and why; see `excursion`."""
+        return failures.first_end(failures.reason(**guard.trips(self.excursion(estimated))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +76,13 @@ class SimulatedFlight:
     """Why it ended, an index of `END_REASONS`."""
     drone: Parameters | None = None
     """The virtual drone that flew, where one did."""
+    estimated: bool = False
+    """Whether it is judged by the drone's estimates, because they drift."""
+
+    @property
+    def excursion(self) -> Excursion:
+        """How far the drone is from hover at the set-point, in each period."""
+        return self.rows.excursion(self.estimated)
 
     @property
     def end_reason(self) -> str:

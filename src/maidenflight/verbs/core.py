@@ -75,7 +75,7 @@ if TYPE_CHECKING:
     from maidenflight.studies.study import read_study as read_study
     from maidenflight.training import checkpoint, defaults, folder, loggers
     from maidenflight.training.checkpoint import Checkpoint
-    from maidenflight.training.scores import Scores
+    from maidenflight.training.scores import Scores, describe_spread
     from maidenflight.training.settings import Settings, override, recorded
     from maidenflight.training.train import Progress as Training
     from maidenflight.training.train import train
