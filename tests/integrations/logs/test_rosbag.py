@@ -17,6 +17,7 @@ from numpy.testing import assert_allclose
 
 import maidenflight as mf
 from made_flights import driven
+from maidenflight import inputs
 from maidenflight.errors import InputError
 from maidenflight.flights import compensation
 from maidenflight.flights.log import Flight
@@ -279,6 +280,16 @@ def test_without_rosbags_it_is_said_how_to_get_it(
 
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(InputError, match=r"\[rosbag\]"):
+        rosbag.flights(path, "bag.mcap")
+
+
+def test_a_recording_whose_chunks_grow_more_than_logs_do_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = made.bag(tmp_path / "bag", made.px4_messages(sensed(60)))
+    monkeypatch.setattr(inputs, "UNBOUNDED", 1000)
+    monkeypatch.setattr(inputs, "MOST_GROWTH", 0.1)
+    with pytest.raises(InputError, match=r"bag\.mcap: .* unpack to .* as no log does"):
         rosbag.flights(path, "bag.mcap")
 
 
