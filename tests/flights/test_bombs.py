@@ -48,5 +48,5 @@ def test_a_parquet_bomb_is_refused_by_its_footer() -> None:
 def test_a_zip_bomb_is_no_checkpoint(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "training.npz", "w", zipfile.ZIP_DEFLATED) as file:
         file.writestr("title.npy", bytes(100_000_000))
-    with pytest.raises(InputError, match="not a checkpoint of training .*unpack to 100 MB"):
+    with pytest.raises(InputError, match=r"not a checkpoint of training .*unpack to 100 MB"):
         checkpoint.stages(tmp_path / "training.npz")
