@@ -44,7 +44,7 @@ from maidenflight.integrations.exporters.crazyflie_app import MOST_MULTIPLICATIO
 from maidenflight.integrations.radio.blocks import ACTIVE, ENABLE, REASONS
 from maidenflight.names import PROPELLERS
 from maidenflight.parameters import crazyflie, replace
-from maidenflight.policy import Policy, untrained
+from maidenflight.policy import Policy, untrained_policy
 from maidenflight.simulator import environment
 from maidenflight.simulator.controllers import control, firmware, interface
 from maidenflight.simulator.controllers.control import CONTROLLERS
@@ -137,7 +137,7 @@ def test_the_app_compiles_without_a_word(structure: str, tmp_path: Path) -> None
 def test_the_app_compiles_for_the_drone_s_processor_and_is_small(
     structure: str, tmp_path: Path
 ) -> None:
-    policy = untrained(jax.random.key(0), interface=CONTROLLERS[structure]().interface)
+    policy = untrained_policy(jax.random.key(0), interface=CONTROLLERS[structure]().interface)
     network = ("mf_network", "apply")
     stacks = stacks_of(policy, tmp_path)
     stack = deepest(stacks, "controllerOutOfTree", "mf_policy_step", *network)
@@ -156,7 +156,7 @@ def test_the_app_compiles_for_the_drone_s_processor_and_is_small(
 def test_the_self_test_fits_on_the_stack_of_start_up_however_wide_the_network(
     tmp_path: Path,
 ) -> None:
-    wide = untrained(jax.random.key(0), spec=PolicySpec(hidden=(270,)))
+    wide = untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(270,)))
     assert sum(weight.size for weight in wide.weights) > 0.9 * MOST_MULTIPLICATIONS
     stacks = stacks_of(wide, tmp_path)
     called = ("controllerOutOfTreeInit", "mf_policy_self_test", "mf_network", "apply")
@@ -842,7 +842,7 @@ def test_the_page_and_the_tables_name_the_same(load: Load) -> None:
 
 def test_what_the_drone_cannot_fly_is_refused(tmp_path: Path) -> None:
     policy = policy_of("pwm")
-    large = untrained(jax.random.key(0), spec=PolicySpec(history=2, hidden=(90, 90)))
+    large = untrained_policy(jax.random.key(0), spec=PolicySpec(history=2, hidden=(90, 90)))
     assert sum(weight.size for weight in large.weights) > MOST_MULTIPLICATIONS
     for wrong, message in (
         (dataclasses.replace(policy, interface=interface.pwm(30)), "rate = 30 Hz does not divide"),

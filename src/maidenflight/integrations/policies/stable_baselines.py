@@ -67,9 +67,9 @@ class Model(NamedTuple):
         Raises:
             ValueError: it takes another number of inputs.
         """
-        wanted = self.algorithm.observation_space.shape
-        if numbers.shape != wanted:
-            raise ValueError(f"it takes {wanted}")
+        shape = self.algorithm.observation_space.shape
+        if numbers.shape != shape:
+            raise ValueError(f"it takes {shape}")
         observation = numbers.astype(np.float32)
         if self.scaling is not None:
             observation = self.scaling.normalize_obs(observation)

@@ -125,10 +125,10 @@ class Crazyflie:
             raise
 
     def _open(self, patience: float) -> None:
-        ready, why = threading.Event(), []
+        ready, reasons = threading.Event(), []
 
         def failed(_: str, message: str) -> None:
-            why.append(message.strip().splitlines()[0] if message.strip() else "no reason")
+            reasons.append(message.strip().splitlines()[0] if message.strip() else "no reason")
             ready.set()
 
         def lost(_: str, message: str) -> None:
@@ -144,13 +144,12 @@ class Crazyflie:
         except BaseException:
             self.close()
             raise
-        if why or not answered:
+        if reasons or not answered:
             self.close()
             raise InputError(
                 f"{self.uri}: no connection "
-                f"({why[0] if why else f'no answer in {patience:g} s'}). Is the drone on, the "
-                "radio plugged in,"
-                " the address right? cfclient finds drones near you."
+                f"({reasons[0] if reasons else f'no answer in {patience:g} s'}). Is the drone on, "
+                "the radio plugged in, the address right? cfclient finds drones near you."
             )
 
     def _has_log(self, name: str) -> bool:
