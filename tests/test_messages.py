@@ -50,7 +50,7 @@ def trained(tmp_path: Path) -> Path:
         made = {"settings": {"task": task}} if task else {}
         policy_file.write_policy(
             tmp_path / f"{place}.json",
-            policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,))),
+            policy.untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(3,))),
             made,
         )
     return tmp_path
@@ -134,7 +134,7 @@ def test_policies_fly_what_they_were_trained_for(trained: Path) -> None:
     assert task_of("mute", "hover") == ("hover", [])
     # Of an authors' policy whose name does not say what it commands.
     theirs = trained / "model.json"
-    theirs.write_text(to_authors_json(policy.untrained(jax.random.key(0))))
+    theirs.write_text(to_authors_json(policy.untrained_policy(jax.random.key(0))))
     assert read_policies([theirs], "pwm").choose_task("circle") == ("circle", [])
     with pytest.raises(InputError, match="do not say what they command"):
         read_policies([theirs])

@@ -91,6 +91,18 @@ class Policy:
         weights, biases, gru = network
         return dataclasses.replace(self, weights=weights, biases=biases, gru=gru)
 
+    def must_be_plain(self) -> None:
+        """Refuses a subclass, whose network files and other programs cannot hold.
+
+        Raises:
+            InputError: it is one.
+        """
+        if type(self) is not Policy:
+            raise InputError(
+                f"{type(self).__name__}: has a network of its own, which neither policy files nor "
+                "exports hold. Fly it in Python, or train a Policy."
+            )
+
     def check(self, place: str = "policy") -> None:
         """Checks that shapes and numbers make sense.
 
@@ -114,7 +126,7 @@ class Policy:
         return (self.weights[0].shape[-1], *(weight.shape[-2] for weight in self.weights))
 
 
-def untrained(
+def untrained_policy(
     key: Array, interface: ControlInterface | None = None, spec: PolicySpec = PolicySpec()
 ) -> Policy:
     """Draws a policy with Kaiming-uniform weights and zero biases, or as its form says.

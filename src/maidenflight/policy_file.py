@@ -47,7 +47,7 @@ class PolicyFile:
 
     policy: Policy
     record: Mapping[str, Any] = field(default_factory=dict, repr=False)
-    """As `results.record` makes it, with `hover`, `rotors` and `number`; empty if unknown."""
+    """As `results.record` makes it, with `hover`, `rotors`, `drone`, `number`; empty if unknown."""
     name: str = "policy"
     """Of the file, without its ending."""
 
@@ -95,6 +95,13 @@ class PolicyFile:
         """Share of full thrust at which the policy's drone hovers; None if unknown."""
         share = self.record.get("hover")
         return share if isinstance(share, float) and 0.0 < share <= 1.0 else None
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What the file says of its drone; see `identification.identity`. Empty if unknown."""
+        drone = self.record.get("drone")
+        sound = isinstance(drone, dict) and inputs.is_number(drone.get("mass", 1.0))
+        return dict(drone) if sound and drone.get("mass", 1.0) > 0 else {}
 
     @property
     def rotors(self) -> dict[str, list[float]] | None:
@@ -264,7 +271,12 @@ def _check_rest(content: Mapping[str, Any], place: str) -> None:
 
 
 def write_policy(path: StrPath, policy: Policy, record: Mapping[str, Any] | None = None) -> Path:
-    """Writes a policy file; see `to_json`."""
+    """Writes a policy file; see `to_json`.
+
+    Raises:
+        InputError: the policy has a network of its own.
+    """
+    policy.must_be_plain()
     return results.write(path, to_json(policy, record) + "\n")
 
 

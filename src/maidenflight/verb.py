@@ -7,14 +7,13 @@ file, and a line in `registry.VERBS`.
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, dataclass_transform
 
 from maidenflight import manifest, results
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
-from maidenflight.registry import VERBS
+from maidenflight.registry import VERBS, import_part
 from maidenflight.settings import PENDING, Setting, plain
 from maidenflight.terminal import Progress, Table
 
@@ -236,16 +235,9 @@ def find_verb(name: str) -> type[Verb]:
     Raises:
         InputError: there is no such verb.
     """
-    module, mark, attribute = name.partition(":")
-    if not mark:
+    if ":" not in name:
         return VERBS[name]
-    try:
-        verb = getattr(import_module(module), attribute)
-    except (ImportError, AttributeError, TypeError, ValueError) as error:
-        raise InputError(
-            f"{name}: cannot be imported ({error}). Give MODULE:NAME of a Verb in a module that "
-            "Python finds, as by PYTHONPATH, on every machine."
-        ) from error
+    verb = import_part(name, "Verb")
     if not (isinstance(verb, type) and issubclass(verb, Verb)):
         raise InputError(f"{name}: is a {type(verb).__name__}; expected a maidenflight.verb.Verb.")
     return verb

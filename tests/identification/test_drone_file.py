@@ -39,7 +39,10 @@ WHOLE = DroneFile(
     },
     Source(4, 120.0, True, "subsampled", 65535.0),
     Search("likelihood", -15.4, 116, 3),
-    (GroupGain("drag", 0.098, 0.0054, True), GroupGain("torque_bias", -1e-5, None, False)),
+    (
+        GroupGain("drag", 0.098, 0.0054, True),
+        GroupGain("torque_bias", -1e-5, None, False, "no gain"),
+    ),
     {"inertia_z": (1.8e-5, 3.9e-5)},
     {"version": "0.1.0", "seed": 7, "inputs": ["flight_01.csv sha256:ab12"], "settings": {}},
 )
@@ -206,7 +209,8 @@ def test_a_policy_is_neither_trained_nor_predicted_for_a_damaged_file(damaged, t
 def policies(tmp_path_factory):
     folder = tmp_path_factory.mktemp("policies")
     policy_file.write_policy(
-        folder / "policy_1.json", policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
+        folder / "policy_1.json",
+        policy.untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(3,))),
     )
     return folder
 

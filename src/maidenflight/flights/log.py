@@ -108,6 +108,8 @@ class Flight:
     by_battery_law: bool = True
     """Whether a firmware's battery law made thrust of its commands, where the voltage is known;
     else they are the square of what an ESC was sent."""
+    assumed_law: str | None = None
+    """The battery law by which its commands were read although the log does not name it."""
     accelerometer_delay: float = ACCELEROMETER_DELAY
     """By which the low-pass filter of the accelerometer makes it late [s]."""
     gyro_delay: float = GYRO_DELAY
@@ -273,6 +275,7 @@ def to_csv(flight: Flight, record: Mapping[str, Any] | None = None) -> str:
             if (value := getattr(flight, key)) != usual
         ),
         *([] if flight.by_battery_law else ["# by_battery_law: no"]),
+        *([f"# assumed_law: {flight.assumed_law}"] if flight.assumed_law else []),
         f"# record: {json.dumps(dict(record or {}))}",
     ]
     return "\n".join(head) + "\n" + frame.write_csv(float_precision=7)
@@ -368,6 +371,7 @@ def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
         full_scale_counts=_full_scale_counts(table),
         **{key: _delay(table, key) for key in _DELAYS},
         by_battery_law=table.head.get("by_battery_law", "yes") != "no",
+        assumed_law=table.head.get("assumed_law"),
         battery=column["battery"],
         **arrays,
     )

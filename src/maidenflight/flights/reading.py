@@ -89,6 +89,7 @@ def read_flights(
     battery_law: str | None = None,
     ignore: Collection[str] = (),
     faulty: str = names.FAULTY_LOGS[0],
+    drone: str | None = None,
 ) -> Flights:
     """Reads and checks flights.
 
@@ -108,6 +109,7 @@ def read_flights(
         ignore: signals of `log.OPTIONAL` to pass over as if they had not been logged.
         faulty: one of `names.FAULTY_LOGS`: what is done with logs whose check-up fails. The others
             of a folder come from the same recorder, and are refused with them unless told.
+        drone: a named drone, whose battery law is taken where a log does not decide.
 
     Returns:
         Gapless pieces of flights in which the drone flies, in the order of the files' names. A
@@ -129,7 +131,8 @@ def read_flights(
             raise InputError(
                 f"ignore = {signal!r}; expected {' or '.join(log.OPTIONAL)}, which a log may lack."
             )
-    options = _ReadOptions(commands, battery_law, frozenset(ignore), faulty)
+    law = compensation.OF_DRONE.get(drone or "")
+    options = _ReadOptions(commands, battery_law, frozenset(ignore), faulty, law)
     path = Path(path)
     paths, refused = _files(path)
     reading = _ReadLog([], [], _unread(path), refused, {}, {}, [])
@@ -181,6 +184,7 @@ class _ReadOptions(NamedTuple):
     battery_law: str | None
     ignore: frozenset[str]
     faulty: str
+    law_of_drone: str | None
 
 
 class _FaultError(InputError):
@@ -240,7 +244,7 @@ def _read(
 
 
 def _of_file(file: Path, alone: bool, reading: _ReadLog, options: _ReadOptions) -> list[Flight]:
-    logs = formats.logged(file, options.battery_law)
+    logs = formats.logged(file, options.battery_law, options.law_of_drone)
     if isinstance(logs, Logged):
         flights, dropped = _checked(logs, options, reading)
         keys = one_drone.row_keys(flights) if flights else np.zeros(0, np.uint64)

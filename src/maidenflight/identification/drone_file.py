@@ -91,6 +91,8 @@ class GroupGain:
     """Standard error of that gain, over segments of flight [nats]; `None` of a single segment."""
     is_in_model: bool
     """Whether the parameters were identified."""
+    reason: str | None = None
+    """Why they were not."""
 
 
 @dataclass(frozen=True)
@@ -328,6 +330,7 @@ def _gain(table: Fields) -> GroupGain:
         table.number("standard_error", 0.0) if "standard_error" in table.content else None,
         # Files before the field had its name.
         table.flag("kept" if "kept" in table.content else "is_in_model"),
+        table.text("reason") if "reason" in table.content else None,
     )
     table.end()
     return result

@@ -21,6 +21,7 @@ their points agree. A grid may sweep one value of a table, as in `"set.latency" 
 import hashlib
 import itertools
 import json
+import math
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -32,7 +33,7 @@ from typing import Any
 from maidenflight import __version__, inputs, results
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
-from maidenflight.settings import PENDING, REQUIRED, Setting, plain
+from maidenflight.settings import PENDING, REQUIRED, Setting, is_code, plain
 from maidenflight.simulator.realities.reality import imports_code
 from maidenflight.verb import Verb, find_verb
 
@@ -134,6 +135,10 @@ def read_study(path: StrPath, cpus: int = 1, gpus: int = 0, *, trust: bool = Fal
     return of(content.get("task"), Path(path).resolve().parent, str(path), cpus, gpus)
 
 
+_CODE = ("task", "control", "randomize")
+"""Settings that may name Python code."""
+
+
 def _code_in(content: Any, setting: str = "") -> Iterator[str]:
     """Yields the names of Python code among the verbs and realities of a study's tables."""
     if isinstance(content, dict):
@@ -143,7 +148,9 @@ def _code_in(content: Any, setting: str = "") -> Iterator[str]:
         for value in content:
             yield from _code_in(value, setting)
     elif isinstance(content, str) and (
-        (setting == "kind" and ":" in content) or (setting == "reality" and imports_code(content))
+        (setting in _CODE and is_code(content))
+        or (setting == "kind" and ":" in content)
+        or (setting == "reality" and imports_code(content))
     ):
         yield content
 
@@ -298,12 +305,12 @@ def _expanded(
             for task in tasks_by_part[source]
             if all(point.get(axis, value) == value for axis, value in task.point.items())
         ]
+    if len(joined) * math.prod(map(len, entry.grid.values())) > MAX_TASKS:
+        raise InputError(f"{entry.label}: more than {MAX_TASKS} tasks. Make several studies of it.")
     own = [
         dict(zip(entry.grid, values, strict=True))
         for values in itertools.product(*entry.grid.values())
     ]
-    if len(joined) * len(own) > MAX_TASKS:
-        raise InputError(f"{entry.label}: more than {MAX_TASKS} tasks. Make several studies of it.")
     defaults = {
         name: plain(setting.default)
         for name, setting in settings_of(entry.verb).items()

@@ -22,7 +22,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from maidenflight.parameters import Parameters
-from maidenflight.policy import Policy, untrained
+from maidenflight.policy import Policy, untrained_policy
 from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.physics.vectors import squared
@@ -166,7 +166,7 @@ def _teacher(
     """An untrained teacher, which does not heed its extra input yet."""
     samples = jax.vmap(lambda key: known(box.draw(key)))(jax.random.split(key, _DRAWN))
     spec = dataclasses.replace(env.spec, memory=0, hidden=settings.teacher_hidden, form=INSTANTS)
-    policy = untrained(key, env.controller.interface, spec)
+    policy = untrained_policy(key, env.controller.interface, spec)
     spread = jnp.std(samples, axis=0)
     return Teacher(
         analytic_gradient.hovering(policy, drones.parameters),

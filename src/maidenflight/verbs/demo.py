@@ -166,7 +166,7 @@ def _compile_training(train: Train) -> None:
     """
     controller, learner = core.control.pwm(), train.learner_settings
     core.train(
-        core.TASKS["circle"](),
+        core.find_task("circle"),
         controller,
         core.drones.distribution_of(DRONE, train.randomize or 0.0, controller),
         core.split_key(train.key, train.policies),

@@ -5,6 +5,7 @@ from textwrap import fill
 from typing import Any
 
 from maidenflight.identification.outcome.estimates import Identification
+from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.parameters import COMPONENTS, GEOMETRY, QUANTITIES, arm_length
 from maidenflight.reporting.text import with_error
 from maidenflight.terminal import Table
@@ -112,7 +113,7 @@ def tabulate_gains(result: Identification) -> list[Table | str]:
     rows = []
     for group in result.gains:
         gain, error = with_error(group.log_likelihood_gain, group.standard_error)
-        verdict = "kept" if group.is_in_model else "not kept"
+        verdict = "kept" if group.is_in_model else f"not kept: {group.reason or 'unknown'}"
         rows.append({"group": group.group, "gain": gain, "error": error, "kept": verdict})
     columns = {"parameters": "{group}", "gain a row\n(nats)": "{gain}"}
     columns |= {"standard\nerror": "{error}", "": "{kept}"}
@@ -134,6 +135,13 @@ def describe_fit(result: Identification, start: str) -> list[str]:
             "centre, on which inertias and torques depend;",
             "if yours differ, give --mass, or your drone with --start.",
         ]
+    if HOVERING in result.estimates:
+        drone = result.parameters
+        full = float(drone.mass * drone.gravity * drone.thrust_to_weight)
+        lines.append(
+            f"full thrust {full:.3g} N, {full / 4:.3g} N a motor: compare it with your motors'; "
+            "a wrong scale of commands (half of u, 1.25 u) shows nowhere else"
+        )
     if result.noise:
         levels = (
             f"{name} {value:.3g} {QUANTITIES[name].unit}".removesuffix(" -")

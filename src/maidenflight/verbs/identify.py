@@ -152,6 +152,7 @@ class Identify(Verb):
         flights = core.read_flights(
             *(self.logs, lambda done, of: show(*overall.read(done, of)), self.most_seconds),
             *(settings.lead_in, self.commands, self.battery_law, self.ignore, self.faulty),
+            self.start,
         )
         identification = core.identify(
             flights,

@@ -11,8 +11,8 @@ from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row, Verb
 from maidenflight.verbs import core, shared
 
-_SURE_NATS, _WORSE = 0.05, 1.2
-"""Difference of log likelihoods a row, and ratio of errors, beyond which a drone is worse."""
+_WORSE = 1.2
+"""Ratio of errors beyond which a drone is worse."""
 _JUDGED_S = 0.1
 """Horizon at which errors are compared [s]."""
 
@@ -149,7 +149,7 @@ def _compare(name: str, likelihoods: Mapping[str, float], errors: list[Row]) -> 
     doubts += [
         f"the likelihood of {other} is {value - likelihoods[name]:.2f} nats a row higher"
         for other, value in likelihoods.items()
-        if value > likelihoods[name] + _SURE_NATS
+        if value > likelihoods[name] + core.SURE_NATS
     ]
     return doubts
 

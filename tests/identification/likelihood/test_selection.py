@@ -200,7 +200,7 @@ def test_a_sure_gain_must_be_worth_its_place(gain, kept):
         parts(truth), truth.fit, dict.fromkeys(names, 0.0), offered={"a": ("a",)}
     )
     assert step.log_likelihood_gain == pytest.approx(gain)
-    assert step.is_in_model == kept
+    assert (step.is_in_model, step.reason) == (kept, None if kept else "below 0.001")
 
 
 def test_a_group_that_ends_at_a_bound_is_not_kept():
@@ -211,10 +211,11 @@ def test_a_group_that_ends_at_a_bound_is_not_kept():
         truth.fit,
         dict.fromkeys(names, 0.0),
         offered={"a": ("a",), "b": ("b",)},
-        at_bound=lambda drone, names: names == ("a",) and drone["a"] > 0.5,
+        at_bounds=lambda drone, names: ["a"] if names == ("a",) and drone["a"] > 0.5 else [],
     )
     assert chosen == (*FIRST, "b")
-    assert [(step.group, step.is_in_model) for step in steps] == [("a", False), ("b", True)]
+    kept = [(step.group, step.is_in_model, step.reason) for step in steps]
+    assert kept == [("a", False, "a at a search bound"), ("b", True, None)]
     assert drone["a"] == 0.0
 
 

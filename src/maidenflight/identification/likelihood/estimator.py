@@ -24,7 +24,7 @@ from maidenflight.identification.likelihood.laplace import (
 from maidenflight.identification.likelihood.observation import ObservationModel
 from maidenflight.identification.likelihood.selection import Parts
 from maidenflight.identification.methods import Likelihood
-from maidenflight.identification.outcome.bounds import any_reached
+from maidenflight.identification.outcome.bounds import all_reached
 from maidenflight.identification.outcome.plausible import Ranges
 from maidenflight.identification.outcome.problem import Problem
 from maidenflight.identification.outcome.progress import FITTING, INTERVALS
@@ -183,7 +183,7 @@ def _choose(
         names,
         groups,
         problem.reporter.choosing(len(groups)),
-        lambda drone, names: any_reached(drone, box_of(problem, names).limits),
+        lambda drone, names: all_reached(drone, box_of(problem, names).limits),
     )
 
 

@@ -86,7 +86,7 @@ def choose(
     first: Sequence[str] = FIRST,
     offered: Mapping[str, Sequence[str]] = GROUPS,
     on_group: Callable[[GroupGain], None] | None = None,
-    at_bound: Callable[[Parameters, Sequence[str]], bool] = lambda drone, names: False,
+    at_bounds: Callable[[Parameters, Sequence[str]], Sequence[str]] = lambda drone, names: (),
 ) -> tuple[tuple[str, ...], Parameters, list[GroupGain]]:
     """Adds one group after another, each staying if the likelihood of held-out flights gains.
 
@@ -102,7 +102,7 @@ def choose(
         first: what every model has, at least one parameter.
         offered: groups that may be added.
         on_group: called with the gain of each group.
-        at_bound: whether one of a drone's parameters ended where its search does. Such a group is
+        at_bounds: those of a drone's parameters that ended where their search does. Their group is
             not added: it stands for something that the model lacks.
 
     Returns:
@@ -129,14 +129,25 @@ def choose(
         ahead = fit(wider, drone)
         value_ahead = held_out.per_segment(ahead, training.noise_model(ahead))
         gain, error = _mean_gain(value - value_ahead, held_out.rows_per_segment)
-        keep = gain > max(SMALLEST_GAIN, SIGNIFICANT * (error or 0.0))
-        keep = keep and not at_bound(ahead, offered[group])
-        gains.append(GroupGain(group, gain, error, keep))
+        reason = _reason(gain, error, at_bounds(ahead, offered[group]))
+        keep = reason is None
+        gains.append(GroupGain(group, gain, error, keep, reason))
         if on_group is not None:
             on_group(gains[-1])
         if keep:
             names, drone, value = wider, ahead, value_ahead
     return names, drone, gains
+
+
+def _reason(gain: float, error: float | None, at_bounds: Sequence[str]) -> str | None:
+    """Returns why a group is not added, if it is not."""
+    if gain <= 0.0:
+        return "no gain"
+    if gain <= SMALLEST_GAIN:
+        return f"below {SMALLEST_GAIN:g}"
+    if gain <= SIGNIFICANT * (error or 0.0):
+        return f"below {SIGNIFICANT:g} standard errors"
+    return f"{', '.join(at_bounds)} at a search bound" if at_bounds else None
 
 
 def _promise(

@@ -25,10 +25,14 @@ from maidenflight.identification.signals.flight_signals import (
     gyro,
     means,
 )
+from maidenflight.identification.signals.saturation import beyond
 from maidenflight.parameters import Parameters
 from maidenflight.parameters import replace as with_values
 from maidenflight.simulator.physics import dynamics
 
+SLOW_FILTER = 0.012
+"""Delay of a filter [s], of one of 19 Hz, from which its shape counts: quicker ones are undone by
+their delay."""
 LEAD_IN = 1.0
 """Flight before a segment from which its rotors' speeds follow [s]."""
 SETTLING = 0.5
@@ -54,7 +58,26 @@ class Sensor(NamedTuple):
 
 def mean_force(flight: Flight, rows: int, step: float) -> Float[np.ndarray, "M 1"]:
     """Returns the specific force along z [m/s2], means over steps of some rows."""
+    if is_slow(flight):
+        flight = replace(flight, accelerometer_delay=0.0)
     return means(force_along_z(flight)[:, None], rows)
+
+
+def is_slow(flight: Flight) -> bool:
+    """Tests whether the accelerometer's filter does more than delay what the motors do."""
+    return flight.accelerometer_delay > SLOW_FILTER
+
+
+def low_pass(values: Float[np.ndarray, "M S"], delay: float, step: float) -> np.ndarray:
+    """Filters as a Butterworth filter of second order that is late by so much [s].
+
+    Its delay at low frequencies, sqrt(2) over the cut-off [rad/s], is kept by the bilinear map.
+    """
+    rate = np.sqrt(2.0) / delay
+    analog = [rate**2], [1.0, np.sqrt(2.0) * rate, rate**2]
+    above, below = scipy.signal.bilinear(*analog, fs=1 / step)
+    state = scipy.signal.lfilter_zi(above, below)[:, None] * values[:1]
+    return np.asarray(scipy.signal.lfilter(above, below, values, axis=0, zi=state)[0])
 
 
 def angular_acceleration(flight: Flight, rows: int, step: float) -> Float[np.ndarray, "M 3"]:
@@ -92,6 +115,10 @@ class Signals:
     """Of a row [s]."""
     rows: int
     """R."""
+    filter_delay: float = 0.0
+    """Delay of the accelerometer's filter that is left in what was measured [s]."""
+    limit: float = np.inf
+    """Mean speed command of four motors beyond which steps do not count."""
 
     @property
     def step(self) -> float:
@@ -142,12 +169,13 @@ class Signals:
         return Rotors(*(some[:, :count].astype(float) for some in joined))
 
 
-def signals(flights: Sequence[Flight], sensor: Sensor) -> Signals:
+def signals(flights: Sequence[Flight], sensor: Sensor, limit: float = np.inf) -> Signals:
     """Cuts flights into segments.
 
     Args:
         flights: checked flights of one rate, with what the sensor measures.
         sensor: what is looked at.
+        limit: mean speed command beyond which thrust saturates; see `saturation`.
 
     Raises:
         InputError: the flights have different rates, or none is long enough.
@@ -170,7 +198,11 @@ def signals(flights: Sequence[Flight], sensor: Sensor) -> Signals:
     command, measured, rates, climb, used = (
         np.stack(some, axis=1) for some in zip(*arrays, strict=True)
     )
-    return Signals(command, measured, rates, climb, used, names, period, rows)
+    delay = flights[0].accelerometer_delay
+    left = delay if is_slow(flights[0]) and sensor.measured is mean_force else 0.0
+    hot = beyond(command.mean(axis=2), limit, period).reshape(len(used), rows, -1).any(axis=1)
+    result = Signals(command, measured, rates, climb, used & ~hot, names, period, rows, left, limit)
+    return result if np.isinf(limit) else result.some(result.used.any(axis=0))
 
 
 def _segments(

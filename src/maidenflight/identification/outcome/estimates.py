@@ -37,6 +37,9 @@ _FEWEST_SEGMENTS = 6
 USUAL_PERIOD = 0.0125
 """Time between two rows beyond which samples of a PID's commands say little of lag and inertia [s];
 paper/notes/identification.md has figures."""
+SURE_NATS, SURE_LOSS = 0.05, 0.05
+"""Log likelihood of a row [nats], and share of a replay's loss, by which a drone is surely
+worse."""
 MAX_MOTOR_NOISE = 0.08
 """Noise of motors beyond which it is not theirs, as a share of full thrust: real Crazyflies have
 0.03 to 0.04."""
@@ -226,6 +229,25 @@ def evaluations_table(
             )
         )
     return polars.concat(parts)
+
+
+def note_worse_than_start(value: float, start_value: float, objective: str) -> list[str]:
+    """Returns a note where the identified drone explains its own flights worse than the start.
+
+    Args:
+        value: of the objective, less is better; see `Identification.value`.
+        start_value: that of the start.
+        objective: `likelihood` or `replay`.
+    """
+    least = SURE_NATS if objective == "likelihood" else SURE_LOSS * abs(start_value)
+    if not value > start_value + least:
+        return []
+    return [
+        f"the identified drone explains these flights worse than the start: {objective} "
+        f"{-value:.4g}, that of the start {-start_value:.4g}, more is better. Signals contradict "
+        "one another: look at maidenflight log (signs, order of motors, yaw, clocks), and do not "
+        "train on it."
+    ]
 
 
 def doubts(noise: Mapping[str, float], flights: Sequence[Flight]) -> list[str]:

@@ -46,11 +46,6 @@ GAP = 0.1
 ms."""
 
 
-def from_csv(text: str, name: str) -> list[Flight]:
-    """Reads the flights in the text of one file; see `flights`."""
-    return [flight for flight, _ in flights(tables.from_text(text, name))[0]]
-
-
 def recognises(table: Table) -> bool:
     """Returns whether most of the columns are there."""
     return table.share(COLUMNS) >= 0.6

@@ -136,6 +136,7 @@ def _groups(name: str, fields: list[str]) -> dict[str, list[str]]:
         "motor": 4,
         "eRPM": 4,
         "omega": 4,
+        "omegaUnfiltered": 4,
     }
     logs = {"time": ["time"]} if "time" in fields else {}
     for signal, count in setpoints.items():
@@ -144,6 +145,9 @@ def _groups(name: str, fields: list[str]) -> dict[str, list[str]]:
             logs[signal] = columns
     if "gyroUnfilt" in logs:
         logs.pop("gyroADC", None)
+    if "omegaUnfiltered" in logs:
+        # The filter is late by half a motor's lag.
+        logs["omega"] = logs.pop("omegaUnfiltered")
     for signal in ("vbatLatest", "vbat"):
         if signal in fields:
             logs["battery"] = [signal]
@@ -210,7 +214,7 @@ def _flight(
             notes.append(f"{name}: rotor speeds of eRPM with {poles:g} magnet poles")
     elif "omega" in values:
         speed = values["omega"][:, list(_ORDER)]
-        notes.append(f"{name}: rotor speeds of omega")
+        notes.append(f"{name}: rotor speeds of {groups['omega'][0].partition('[')[0]}")
     volts, log_notes = _battery(name, len(time), values.get("battery"), headers)
     loop = (
         blackbox_header.number(headers, "looptime", 125.0)

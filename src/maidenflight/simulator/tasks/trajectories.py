@@ -13,7 +13,6 @@ from inspect import signature
 from math import cos, factorial, pi, sin
 from typing import ParamSpec, TypeVar
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -189,7 +188,7 @@ def zigzag(points: Waypoints) -> Trajectory:
     Holds the first point before and the last after.
 
     Args:
-        points: such as `random_waypoints(key)` or `read_waypoints(file)`.
+        points: such as `read_waypoints(file)`.
 
     Raises:
         InputError: fewer than two points, not four finite numbers each, or time that does not
@@ -208,7 +207,7 @@ def polynomial(points: Waypoints) -> Trajectory:
     before and the last after.
 
     Args:
-        points: such as `random_waypoints(key)` or `read_waypoints(file)`.
+        points: such as `read_waypoints(file)`.
 
     Raises:
         InputError: as of `zigzag`.
@@ -227,39 +226,6 @@ def polynomial(points: Waypoints) -> Trajectory:
         spline(times[:-1], nu=power) * lengths**power / factorial(power) for power in range(6)
     ]
     return _piecewise(times, np.stack(powers))
-
-
-def random_waypoints(
-    key: Array,
-    count: int = 11,
-    reach: float = 1.0,
-    shortest: float = 1.0,
-    longest: float = 1.5,
-    height: float = 1.0,
-) -> Waypoints:
-    """Returns random way-points in a square at one height; the first is (0, 0, height).
-
-    Args:
-        key: random key.
-        count: how many points.
-        reach: half the square's side [m].
-        shortest: least time between two points [s].
-        longest: greatest time between two points [s].
-        height: [m].
-
-    Source: sizes and times in the manner of SimpleFlight's zigzag, second-hand and not checked.
-    """
-    point_key, time_key = jax.random.split(key)
-    points = np.asarray(
-        jax.random.uniform(point_key, (count, 2), minval=-reach, maxval=reach)
-    ).tolist()
-    pauses = np.asarray(
-        jax.random.uniform(time_key, (count - 1,), minval=shortest, maxval=longest), np.float64
-    )
-    times = [0.0, *np.cumsum(pauses).tolist()]
-    return tuple(
-        (time, x, y, height) for time, (x, y) in zip(times, [(0.0, 0.0), *points[1:]], strict=True)
-    )
 
 
 def waypoints(file: StrPath, smooth: bool = False, fastest: float = 5.0) -> Trajectory:
