@@ -46,7 +46,7 @@ class PolicyFile:
     """A policy and what its file says of how it was made."""
 
     policy: Policy
-    record: Mapping[str, Any] = field(default_factory=dict)
+    record: Mapping[str, Any] = field(default_factory=dict, repr=False)
     """As `results.record` makes it, with `hover`, `rotors`, `drone`, `number`; empty if unknown."""
     name: str = "policy"
     """Of the file, without its ending."""
