@@ -37,7 +37,7 @@ from maidenflight.identification.drone_file import DroneFile
 from maidenflight.identification.likelihood.estimator import Models, Question, answer_question
 from maidenflight.identification.outcome.problem import Problem
 from maidenflight.parameters import noiseless
-from maidenflight.policy import Policy, untrained
+from maidenflight.policy import Policy, untrained_policy
 from maidenflight.registry import EXPORTERS, REALITIES, VERBS
 from maidenflight.simulator import environment
 from maidenflight.simulator.controllers import control
@@ -185,7 +185,7 @@ def test_the_python_on_predicted_flights_runs(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for path in ("policies/policy_1.json", "attitude_rate_066.json"):
-        policy_file.write_policy(path, policy.untrained(jax.random.key(0)))
+        policy_file.write_policy(path, policy.untrained_policy(jax.random.key(0)))
     parameters.write_drone("drone.toml", parameters.crazyflie(), {})
     monkeypatch.setattr(
         mf,
@@ -205,7 +205,7 @@ def test_the_commands_on_the_envelope_run(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr("maidenflight.simulator.tasks.trajectories.RAMP_DURATION_S", 1.0)
     monkeypatch.setattr("maidenflight.experiments.envelope.DURATION_S", 0.1)
     policy_file.write_policy(
-        tmp_path / "policies" / "policy_1.json", policy.untrained(jax.random.key(0))
+        tmp_path / "policies" / "policy_1.json", policy.untrained_policy(jax.random.key(0))
     )
     commands = "".join(blocks("docs/evaluation.md", "sh", "Envelope"))
     for number, line in enumerate(commands.splitlines()):
@@ -248,7 +248,7 @@ def test_the_python_of_the_identification_page_runs(
 def test_the_python_and_the_commands_on_realities_run(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("pybullet")
     (snippet,) = blocks("docs/evaluation.md", "python", "Your own")
-    policies = [policy.untrained(jax.random.key(0))]
+    policies = [policy.untrained_policy(jax.random.key(0))]
     monkeypatch.setattr(mf, "transfer", partial(mf.transfer, duration=0.5), raising=False)
     names: dict[str, Any] = {"policies": policies}
     exec(compile(snippet, "docs/evaluation.md", "exec"), names)
@@ -266,7 +266,7 @@ def test_a_reality_of_ones_own_as_the_page_on_extending_shows_it(
     made, used, entered = extensions("A reality")
     monkeypatch.setattr(mf, "transfer", partial(mf.transfer, duration=0.5), raising=False)
     monkeypatch.setitem(REALITIES.own, "mine", "")
-    names: dict[str, Any] = {"policies": [policy.untrained(jax.random.key(0))]}
+    names: dict[str, Any] = {"policies": [policy.untrained_policy(jax.random.key(0))]}
     for snippet in (
         made,
         used.replace("flights=2, duration=4.0", "flights=1, duration=1.0"),
@@ -279,7 +279,7 @@ def test_a_reality_of_ones_own_as_the_page_on_extending_shows_it(
     assert set(names["evaluation"].table["reality"]) == {"virtual-7", "mine"}
     assert mf.reality("mine:0").name == "mine"
     Path("my_simulator.py").write_text(made)
-    policy_file.write_policy("policies/policy_1.json", policy.untrained(jax.random.key(0)))
+    policy_file.write_policy("policies/policy_1.json", policy.untrained_policy(jax.random.key(0)))
     (command,) = [
         shlex.split(line)
         for line in blocks("docs/extending.md", "sh")[-1].splitlines()
@@ -355,7 +355,7 @@ def traced_training(
         ].reward
 
     jax.eval_shape(jax.grad(value), np.zeros(4, np.float32), keys[0])
-    return [untrained(key, controller.interface, policy) for key in keys]
+    return [untrained_policy(key, controller.interface, policy) for key in keys]
 
 
 def traced_flights(policies: list[Policy], realities: list[VirtualDrone], **given: Any) -> None:
@@ -611,7 +611,7 @@ def test_an_exporter_is_a_file_and_a_line(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setitem(EXPORTERS.own, "scales", "")
     exec(compile(line, "docs/extending.md", "exec"), {})
     assert len([one for one in line.splitlines() if one and "import" not in one]) == 1
-    made = policy.untrained(jax.random.key(0))
+    made = policy.untrained_policy(jax.random.key(0))
     (written,) = mf.export(made, "scales", "scales", name="mine", seed=1, record={})
     assert json.loads(written.read_text())["name"] == "pwm"
     assert written == Path("scales/mine_scales.json")
@@ -718,7 +718,7 @@ def test_the_commands_of_a_first_hour_run(
             log.write(f"{folder}/flight_{number}.csv", flight)
     parameters.write_drone("mine.toml", parameters.crazyflie(), {})
     for name in ("pwm_024", "attitude_rate_066", "attitude_021"):
-        policy_file.write_policy(f"{name}.json", policy.untrained(jax.random.key(0)))
+        policy_file.write_policy(f"{name}.json", policy.untrained_policy(jax.random.key(0)))
     assert run_commands(blocks("docs/quickstart.md", "sh", tab), monkeypatch) >= 6
     assert (tmp_path / "report.html").exists()
 

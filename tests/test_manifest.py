@@ -189,7 +189,7 @@ def test_a_damaged_manifest_is_one_clear_error(tmp_path: Path, content: Any, mes
 def test_what_a_verb_wrote_is_whole_where_the_manifest_is_damaged(tmp_path: Path) -> None:
     file = tmp_path / "policy_1.json"
     policy_file.write_policy(
-        file, policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(4,)))
+        file, policy.untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(4,)))
     )
     (tmp_path / "run.json").write_text("{")
     with pytest.raises(InputError, match=r"The results of export in .*code are whole"):

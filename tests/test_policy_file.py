@@ -11,7 +11,7 @@ import pytest
 from damaged_json import damaged
 from maidenflight.errors import InputError
 from maidenflight.parameters import GEOMETRY
-from maidenflight.policy import Policy, untrained
+from maidenflight.policy import Policy, untrained_policy
 from maidenflight.policy_file import from_json, read_policy, to_json, write_policy
 from maidenflight.simulator.controllers import interface
 from maidenflight.simulator.controllers.interface import ControlInterface
@@ -59,10 +59,10 @@ def test_a_file_says_what_its_policy_was_trained_for_where_its_record_does():
     rows = {name: [0.1, -0.1, 0.1, -0.1] for name in GEOMETRY}
     settings = {"task": "hover", "updates": 3}
     record = {"hover": 0.5, "rotors": rows, "settings": settings}
-    file = from_json(to_json(untrained(KEY), record))
+    file = from_json(to_json(untrained_policy(KEY), record))
     assert (file.task, file.hover, file.rotors, file.settings) == ("hover", 0.5, rows, settings)
     for wrong in ({}, {"hover": 1.5, "rotors": {**rows, "rotor_x": [0.1]}, "settings": 3}):
-        file = from_json(to_json(untrained(KEY), wrong))
+        file = from_json(to_json(untrained_policy(KEY), wrong))
         assert (file.task, file.hover, file.rotors, file.settings) == (None, None, None, {})
 
 
@@ -84,7 +84,7 @@ def test_a_policy_reads_back_with_what_its_outputs_mean(meaning):
 
 
 def test_extreme_float32_numbers_survive():
-    made = untrained(KEY, spec=PolicySpec(history=1, hidden=()))
+    made = untrained_policy(KEY, spec=PolicySpec(history=1, hidden=()))
     values = np.array(
         [np.finfo(np.float32).max, np.finfo(np.float32).tiny, -0.0, 1e-45, 1 / 3], np.float32
     )

@@ -60,7 +60,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("small")
     policy_file.write_policy(
         folder / "policies" / "policy_1.json",
-        policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,))),
+        policy.untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(3,))),
         {"seed": 1},
     )
     parameters.write_drone(folder / "drone.toml", parameters.crazyflie())

@@ -210,7 +210,8 @@ def test_a_name_a_folder_or_the_caller_says_what_an_authors_policy_commands(
 
 def test_our_policies_are_told_from_the_authors_by_content(tmp_path):
     path = policy_file.write_policy(
-        tmp_path / "pwm.json", policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(8,)))
+        tmp_path / "pwm.json",
+        policy.untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(8,))),
     )
     assert read_policy(path).interface.name == read_policy(path, "pwm").interface.name == "pwm"
     with pytest.raises(InputError, match="a pwm policy, as its file says, not attitude"):
@@ -321,7 +322,7 @@ def test_what_the_authors_json_cannot_hold_is_refused(tmp_path):
         (acting(fine, interface.pwm(full_scale_counts=65535.0)), "full_scale_counts = 65535"),
         (made(history=3), "history = 3, but the authors' policies see 2 instants"),
         (
-            policy.untrained(
+            policy.untrained_policy(
                 jax.random.key(0), spec=PolicySpec(look_ahead=LookAhead(3), hidden=(8,))
             ),
             "look_ahead = .*3.*, but the authors' policies",

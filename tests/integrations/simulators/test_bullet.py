@@ -19,7 +19,7 @@ from maidenflight.flying import recording
 from maidenflight.integrations.simulators import bullet
 from maidenflight.integrations.simulators.bullet import DAMPING, Bullet, bullet_drone
 from maidenflight.parameters import crazyflie, replace
-from maidenflight.policy import untrained
+from maidenflight.policy import untrained_policy
 from maidenflight.simulator import environment
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.physics import dynamics, rotations
@@ -349,7 +349,7 @@ def test_the_firmwares_pid_flies_the_circle_in_pybullet(pybullet):
 
 
 def test_policies_transfer_to_pybullet(pybullet):
-    policies = [untrained(jax.random.key(number)) for number in range(2)]
+    policies = [untrained_policy(jax.random.key(number)) for number in range(2)]
     flown = transfer(
         policies, [find_reality("pybullet:3")], trials=2, key=jax.random.key(0), duration=0.3
     )

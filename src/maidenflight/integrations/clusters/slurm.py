@@ -97,11 +97,11 @@ class Slurm:
         """See `Engine`."""
         until = time.monotonic() + timeout
         while True:
-            lost = self._lost()
+            lost_jobs = self._lost()
             endings = [
                 self._ending(key, job)
                 for key, job in list(self._busy.items())
-                if key in lost or self._over(job)
+                if key in lost_jobs or self._over(job)
             ]
             if endings or time.monotonic() >= until:
                 return endings

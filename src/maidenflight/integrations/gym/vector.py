@@ -137,12 +137,12 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             scene.draw(View(*(part[i] for part in parts))) for i, scene in enumerate(self._scenes)
         )
 
-    def _begin(self, whose: Bool[np.ndarray, "n"], groups: flying.Groups | None) -> np.ndarray:
+    def _begin(self, is_reset: Bool[np.ndarray, "n"], groups: flying.Groups | None) -> np.ndarray:
         """Begins the next, already prepared episode of some drones.
 
         Returns first observations of all drones.
         """
-        if np.any(whose & ~self._ready):
+        if np.any(is_reset & ~self._ready):
             # Copies, since JAX may read its arguments after it has returned.
             self._ahead = self._program.launch_all(
                 self._drones, self._keys.copy(), self._numbers.copy()
@@ -151,9 +151,9 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         new, observations = self._ahead
         # Prepared ones stay, since a step takes over its arguments' arrays.
         old = jax.tree.map(jnp.copy, new) if groups is None else groups
-        self._groups = self._program.choose(whose, new, old)
-        self._numbers += whose
-        self._ready &= ~whose
-        for i in np.flatnonzero(whose) if self._scenes else ():
+        self._groups = self._program.choose(is_reset, new, old)
+        self._numbers += is_reset
+        self._ready &= ~is_reset
+        for i in np.flatnonzero(is_reset) if self._scenes else ():
             self._scenes[i].begin()
         return np.array(observations)

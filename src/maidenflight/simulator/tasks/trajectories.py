@@ -267,9 +267,9 @@ def read_waypoints(file: StrPath, fastest: float = 5.0) -> Waypoints:
         header = reader.fieldnames or ()
         wrong = [name for name in COLUMNS if list(header).count(name) != 1]
         if wrong:
-            what = "missing column" if set(wrong) - set(header) else "twice column"
+            problem = "missing column" if set(wrong) - set(header) else "twice column"
             raise InputError(
-                f"{file}: {what} {', '.join(wrong)}; expected a header line with "
+                f"{file}: {problem} {', '.join(wrong)}; expected a header line with "
                 f"{','.join(COLUMNS)}."
             )
         rows = [
@@ -295,18 +295,18 @@ def read_waypoints(file: StrPath, fastest: float = 5.0) -> Waypoints:
     return tuple((time, x, y, z) for time, x, y, z in table.tolist())
 
 
-def _number(text: str | None, where: str) -> float:
+def _number(text: str | None, place: str) -> float:
     try:
         return float(text or "")
     except ValueError:
         raise InputError(
-            f"{where} is {text!r}; expected a number. Write it, or leave the row out."
+            f"{place} is {text!r}; expected a number. Write it, or leave the row out."
         ) from None
 
 
 def _checked(
     points: Waypoints | list[tuple[float, ...]],
-    where: str = "",
+    place: str = "",
     names: list[str] | None = None,
     fastest: float = np.inf,
 ) -> Float[np.ndarray, "n 4"]:
@@ -314,13 +314,13 @@ def _checked(
     names = names or [f"way-point {number}" for number in range(1, len(points) + 1)]
     if len(points) < 2:
         raise InputError(
-            f"{where}{len(points)} way-points; expected two or more. Add rows of "
+            f"{place}{len(points)} way-points; expected two or more. Add rows of "
             f"{','.join(COLUMNS)}."
         )
     for name, row in zip(names, points, strict=True):
         if len(row) != len(COLUMNS) or not np.all(np.abs(row) < np.finfo(np.float32).max):
             raise InputError(
-                f"{where}{name} is {row}; expected four finite numbers, {','.join(COLUMNS)}."
+                f"{place}{name} is {row}; expected four finite numbers, {','.join(COLUMNS)}."
             )
     table = np.array(points, np.float64)
     table[:, 0] -= table[0, 0]
@@ -328,13 +328,13 @@ def _checked(
     for number in np.flatnonzero(gaps <= 0)[:1]:
         before, after = points[number][0], points[number + 1][0]
         raise InputError(
-            f"{where}{names[number + 1]}: time goes from {before} to {after} s; expected it to "
+            f"{place}{names[number + 1]}: time goes from {before} to {after} s; expected it to "
             "increase. Sort the rows."
         )
     speeds = np.linalg.norm(np.diff(table[:, 1:], axis=0), axis=1) / gaps
     for number in np.flatnonzero(speeds > fastest)[:1]:
         raise InputError(
-            f"{where}{names[number + 1]}: {speeds[number]:.1f} m/s from the point before it, but "
+            f"{place}{names[number + 1]}: {speeds[number]:.1f} m/s from the point before it, but "
             f"at most {fastest:g} m/s are allowed. "
             "Check the units (s, m) and for lost rows, or allow more with fastest."
         )
