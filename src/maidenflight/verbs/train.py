@@ -307,7 +307,8 @@ class Train(Verb):
         rows = [{"policy": f"policy_{number}", **one} for number, one in enumerate(best, 1)]
         return Result(
             content={"policies": [str(path) for path in written["policies"]], "scores": best},
-            summary=_tabulate(rows),
+            summary=[*_tabulate(rows), *core.describe_spread(best)],
+            notes=core.drones.describe_unknown(self.drone_file),
             written=written,
             read={"drone": drone},
             record=record,
