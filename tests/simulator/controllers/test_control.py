@@ -41,7 +41,7 @@ LEVEL_ATTITUDE = 3 * LEVEL - 1.5
 def fly_pid(radius, parameters, seconds):
     """Positions [m] at 100 Hz of the position PID on a circle whose radius is traced; radius 0 is
     hovering."""
-    unit = tasks.circle(diameter=2.0, height=0.0)
+    unit = tasks.paper_circle(diameter=2.0, height=0.0)
     task = unit._replace(
         reference=lambda time: radius * unit.reference(time) + jnp.array([0.0, 0.0, 1.0])
     )
