@@ -142,13 +142,13 @@ def quickening(trajectory: Trajectory, duration: float = RAMP_DURATION_S) -> Tra
 
 
 @cached_by_arguments
-def quickening_circle(fastest: float, diameter: float = 1.0) -> Trajectory:
+def accelerating_circle(fastest: float, diameter: float = 1.0) -> Trajectory:
     """Returns a `circle` of a diameter [m] whose speed grows to fastest [m/s]."""
     return quickening(circle(diameter, pi * diameter / fastest))
 
 
 @cached_by_arguments
-def quickening_figure_eight(fastest: float, width: float = 2.0) -> Trajectory:
+def accelerating_figure_eight(fastest: float, width: float = 2.0) -> Trajectory:
     """Returns a `figure_eight` whose top speed, at its tips, grows to the fastest [m/s].
 
     A lemniscate of half width h and period P has a speed of 2 pi h / P there.
