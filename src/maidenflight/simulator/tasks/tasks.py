@@ -334,7 +334,7 @@ def _closed(
     ramp: float = trajectories.START_S,
 ) -> Task:
     """A task whose episodes start anywhere on a closed curve, or on its way from rest to speed."""
-    reference = trajectories.quickening(curve, ramp, smooth=True)
+    reference = trajectories.accelerating(curve, ramp, smooth=True)
     return tracking(reference, duration, latest_start=ramp + period)._replace(name=name)
 
 
