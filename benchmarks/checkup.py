@@ -38,6 +38,8 @@ PATTERNS: Mapping[str, Sequence[str]] = {
 EVERY = {"first": 3, "second": 2}
 """Each so many logs of a set are spoilt; false alarms are counted in all of them."""
 _ALARMS = (FAILS, WARNS)
+OF_SCALE = ("u halved", "u times 1.25")
+"""Of which physics tells nothing: what hovers at half of u has twice the thrust."""
 
 
 def read_set(which: str, data: Path) -> Logs:
@@ -81,11 +83,13 @@ def _concerns(spoiling: Spoiling, pieces: Sequence[Flight]) -> bool:
     return not spoiling.needs or getattr(pieces[0], spoiling.needs) is not None
 
 
-def judge(spoiling: Spoiling, results: Sequence[CheckResult]) -> str:
-    """Says whether a fault was named, cannot be told, or was missed."""
+def judge(name: str, spoiling: Spoiling, results: Sequence[CheckResult]) -> str:
+    """Says whether a fault was named, what to compare was, or it cannot be told or was missed."""
     own = [one.verdict for one in results if one.name in spoiling.tests]
     if any(verdict in _ALARMS for verdict in own):
         return "named"
+    if own and name in OF_SCALE and any("compare" in one.sentence for one in results):
+        return "to compare"
     # A test that another one's failure keeps from running cannot tell either.
     return "cannot tell" if all(verdict == UNKNOWN for verdict in own) else "missed"
 
@@ -106,7 +110,7 @@ def measure(
             if not is_told(name, pieces[0], spoilt[0]):
                 counts["no fault"] += 1
                 continue
-            verdict = judge(spoiling, check_up(spoilt))
+            verdict = judge(name, spoiling, check_up(spoilt))
             counts[verdict] += 1
             if verdict == "missed":
                 report.append(f"missed: {name} in {log_name}")
@@ -130,7 +134,9 @@ def _row(name: str, cells: Sequence[Counter[str]]) -> str:
     for counts in cells:
         told = counts["named"] + counts["missed"]
         shown.append(f"{counts['named']} of {told}" if told else "-")
-        shown.append(str(counts["cannot tell"] + counts["no fault"]))
+        other = str(counts["cannot tell"] + counts["no fault"])
+        compare = counts["to compare"]
+        shown.append(f"{other}, {compare} to compare" if compare else other)
     return f"| {name} | {' | '.join(shown)} |"
 
 

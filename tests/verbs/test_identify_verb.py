@@ -44,7 +44,8 @@ def test_how_logs_were_read_stands_in_the_drone_file_s_record(
     }
     place = tmp_path / "drone.toml"
     Identify(logs=tmp_path, **reading).run(place)
-    assert asked[2:] == [60.0, 100, "subsampled", "legacy propellers", ("rotor_speed",), "refuse"]
+    told = [60.0, 100, "subsampled", "legacy propellers", ("rotor_speed",), "refuse", "crazyflie"]
+    assert asked[2:] == told
     made = drone_file.read(place).record["settings"]
     assert {name: made[name] for name in reading} == reading | {"ignore": ["rotor_speed"]}
     Identify(logs=tmp_path).run(place)

@@ -186,16 +186,20 @@ def _fly_kind(
         places, block = np.divmod(np.arange(first, first + size), blocks)
         numbers = block[:, None] * LANES + np.arange(LANES)
         # The last portion is filled up with flights that end at once.
-        wanted = (numbers < trials) & (places < len(policies))[:, None]
+        is_active = (numbers < trials) & (places < len(policies))[:, None]
         places = np.minimum(places, len(policies) - 1)
-        drawn, keys = guarded.draw(
+        drone_indices, keys = guarded.draw(
             key, own[places], numbers.astype(np.uint32), np.int32(len(drones.mass))
         )
-        return places, wanted, np.asarray(drawn), keys
+        return places, is_active, np.asarray(drone_indices), keys
 
-    def fly(places: np.ndarray, wanted: np.ndarray, drawn: np.ndarray, keys: Array) -> Flown:
+    def fly(
+        places: np.ndarray, is_active: np.ndarray, drone_indices: np.ndarray, keys: Array
+    ) -> Flown:
         flying = tree.map(lambda *leaves: np.stack(leaves), *(policies[place] for place in places))
-        flights = guarded.Trials(flying, tree.map(lambda leaf: leaf[drawn], drones), keys, wanted)
+        flights = guarded.Trials(
+            flying, tree.map(lambda leaf: leaf[drone_indices], drones), keys, is_active
+        )
         every = GUARD_RATE // policies[0].interface.rate
         return guarded.fly_together(env, every, jax.device_put(flights, laid), limits, start)
 
@@ -228,10 +232,10 @@ def _landed(begun: Iterable[Flown]) -> Iterator[Flown]:
 def _identity(policy: Policy) -> int:
     """A number of 32 bits that stands for what a policy is, so that its flights are its own."""
     kind = f"{policy.interface.name} {policy.interface.rate} {policy.spec.identity}"
-    known = hashlib.sha256(kind.encode())
+    digest = hashlib.sha256(kind.encode())
     for leaf in tree.leaves(policy):
-        known.update(np.asarray(leaf, "<f4").tobytes())
-    return int.from_bytes(known.digest()[:4], "little")
+        digest.update(np.asarray(leaf, "<f4").tobytes())
+    return int.from_bytes(digest.digest()[:4], "little")
 
 
 _MEMORY = 7

@@ -12,6 +12,8 @@ from maidenflight.flying.pilots import ForeignPolicy
 from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy
 from maidenflight.policy_file import PolicyFile
+from maidenflight.settings import is_code
+from maidenflight.simulator.controllers.control import find_controller
 
 USUAL_TASK = "circle"
 """Task of policies that were trained for several."""
@@ -131,12 +133,16 @@ def read_policies(places: Sequence[StrPath], control: str | None = None) -> Poli
 
     Args:
         places: files and folders of policies, and policies by others.
-        control: what the authors' policies command; what their files' names say by default.
+        control: what the authors' policies command; what their files' names say by default. Or
+            `MODULE:NAME`, a control structure of your own that policies command.
 
     Raises:
         InputError: one is no policy, or commands something else; or one by others needs a package
             that is not installed, or its file is wrong.
     """
+    if control is not None and is_code(control):
+        find_controller(control)
+        control = None
     foreign = {path: foreign_policy(Path(path)) for path in places}
     paths = find_policies([path for path, policy in foreign.items() if policy is None])
     others = {path: policy for path, policy in foreign.items() if policy is not None}

@@ -120,8 +120,9 @@ def transfer(
     flights: list[Flight] = []
     for number, reality in enumerate(places):
         keys = jax.random.split(jax.random.fold_in(key, number), len(plan))
-        chosen = [pilots[policy] for policy, _ in plan]
-        simulated = fly_all(reality, chosen, scenario, keys, APP if by_firmware else ZERO_SHOT)
+        flown_pilots = [pilots[policy] for policy, _ in plan]
+        guard = APP if by_firmware else ZERO_SHOT
+        simulated = fly_all(reality, flown_pilots, scenario, keys, guard)
         for (policy, trial), one in zip(plan, simulated, strict=True):
             flight = one.to_flight(f"flight_{len(table) + 1:02d}")
             excursion = one.excursion

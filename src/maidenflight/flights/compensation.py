@@ -39,9 +39,13 @@ at 1.690 V) the rotor speed is affine in it, (volts + 0.30 V) / 2.85 V of the 23
 thrust stand shows at full PWM (IMRCLab 2026, cf21bl_guards)."""
 UNKNOWN = names.UNKNOWN_LAW
 """Where the battery was not logged: rotor speed proportional to PWM."""
-HOVER_VOLTS = 1.9
-"""Mean voltage of the motors in flight [V] below which they are taken for brushless: those hover at
-1.5 to 1.7 V, brushed ones at 2.3 V and more."""
+HOVER_VOLTS, _UNSURE = 2.0, 0.07
+"""Mean voltage of the motors in flight [V] below which they are taken for brushless, and about it a
+width of doubt: those hover at 1.5 to 1.7 V, brushed ones at 2.3 V and more."""
+OF_DRONE: Mapping[str, str] = {"crazyflie_brushless": BRUSHLESS}
+"""Law of a named drone, taken where its log names none; brushed ones have been sold with three."""
+USUAL = {PLUS: 0.7, battery.FIRMWARE_2021.name: 0.15, names.LEGACY_PROPELLERS: 0.15}
+"""How usual laws of brushed Crazyflies are: 21 of 24 NanoBench flights have the first."""
 
 
 def _share(
@@ -84,6 +88,46 @@ def thrust_command(
         return LAWS[law](possible / MOST_COUNTS, np.broadcast_to(volts[:, None], pwm.shape)).astype(
             np.float32
         )
+
+
+def reread(
+    command: Float[np.ndarray, "N 4"], volts: Float[np.ndarray, "N"], law: str, other: str
+) -> Float[np.ndarray, "N 4"]:
+    """Returns thrust commands that another law gives for the same voltages of the motors.
+
+    Args:
+        command: u, read by `law`.
+        volts: battery voltage [V].
+        law: a key of `LAWS`, of which the motors' voltage is known.
+        other: likewise.
+    """
+    wide = np.broadcast_to(volts[:, None].astype(float), command.shape)
+    if law == BRUSHLESS:
+        motors = np.maximum(2.85 * np.sqrt(np.maximum(command, 0.0)) - 0.30, 0.0)
+    else:
+        motors = battery.LAWS[law].volts(MOST_COUNTS * command.astype(float))
+    return LAWS[other](motors / wide, wide).astype(np.float32)
+
+
+def usual_laws(
+    command: Float[np.ndarray, "N 4"], volts: Float[np.ndarray, "N"], law: str
+) -> dict[str, float]:
+    """Returns how probable laws are by the motors' voltage in flight; the one taken comes first.
+
+    Args:
+        command: u in flight, read by `law`.
+        volts: battery voltage [V].
+        law: the one taken.
+    """
+    if law not in (*USUAL, BRUSHLESS):
+        return {law: 1.0}
+    # Of the laws of 2021 and today all take about the same voltage for a command.
+    own = reread(command, volts, law, BRUSHLESS)
+    hover = float(np.median(np.maximum(2.85 * np.sqrt(own) - 0.30, 0.0).mean(axis=1)))
+    brushless = float(1 / (1 + np.exp((hover - HOVER_VOLTS) / _UNSURE)))
+    chances = {BRUSHLESS: brushless}
+    chances |= {name: (1 - brushless) * share for name, share in USUAL.items()}
+    return {law: chances.pop(law), **chances}
 
 
 def law_of(
@@ -160,7 +204,8 @@ def choose_law(
 ) -> tuple[str, str]:
     """Returns the law by which a table's motors are read, and why by it.
 
-    The table's head may name it, else its logged thrust decides; else it is `usual`, or `assumed`.
+    The table's head may name it, else its logged thrust decides; else it is `usual`, that of the
+    drone, or `assumed`.
 
     Raises:
         InputError: the head names one that is not known.
@@ -169,16 +214,21 @@ def choose_law(
         return law, AS_LOGGED
     if thrust is not None and (law := law_of(pwm, volts, thrust)):
         return law, BY_THRUST
+    if law := table.head.get(LAW_OF_THE_DRONE):
+        return law, BY_DRONE
     return usual or assumed(pwm, volts), BY_VOLTAGE
 
 
-def note(name: str, law: str, how: str) -> str:
+def note(name: str, law: str, law_choice: str) -> str:
     """Returns a note for the user: the law that a file's commands were read by, and why."""
-    return f"{name}: battery compensation of the {law} ({how})"
+    return f"{name}: battery compensation of the {law} ({law_choice})"
 
 
 BY_THRUST = "by its logged thrust command"
 BY_VOLTAGE = "assumed; log controller.cmd_thrust beside the motors, or give --battery-law"
 AS_LOGGED = "as said"
+BY_DRONE = "that of the drone to start with"
+LAW_OF_THE_DRONE = "battery law of the drone"
+"""Key by which a table's head holds the law of the drone that a user named."""
 LAW_OF_THE_HEAD = "battery law"
 """Key by which a table's head, such as a comment line of a CSV, says the law."""

@@ -110,12 +110,15 @@ def is_log(file: Path) -> bool:
     return any(name.endswith(kind.suffixes) for kind in _formats(Recording))
 
 
-def logged(file: Path, battery_law: str | None = None) -> Logged | Table:
+def logged(
+    file: Path, battery_law: str | None = None, law_of_drone: str | None = None
+) -> Logged | Table:
     """Returns the flights in a file as they were logged; of a table in no known format, the table.
 
     Args:
         file: to be read.
         battery_law: a key of `compensation.LAWS`, whatever the log says.
+        law_of_drone: one that is taken where the log does not decide.
 
     Raises:
         InputError: the file is damaged, or its commands are read by no battery law.
@@ -151,6 +154,8 @@ def logged(file: Path, battery_law: str | None = None) -> Logged | Table:
         if not kind.compensated:
             raise InputError(_no_law(name))
         table = replace(table, head={**table.head, compensation.LAW_OF_THE_HEAD: battery_law})
+    if law_of_drone:
+        table = replace(table, head={**table.head, compensation.LAW_OF_THE_DRONE: law_of_drone})
     logs, notes = kind.flights(table)
     return Logged(name, logs, [*table.notes, *notes])
 
@@ -158,13 +163,13 @@ def logged(file: Path, battery_law: str | None = None) -> Logged | Table:
 def unknown(table: Table) -> str:
     """Returns what is wrong with a table in no known format."""
     columns = ",".join(table.frame.columns)
-    lacking = [what for what, words in _NEEDED.items() if not words.search(columns)]
+    lacking = [signal for signal, words in _NEEDED.items() if not words.search(columns)]
     lack = f" It seems to hold no {' and no '.join(lacking)}, without which" if lacking else ""
     lack += " no drone can be identified." if lacking else ""
-    known = [kind.what for kind in map(_imported, LOG_FORMATS) if not isinstance(kind, str)]
+    names = [kind.what for kind in map(_imported, LOG_FORMATS) if not isinstance(kind, str)]
     return (
         f"{table.name}: unknown format; its columns are {columns[:60]!r}.{lack} Known are "
-        f"{'; '.join(known)}.{_unusable()} {_help(table)}"
+        f"{'; '.join(names)}.{_unusable()} {_help(table)}"
     )
 
 

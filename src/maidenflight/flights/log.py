@@ -107,6 +107,8 @@ class Flight:
     by_battery_law: bool = True
     """Whether a firmware's battery law made thrust of its commands, where the voltage is known;
     else they are the square of what an ESC was sent."""
+    assumed_law: str | None = None
+    """The battery law by which its commands were read although the log does not name it."""
     accelerometer_delay: float = ACCELEROMETER_DELAY
     """By which the low-pass filter of the accelerometer makes it late [s]."""
     gyro_delay: float = GYRO_DELAY
@@ -263,6 +265,7 @@ def to_csv(flight: Flight, record: Mapping[str, Any] | None = None) -> str:
             if (value := getattr(flight, key)) != usual
         ),
         *([] if flight.by_battery_law else ["# by_battery_law: no"]),
+        *([f"# assumed_law: {flight.assumed_law}"] if flight.assumed_law else []),
         f"# record: {json.dumps(dict(record or {}))}",
     ]
     return "\n".join(head) + "\n" + frame.write_csv(float_precision=7)
@@ -330,9 +333,11 @@ def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
             for.
     """
     if table.head.get("commands") not in (ZERO_ORDER_HOLD, SUBSAMPLED):
-        where, sign = ("line 2 is not", "# ") if table.first_line else ("its metadata lack", "")
-        wanted = f"'{sign}commands: {ZERO_ORDER_HOLD}' or '{sign}commands: {SUBSAMPLED}'"
-        raise InputError(f"{table.name}: {where} {wanted}. Add it; see docs/flight-log.md.")
+        place, sign = ("line 2 is not", "# ") if table.first_line else ("its metadata lack", "")
+        command_comments = f"'{sign}commands: {ZERO_ORDER_HOLD}' or '{sign}commands: {SUBSAMPLED}'"
+        raise InputError(
+            f"{table.name}: {place} {command_comments}. Add it; see docs/flight-log.md."
+        )
     logged = {
         group: names
         for group, names in (OPTIONAL | TRUTH).items()
@@ -342,7 +347,7 @@ def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
         table, [*_COLUMNS, *(name for names in logged.values() for name in names)]
     )
     simulated = table.head.get("simulated", "no")
-    known = column["time"][np.isfinite(column["time"])]
+    times = column["time"][np.isfinite(column["time"])]
     arrays: dict[str, Any] = {
         group: np.stack([column[name] for name in names], axis=-1)
         for group, names in (GROUPS | logged).items()
@@ -350,12 +355,13 @@ def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
     }
     flight = flight_of(
         table.name,
-        float(np.round(np.median(np.diff(known)), 6)) if len(known) > 1 else 0.01,
+        float(np.round(np.median(np.diff(times)), 6)) if len(times) > 1 else 0.01,
         zero_order_hold=table.head["commands"] == ZERO_ORDER_HOLD,
         simulated="" if simulated == "no" else simulated,
         full_scale_counts=_full_scale_counts(table),
         **{key: _delay(table, key) for key in _DELAYS},
         by_battery_law=table.head.get("by_battery_law", "yes") != "no",
+        assumed_law=table.head.get("assumed_law"),
         battery=column["battery"],
         **arrays,
     )

@@ -86,6 +86,7 @@ def read_flights(
     battery_law: str | None = None,
     ignore: Collection[str] = (),
     faulty: str = names.FAULTY_LOGS[0],
+    drone: str | None = None,
 ) -> Flights:
     """Reads and checks flights.
 
@@ -105,6 +106,7 @@ def read_flights(
         ignore: signals of `log.OPTIONAL` to pass over as if they had not been logged.
         faulty: one of `names.FAULTY_LOGS`: what is done with logs whose check-up fails. The others
             of a folder come from the same recorder, and are refused with them unless told.
+        drone: a named drone, whose battery law is taken where a log does not decide.
 
     Returns:
         Gapless pieces of flights in which the drone flies, in the order of the files' names. A
@@ -126,7 +128,8 @@ def read_flights(
             raise InputError(
                 f"ignore = {signal!r}; expected {' or '.join(log.OPTIONAL)}, which a log may lack."
             )
-    options = _ReadOptions(commands, battery_law, frozenset(ignore), faulty)
+    law = compensation.OF_DRONE.get(drone or "")
+    options = _ReadOptions(commands, battery_law, frozenset(ignore), faulty, law)
     path = Path(path)
     paths, refused = _files(path)
     reading = _ReadLog([], [], _unread(path), refused, {}, {}, [])
@@ -178,6 +181,7 @@ class _ReadOptions(NamedTuple):
     battery_law: str | None
     ignore: frozenset[str]
     faulty: str
+    law_of_drone: str | None
 
 
 class _FaultError(InputError):
@@ -237,7 +241,7 @@ def _read(
 
 
 def _of_file(file: Path, alone: bool, reading: _ReadLog, options: _ReadOptions) -> list[Flight]:
-    logs = formats.logged(file, options.battery_law)
+    logs = formats.logged(file, options.battery_law, options.law_of_drone)
     if isinstance(logs, Logged):
         flights, dropped = _checked(logs, options, reading)
         keys = one_drone.row_keys(flights) if flights else np.zeros(0, np.uint64)
@@ -308,9 +312,9 @@ def _files(path: Path) -> tuple[list[Path], list[str]]:
     if path.is_file():
         return [path], []
     if not path.is_dir():
-        known = ", ".join(formats.suffixes())
+        endings = ", ".join(formats.suffixes())
         raise InputError(
-            f"{path}: no such file or folder. Give a flight log ({known}) or a folder of them."
+            f"{path}: no such file or folder. Give a flight log ({endings}) or a folder of them."
         )
     logs, refused = _below(path)
     astray = [file for file in logs if file.is_symlink() and not file.exists()]

@@ -15,8 +15,9 @@ from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
 from maidenflight.identification.likelihood import with_state, without_state
 from maidenflight.identification.methods import Likelihood, Replay
-from maidenflight.identification.outcome.estimates import Identification
-from maidenflight.identification.outcome.plausible import Expected
+from maidenflight.identification.outcome.battery_laws import average_laws
+from maidenflight.identification.outcome.estimates import Identification, note_worse_than_start
+from maidenflight.identification.outcome.plausible import ExpectedInterval
 from maidenflight.identification.outcome.problem import AUTO, Problem
 from maidenflight.identification.outcome.progress import Progress
 from maidenflight.identification.replay import replay
@@ -79,7 +80,9 @@ def identify(
         result = without_state.identified(problem, settings)
     else:
         result = with_state.identified(problem, settings)
-    notes = (*left_out, *result.notes)
+    result = average_laws(result, flights, problem.generator)
+    worse = note_worse_than_start(result.value, result.start_value, result.objective)
+    notes = (*worse, *left_out, *result.notes)
     return dataclasses.replace(result, notes=notes, seconds=time.perf_counter() - began)
 
 
@@ -105,7 +108,7 @@ def expected_intervals(
     over: Sequence[str] | str | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     key: Array | None = None,
-) -> dict[str, Expected]:
+) -> dict[str, ExpectedInterval]:
     """Returns what flights can tell of each parameter, before anything is fitted; in seconds.
 
     Args:

@@ -34,7 +34,7 @@ class Parameters:
         "motors",
         "k_F",
         "-",
-        (1.0, 10.0),
+        (1.0, 20.0),
         "thrust of all motors at full speed over weight",
         f"{_PAPER}, eq:motor-force",
     )

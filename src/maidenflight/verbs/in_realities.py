@@ -7,7 +7,7 @@ from typing import Any
 
 from maidenflight import names
 from maidenflight.registry import EXPORTERS
-from maidenflight.settings import choice, setting
+from maidenflight.settings import choice, or_code, setting
 from maidenflight.terminal import Table
 from maidenflight.verb import Result, Verb
 from maidenflight.verbs import core, shared
@@ -17,8 +17,9 @@ class FliesPolicies(Verb):
     """Fly policies."""
 
     policies: tuple[str, ...] = shared.policies()
+    control: str | None = shared.control_of_authors()
     task: str | None = setting(
-        choice(*names.TASKS),
+        or_code(choice(*names.TASKS)),
         None,
         "What they fly (what they were trained for by default).",
         group=shared.FLIGHTS,
@@ -31,7 +32,7 @@ class FliesPolicies(Verb):
     @cached_property
     def fleet(self) -> "core.Policies":
         """Returns the policies."""
-        return core.read_policies(self.policies, getattr(self, "control", None))
+        return core.read_policies(self.policies, self.control)
 
     def conclude(
         self,
@@ -53,7 +54,7 @@ class FliesPolicies(Verb):
         task = parts["record"]["settings"].get("task")
         best = self.fleet.path_of(core.comparison.choose_best(flights, self.fleet.own_names))
         rule = core.comparison.RULE
-        named = [f"best: {best} ({rule})"] if best and len(self.fleet.files) > 1 else []
+        best_line = [f"best: {best} ({rule})"] if best and len(self.fleet.files) > 1 else []
         return Result(
             content={
                 **content,
@@ -63,7 +64,7 @@ class FliesPolicies(Verb):
                 "simulated": True,
                 "output": str(output),
             },
-            summary=[*summary, *named],
+            summary=[*summary, *best_line],
             next=export_command(best, self.fleet.policy_of(best)) if best else (),
             **parts,
         )

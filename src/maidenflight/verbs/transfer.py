@@ -50,7 +50,7 @@ class Transfer(InRealities):
         if self.rate is not None:
             own = [replace(one, interface=replace(one.interface, rate=self.rate)) for one in own]
         flying: Any = self.realities, self.trials, self.key
-        how: Any = {"task": core.TASKS[task](), "duration": self.duration}
+        how: Any = {"task": core.find_task(task), "duration": self.duration}
         transfer = core.transfer([*own, *fleet.foreign], *flying, names=fleet.names, **how)
         rivals, left_out = core.fly_firmware(self.against, *flying, **how)
         record = self.make_flight_record(task)

@@ -11,8 +11,8 @@ from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row, Verb
 from maidenflight.verbs import core, shared
 
-_SURE_NATS, _WORSE = 0.05, 1.2
-"""Difference of log likelihoods a row, and ratio of errors, beyond which a drone is worse."""
+_WORSE = 1.2
+"""Ratio of errors beyond which a drone is worse."""
 _JUDGED_S = 0.1
 """Horizon at which errors are compared [s]."""
 
@@ -138,18 +138,18 @@ def _compare(name: str, likelihoods: Mapping[str, float], errors: list[Row]) -> 
     nearest = min((row["horizon"] for row in errors), key=lambda one: abs(one - _JUDGED_S))
     rows = {row["model"]: row for row in errors if row["horizon"] == nearest}
     own, doubts = rows[name], []
-    what = "attitude" if own["attitude"] == own["attitude"] else "body_rates"
-    unit = core.ERRORS[what]
+    compared = "attitude" if own["attitude"] == own["attitude"] else "body_rates"
+    unit = core.ERRORS[compared]
     for other, row in rows.items():
-        if other != name and own[what] > _WORSE * row[what]:
+        if other != name and own[compared] > _WORSE * row[compared]:
             doubts.append(
-                f"its {unit.name} is off by {own[what] * unit.scale:.3g} {unit.unit} after "
-                f"{nearest:.2g} s, that of {other} by {row[what] * unit.scale:.3g}"
+                f"its {unit.name} is off by {own[compared] * unit.scale:.3g} {unit.unit} after "
+                f"{nearest:.2g} s, that of {other} by {row[compared] * unit.scale:.3g}"
             )
     doubts += [
         f"the likelihood of {other} is {value - likelihoods[name]:.2f} nats a row higher"
         for other, value in likelihoods.items()
-        if value > likelihoods[name] + _SURE_NATS
+        if value > likelihoods[name] + core.SURE_NATS
     ]
     return doubts
 

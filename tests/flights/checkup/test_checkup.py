@@ -69,6 +69,13 @@ def other_time(flight: Flight) -> Flight:
     return replace(flight, command=np.roll(flight.command, len(flight) // 3, axis=0))
 
 
+def facing_aside(flight: Flight) -> Flight:
+    """The same flight in a world whose x points to the drone's right at the start."""
+    turn = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+    flight = turned("position", turn, turned("velocity", turn, flight))
+    return replace(flight, attitude=flight.attitude + np.array([0, 0, np.pi / 2], FLOAT))
+
+
 def loaded(flight: Flight) -> Flight:
     command = flight.command.copy()
     command[len(command) // 2 :] *= FLOAT(1.15)
@@ -136,7 +143,19 @@ def test_yaw_that_answers_the_wrong_way_round_is_a_warning() -> None:
     flight = turned("attitude", Z, turned("body_rates", Z, recorded()))
     found = results(flight)["yaw direction"]
     assert found.verdict == WARNS
-    assert "props out" in found.sentence
+    assert "or yaw and body_rate_z have the opposite sign" in found.sentence
+
+
+def test_rotors_that_turn_the_other_way_are_named_where_the_state_confirms_yaw() -> None:
+    """Props out, the same motion takes the opposite part of the commands that turns yaw."""
+    flight, turns = facing_aside(recorded()), np.array([-1, 1, -1, 1], FLOAT)
+    yaw = (flight.command @ turns)[:, None] * turns / 4
+    found = results(replace(flight, command=flight.command - 2 * yaw, rotor_speed=None))
+    assert {name for name, one in found.items() if one.verdict in (FAILS, WARNS)} == {
+        "yaw direction"
+    }
+    assert "confirm yaw" in found["yaw direction"].sentence
+    assert "rotor_direction = [1, -1, 1, -1]" in found["yaw direction"].sentence
 
 
 def test_sensors_alone_show_gravity_and_motors() -> None:

@@ -32,6 +32,8 @@ IMPACT_M_S2 = 9.81
 """Specific force from the side, beyond its median about it, that tells of a hit."""
 DRAG_S, RARE = 0.6, 0.25
 """Time of that median [s], and the share of rows beyond it from which it is no hit but shaking."""
+VIBRATION = 0.03
+"""Time over which the force from the side is averaged first [s]: some turns of a propeller."""
 IMPACT_MARGIN = 0.3
 """Time before and after an impact that is left out [s]."""
 _FAR = 1 << 40
@@ -96,6 +98,8 @@ def _impacts(flight: Flight) -> Bool[np.ndarray, "N"]:
     if flight.accelerometer is None:
         return np.zeros(len(flight), bool)
     side = np.nan_to_num(flight.accelerometer[:, :2].astype(float))
+    # A raw accelerometer feels the propellers, to and fro within a few milliseconds.
+    side = uniform_filter1d(side, max(1, round(VIBRATION / flight.period)), axis=0)
     # The median of every few rows is as good, and quick at any rate.
     every = max(1, round(0.01 / flight.period))
     count = 2 * round(DRAG_S / 2 / (every * flight.period)) + 1

@@ -6,18 +6,23 @@ mended first.
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from maidenflight.flights.checkup.gravity import check_accelerometer
 from maidenflight.flights.checkup.kinematics import check_state
 from maidenflight.flights.checkup.motors import check_motors
 from maidenflight.flights.checkup.one_drone import NAME as ONE_DRONE
 from maidenflight.flights.checkup.one_drone import check_load
-from maidenflight.flights.checkup.result import FAILS, WARNS, CheckResult, unknown
+from maidenflight.flights.checkup.result import FAILS, PASSES, WARNS, CheckResult, unknown
 from maidenflight.flights.checkup.rotor_speeds import check_rotor_speeds
 from maidenflight.flights.log import Flight
 
 _OF_FORCE = ("thrust curve", "thrust to weight", ONE_DRONE)
 FEWEST_ROWS = 100
 """Rows of a log below which nothing is concluded."""
+
+ASIDE = 0.3
+"""Root mean square of the sine of yaw from which the test of tilt shows the sign of yaw."""
 
 
 def check_up(pieces: Sequence[Flight]) -> tuple[CheckResult, ...]:
@@ -29,7 +34,13 @@ def check_up(pieces: Sequence[Flight]) -> tuple[CheckResult, ...]:
     if sum(map(len, pieces)) < FEWEST_ROWS:
         return ()
     force = check_accelerometer(pieces)
-    results = (*check_motors(pieces), check_load(pieces))
+    state = check_state(pieces) if pieces[0].has_state else []
+    verdicts = {one.name: one.verdict for one in state}
+    yaw = np.concatenate([piece.attitude[:, 2] for piece in pieces]).astype(float)
+    # Which way yaw counts shows in the way a tilt pushes only where the nose points aside.
+    aside = float(np.sqrt(np.mean(np.nan_to_num(np.sin(yaw)) ** 2)))
+    yaw_is_right = aside > ASIDE and verdicts.get("body_rate") == verdicts.get("tilt") == PASSES
+    results = (*check_motors(pieces, yaw_is_right), check_load(pieces))
     if any(one.verdict in (FAILS, WARNS) for one in force):
         # What follows from the force would repeat its fault.
         results = tuple(
@@ -39,7 +50,7 @@ def check_up(pieces: Sequence[Flight]) -> tuple[CheckResult, ...]:
             for one in results
         )
     return (
-        *(check_state(pieces) if pieces[0].has_state else ()),
+        *state,
         *force,
         *results,
         *check_rotor_speeds(pieces),

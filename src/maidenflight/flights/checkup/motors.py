@@ -50,8 +50,9 @@ YAW, YAW_DOMINATES = 0.2, 1.5
 """Correlation of yaw with its command that shows its sign, and its ratio to the opposite one's."""
 _YAW_LEADS_S = (0.0, 0.02, 0.05, 0.1, 0.3)
 """How much the rotors' inertia lets yaw lead the drag of the blades [s]."""
-CURVE = (0.5, 1.75)
-"""Change of thrust by that of command, both as shares, that a thrust command may have."""
+CURVE = (0.58, 1.35)
+"""Change of thrust by that of command, both as shares, that a thrust command may have: 0.63 to 1.18
+in 22 logs. Of sqrt(u) it is twice, of u squared half as much."""
 CABLE_S = 0.055
 """Difference of the lags of force and of roll and pitch that shows a load on a cable [s]."""
 FORCE_EXPLAINED = 0.6
@@ -75,8 +76,13 @@ class Fit(NamedTuple):
     """[s]."""
 
 
-def check_motors(pieces: Sequence[Flight]) -> list[CheckResult]:
-    """Checks the motors' commands against the motion of pieces of one flight."""
+def check_motors(pieces: Sequence[Flight], yaw_is_right: bool = False) -> list[CheckResult]:
+    """Checks the motors' commands against the motion of pieces of one flight.
+
+    Args:
+        pieces: of the flight.
+        yaw_is_right: whether attitude and velocity confirm the sign of yaw and its rate.
+    """
     motion = spectra(pieces)
     if motion is None:
         return [unknown("motors drive", "no piece lasts 0.6 s")]
@@ -98,7 +104,7 @@ def check_motors(pieces: Sequence[Flight]) -> list[CheckResult]:
         return results
     if motion.band == QUICK:
         logged = fits[ORDERS[0]]
-        results += [_check_delay(logged, answer), _check_yaw(motion, logged)]
+        results += [_check_delay(logged, answer), _check_yaw(motion, logged, yaw_is_right)]
         if pieces[0].accelerometer is not None:
             results.append(_check_curve(pieces, answer, logged))
     return [*results, _check_thrust(pieces)]
@@ -225,16 +231,22 @@ def yaw_correlations(
     return max(matches), -min(matches)
 
 
-def _check_yaw(motion: Spectra, logged: Fit) -> CheckResult:
+def _check_yaw(motion: Spectra, logged: Fit, yaw_is_right: bool) -> CheckResult:
     name = "yaw direction"
     along, against = yaw_correlations(motion, logged, TORQUES[:, 2])
     threshold = f"{YAW:g} or more"
     if against > YAW and against > YAW_DOMINATES * max(along, 0.0):
+        cause = (
+            "the rotors turn the other way (props out), since attitude and velocity confirm yaw"
+            if yaw_is_right
+            else "the rotors turn the other way (props out), or yaw and body_rate_z have the "
+            "opposite sign: look at your drone"
+        )
         sentence = (
-            f"yaw answers its command the wrong way round (correlation -{against:.2f}): the rotors "
-            "turn the other way (props out), or yaw and body_rate_z have the opposite sign. "
-            "torque_to_thrust and inertia_z found are worth nothing, and a policy for it would "
-            "control yaw the wrong way round."
+            f"yaw answers its command the wrong way round (correlation -{against:.2f}): {cause}. "
+            "With props out begin with --start mine.toml, a drone of rotor_direction = "
+            "[1, -1, 1, -1] (maidenflight drone NAME prints one): with the usual directions "
+            "torque_to_thrust is worth nothing, and a policy turns yaw the wrong way round."
         )
         return CheckResult(name, WARNS, sentence, -against, threshold)
     if along > YAW and along > YAW_DOMINATES * against:
@@ -320,11 +332,11 @@ def _check_thrust(pieces: Sequence[Flight]) -> CheckResult:
     if not loads:
         return unknown(name, "neither accelerometer nor velocity shows the thrust")
     load, command = np.concatenate(loads), np.concatenate(commands)
-    known = np.isfinite(load) & np.isfinite(command)
-    mean = float(command[known].mean()) if known.any() else 0.0
+    is_finite = np.isfinite(load) & np.isfinite(command)
+    mean = float(command[is_finite].mean()) if is_finite.any() else 0.0
     if mean <= 1e-3:
         return unknown(name, "the motors are off")
-    ratio = float(load[known].mean()) / mean
+    ratio = float(load[is_finite].mean()) / mean
     low, high = THRUST_TO_WEIGHT
     threshold = f"{low:g} .. {high:g}"
     text = f"hovering takes u = {1 / ratio:.2f}: full thrust is {ratio:.2f} times the weight"

@@ -16,6 +16,7 @@ from maidenflight.identification.likelihood.sensor_signals import (
     Rotors,
     Sensor,
     angular_acceleration,
+    low_pass,
     mean_force,
 )
 from maidenflight.parameters import Parameters, levers
@@ -37,7 +38,9 @@ class AccelerometerErrors(SensorErrors):
         Source: Gronauer et al. 2022, eq:motor-force.
         """
         drag = float(drone.drag[2]) * self.signals.climb
-        return (_thrust(drone, rotors).sum(axis=-1) - drag)[..., None]
+        force = _thrust(drone, rotors).sum(axis=-1) - drag
+        late = self.signals.filter_delay
+        return (low_pass(force, late, self.signals.step) if late else force)[..., None]
 
 
 class GyroErrors(SensorErrors):

@@ -70,7 +70,7 @@ def ways_of_sensor(flights: Sequence[Flight], model: SensorErrors, names: Sequen
         fit_result[OWN_LAG] = model, (*names, *DELAYS)
     if not is_zero_order_hold(flights):
         sparse = [thinned(one, _SPARSER) for one in flights]
-        fit_result[SPARSER] = type(model).of(sparse, model.priors), names
+        fit_result[SPARSER] = type(model).of(sparse, model.priors, model.signals.limit), names
     return fit_result
 
 

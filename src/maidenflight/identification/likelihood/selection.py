@@ -60,12 +60,12 @@ def groups(flights: Sequence[Flight], has_measured_lag: bool) -> dict[str, tuple
     square = np.mean(np.concatenate([flight.velocity for flight in flights]) ** 2, axis=0)
     still = {"drag_x", "drag_y", "flapping_moment"} if square[0] + square[1] < MOVING**2 else set()
     still |= {"drag_z"} if square[2] < MOVING**2 else set()
-    offered = WITH_KNOWN_LAG if has_measured_lag else GROUPS
-    left = {
+    parameter_groups = WITH_KNOWN_LAG if has_measured_lag else GROUPS
+    remaining = {
         group: tuple(name for name in names if name not in still)
-        for group, names in offered.items()
+        for group, names in parameter_groups.items()
     }
-    return {group: names for group, names in left.items() if names}
+    return {group: names for group, names in remaining.items() if names}
 
 
 class Parts(NamedTuple):
@@ -86,7 +86,7 @@ def choose(
     first: Sequence[str] = FIRST,
     offered: Mapping[str, Sequence[str]] = GROUPS,
     on_group: Callable[[GroupGain], None] | None = None,
-    at_bound: Callable[[Parameters, Sequence[str]], bool] = lambda drone, names: False,
+    at_bounds: Callable[[Parameters, Sequence[str]], Sequence[str]] = lambda drone, names: (),
 ) -> tuple[tuple[str, ...], Parameters, list[GroupGain]]:
     """Adds one group after another, each staying if the likelihood of held-out flights gains.
 
@@ -102,7 +102,7 @@ def choose(
         first: what every model has, at least one parameter.
         offered: groups that may be added.
         on_group: called with the gain of each group.
-        at_bound: whether one of a drone's parameters ended where its search does. Such a group is
+        at_bounds: those of a drone's parameters that ended where their search does. Their group is
             not added: it stands for something that the model lacks.
 
     Returns:
@@ -112,31 +112,42 @@ def choose(
     Source: Rao 1948 (score test); forward selection judged by held-out likelihood.
     """
     training, held_out, sample = parts
-    names, left, gains = tuple(first), dict(offered), []
+    names, remaining, gains = tuple(first), dict(offered), []
     drone = fit(names, start)
     value = held_out.per_segment(drone, training.noise_model(drone))
-    while left:
-        everything = (*names, *(name for group in left.values() for name in group))
+    while remaining:
+        everything = (*names, *(name for group in remaining.values() for name in group))
         equations = sample.normal_equations(drone, everything)
         promised = {
             group: _promise(
-                equations.gradient, equations.curvature, everything, (*names, *left[group])
+                equations.gradient, equations.curvature, everything, (*names, *remaining[group])
             )
-            for group in left
+            for group in remaining
         }
         group = max(promised, key=lambda one: promised[one])
-        wider = (*names, *left.pop(group))
+        wider = (*names, *remaining.pop(group))
         ahead = fit(wider, drone)
         value_ahead = held_out.per_segment(ahead, training.noise_model(ahead))
         gain, error = _mean_gain(value - value_ahead, held_out.rows_per_segment)
-        keep = gain > max(SMALLEST_GAIN, SIGNIFICANT * (error or 0.0))
-        keep = keep and not at_bound(ahead, offered[group])
-        gains.append(GroupGain(group, gain, error, keep))
+        reason = _reason(gain, error, at_bounds(ahead, offered[group]))
+        keep = reason is None
+        gains.append(GroupGain(group, gain, error, keep, reason))
         if on_group is not None:
             on_group(gains[-1])
         if keep:
             names, drone, value = wider, ahead, value_ahead
     return names, drone, gains
+
+
+def _reason(gain: float, error: float | None, at_bounds: Sequence[str]) -> str | None:
+    """Returns why a group is not added, if it is not."""
+    if gain <= 0.0:
+        return "no gain"
+    if gain <= SMALLEST_GAIN:
+        return f"below {SMALLEST_GAIN:g}"
+    if gain <= SIGNIFICANT * (error or 0.0):
+        return f"below {SIGNIFICANT:g} standard errors"
+    return f"{', '.join(at_bounds)} at a search bound" if at_bounds else None
 
 
 def _promise(
@@ -197,8 +208,8 @@ def split(flights: Sequence[Flight]) -> tuple[list[Flight], list[Flight]]:
             ends = [len(flight) * part // 3 for part in range(4)]
             for first, end in zip(ends[:-1], ends[1:], strict=True):
                 whole.append([flight.part(first, end)])
-    judged = whole[HELD_OUT - 1 :: HELD_OUT]
+    held_out = whole[HELD_OUT - 1 :: HELD_OUT]
     fitted = [parts for number, parts in enumerate(whole) if number % HELD_OUT != HELD_OUT - 1]
     return [part for parts in fitted for part in parts], [
-        part for parts in judged for part in parts
+        part for parts in held_out for part in parts
     ]

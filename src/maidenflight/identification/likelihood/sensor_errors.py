@@ -77,14 +77,17 @@ class SensorErrors(ObservationModel):
 
     @classmethod
     def of(
-        cls, flights: Sequence[Flight], priors: Mapping[str, tuple[float, float]] | None = None
+        cls,
+        flights: Sequence[Flight],
+        priors: Mapping[str, tuple[float, float]] | None = None,
+        limit: float = np.inf,
     ) -> Self:
         """Returns the model of some flights; see `sensor_signals.signals`.
 
         Raises:
             InputError: the flights have different rates, or none is long enough.
         """
-        return cls(signals(flights, cls.sensor), priors)
+        return cls(signals(flights, cls.sensor, limit), priors)
 
     @abstractmethod
     def predicted(self, drone: Parameters, rotors: Rotors) -> Float[np.ndarray, "M S C"]:

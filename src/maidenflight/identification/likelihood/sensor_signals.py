@@ -19,11 +19,20 @@ from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import SEGMENT_SECONDS, must_have_one_rate
 from maidenflight.identification.likelihood.selection import HELD_OUT
-from maidenflight.identification.signals.flight_signals import delayed, force_along_z, gyro, means
+from maidenflight.identification.signals.flight_signals import (
+    delay_command,
+    force_along_z,
+    gyro,
+    means,
+)
+from maidenflight.identification.signals.saturation import beyond
 from maidenflight.parameters import Parameters
 from maidenflight.parameters import replace as with_values
 from maidenflight.simulator.physics import dynamics
 
+SLOW_FILTER = 0.012
+"""Delay of a filter [s], of one of 19 Hz, from which its shape counts: quicker ones are undone by
+their delay."""
 LEAD_IN = 1.0
 """Flight before a segment from which its rotors' speeds follow [s]."""
 SETTLING = 0.5
@@ -49,7 +58,26 @@ class Sensor(NamedTuple):
 
 def mean_force(flight: Flight, rows: int, step: float) -> Float[np.ndarray, "M 1"]:
     """Returns the specific force along z [m/s2], means over steps of some rows."""
+    if is_slow(flight):
+        flight = replace(flight, accelerometer_delay=0.0)
     return means(force_along_z(flight)[:, None], rows)
+
+
+def is_slow(flight: Flight) -> bool:
+    """Tests whether the accelerometer's filter does more than delay what the motors do."""
+    return flight.accelerometer_delay > SLOW_FILTER
+
+
+def low_pass(values: Float[np.ndarray, "M S"], delay: float, step: float) -> np.ndarray:
+    """Filters as a Butterworth filter of second order that is late by so much [s].
+
+    Its delay at low frequencies, sqrt(2) over the cut-off [rad/s], is kept by the bilinear map.
+    """
+    rate = np.sqrt(2.0) / delay
+    analog = [rate**2], [1.0, np.sqrt(2.0) * rate, rate**2]
+    above, below = scipy.signal.bilinear(*analog, fs=1 / step)
+    state = scipy.signal.lfilter_zi(above, below)[:, None] * values[:1]
+    return np.asarray(scipy.signal.lfilter(above, below, values, axis=0, zi=state)[0])
 
 
 def angular_acceleration(flight: Flight, rows: int, step: float) -> Float[np.ndarray, "M 3"]:
@@ -87,6 +115,10 @@ class Signals:
     """Of a row [s]."""
     rows: int
     """R."""
+    filter_delay: float = 0.0
+    """Delay of the accelerometer's filter that is left in what was measured [s]."""
+    limit: float = np.inf
+    """Mean speed command of four motors beyond which steps do not count."""
 
     @property
     def step(self) -> float:
@@ -114,16 +146,18 @@ class Signals:
             return None
         names = list(dict.fromkeys(self.flights))
         if len(names) < HELD_OUT:
-            judged = np.arange(len(self.flights)) % HELD_OUT == HELD_OUT - 1
+            is_held_out = np.arange(len(self.flights)) % HELD_OUT == HELD_OUT - 1
         else:
-            judged = np.isin(self.flights, names[HELD_OUT - 1 :: HELD_OUT])
-        return self.some(~judged), self.some(judged)
+            is_held_out = np.isin(self.flights, names[HELD_OUT - 1 :: HELD_OUT])
+        return self.some(~is_held_out), self.some(is_held_out)
 
     def rotors(self, drone: Parameters) -> Rotors:
         """Returns what the rotors of a drone did, by the simulator's motors."""
         substeps = max(1, int(np.ceil(self.period / SLOWEST_STEP - 1e-6)))
         count = self.command.shape[1]
-        commands = delayed(self.command, float(drone.latency) / self.period).astype(np.float32)
+        commands = delay_command(self.command, float(drone.latency) / self.period).astype(
+            np.float32
+        )
         commands = np.pad(commands, ((0, 0), (0, -count % CHUNK), (0, 0)))
         commands = commands.reshape(-1, self.rows, *commands.shape[1:])
         drone = with_values(drone, time_step=np.float32(self.period / substeps))
@@ -135,12 +169,13 @@ class Signals:
         return Rotors(*(some[:, :count].astype(float) for some in joined))
 
 
-def signals(flights: Sequence[Flight], sensor: Sensor) -> Signals:
+def signals(flights: Sequence[Flight], sensor: Sensor, limit: float = np.inf) -> Signals:
     """Cuts flights into segments.
 
     Args:
         flights: checked flights of one rate, with what the sensor measures.
         sensor: what is looked at.
+        limit: mean speed command beyond which thrust saturates; see `saturation`.
 
     Raises:
         InputError: the flights have different rates, or none is long enough.
@@ -163,7 +198,11 @@ def signals(flights: Sequence[Flight], sensor: Sensor) -> Signals:
     command, measured, rates, climb, used = (
         np.stack(some, axis=1) for some in zip(*arrays, strict=True)
     )
-    return Signals(command, measured, rates, climb, used, names, period, rows)
+    delay = flights[0].accelerometer_delay
+    left = delay if is_slow(flights[0]) and sensor.measured is mean_force else 0.0
+    hot = beyond(command.mean(axis=2), limit, period).reshape(len(used), rows, -1).any(axis=1)
+    result = Signals(command, measured, rates, climb, used & ~hot, names, period, rows, left, limit)
+    return result if np.isinf(limit) else result.some(result.used.any(axis=0))
 
 
 def _segments(

@@ -35,7 +35,13 @@ from maidenflight.identification.outcome.estimates import (
     evaluations_table,
     notes_on,
 )
-from maidenflight.identification.outcome.plausible import Ranges, is_identifiable, prior_ranges
+from maidenflight.identification.outcome.plausible import (
+    HOVERING,
+    Ranges,
+    is_identifiable,
+    prior_ranges,
+    unchanged,
+)
 from maidenflight.identification.outcome.posterior import RESAMPLES
 from maidenflight.identification.outcome.problem import Problem, must_tell
 from maidenflight.identification.search.box import Box
@@ -43,8 +49,9 @@ from maidenflight.identification.signals import lag
 from maidenflight.identification.signals.lag import DELAYS, LAG
 from maidenflight.identification.signals.motor_response import (
     MotorResponse,
-    motor_response,
+    estimate_motor_response,
 )
+from maidenflight.identification.signals.saturation import note_saturation, saturation
 from maidenflight.parameters import Parameters, check, component, replace
 
 FORCE = ("thrust_to_weight", "thrust_linear", *DELAYS, "drag_z")
@@ -100,15 +107,18 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     _require_signals(problem.over)
     problem = replace_(problem, bounds={**BOUNDS, **problem.bounds})
     settings = replace_(settings, evaluations=min(settings.evaluations, _MOST))
-    motors = motor_response(problem.flights, problem.generator.spawn(1)[0], problem.start)
-    force = _force(problem, settings, motors)
-    answer = [one for one in (force, _torque(problem, settings, force)) if one is not None]
+    motors = estimate_motor_response(problem.flights, problem.generator.spawn(1)[0], problem.start)
+    limit = saturation(problem.flights, float(problem.start.motor_time_constant))
+    force = _force(problem, settings, motors, limit)
+    torque = _torque(problem, settings, force, limit)
+    answer = [one for one in (force, torque) if one is not None]
     unidentifiable = {name: ends for one in answer for name, ends in one.unidentifiable.items()}
     draws = {name: samples for one in answer for name, samples in one.samples.items()}
     spread = {name: size for one in answer for name, size in one.posterior.spread.items()}
     drone, draws, spread, notes = _with_inertia_z(
         problem.start, answer[-1].best.drone, draws, spread, unidentifiable
     )
+    unidentifiable |= _unchanged(problem, force, unidentifiable)
     names = tuple(name for name in draws if name not in unidentifiable)
     must_tell(names, unidentifiable)
     box = box_of(problem, names)
@@ -137,19 +147,24 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         search=evaluations_table(box, runs),
         posterior=draws,
         gains=tuple(gain for one in answer for gain in one.gains),
-        notes=(*notes_on(estimates, segments), *notes, *lag.notes(delay_estimates, motors)),
-        lag_looks=delay_estimates,
+        notes=(
+            *note_saturation(limit),
+            *notes_on(estimates, segments),
+            *notes,
+            *lag.notes(delay_estimates, motors),
+        ),
+        delay_estimates=delay_estimates,
     )
 
 
 def _require_signals(over: Sequence[str] | None) -> None:
     if over is None:
         return
-    hidden = [name for name in over if name not in (*OF_ACCELEROMETER, *OF_GYRO)]
-    if hidden:
+    insensitive_names = [name for name in over if name not in (*OF_ACCELEROMETER, *OF_GYRO)]
+    if insensitive_names:
         raise InputError(
-            f"{', '.join(hidden)}: not told by accelerometer, gyro and commands alone, which tell "
-            f"{', '.join((*OF_ACCELEROMETER, *OF_GYRO))}."
+            f"{', '.join(insensitive_names)}: not identifiable from accelerometer, gyro and "
+            f"commands alone; these are: {', '.join((*OF_ACCELEROMETER, *OF_GYRO))}."
         )
     if {"inertia_z", "torque_to_thrust"} <= set(over):
         raise InputError(
@@ -167,28 +182,26 @@ def _names_of(
     )
 
 
-def _force(problem: Problem, settings: Likelihood, motors: MotorResponse | None) -> Answer | None:
-    """What the accelerometer tells, given the gyro's lag where it tells none itself."""
+def _force(
+    problem: Problem, settings: Likelihood, motors: MotorResponse | None, limit: float
+) -> Answer | None:
+    """Fits what the accelerometer shows, given the lag of measured speeds or the gyro."""
     names, start = _names_of(problem, FORCE, OF_ACCELEROMETER), problem.start
     if not names:
         return None
-    by_law = all(
-        flight.by_battery_law and np.isfinite(flight.battery).any() for flight in problem.flights
-    )
-    priors = {
-        "thrust_linear": (float(start.thrust_linear), SHAPE if by_law else SHAPE_OF_PWM),
-        "drag_z": (float(component(start, "drag_z")), CLIMB_DRAG),
-    }
-    model = AccelerometerErrors.of(problem.flights, priors)
+    priors = _force_priors(problem)
+    model = AccelerometerErrors.of(problem.flights, priors, limit)
     groups = FORCE_GROUPS if problem.over is None else {}
-    answer = _ask_sensor(problem, settings, model, names, groups, start)
-    plausible = _plausible(problem, tuple(answer.samples), priors)
-    lost = [
-        name for name in DELAYS if name in names and not _lag_is_identifiable(answer, plausible)
-    ]
-    if lost and motors and motors.is_identifiable and set(DELAYS) < set(names):
-        chosen = problem.generator.integers(len(motors.lag), size=RESAMPLES)
-        measured_delays = {LAG: motors.lag[chosen], "latency": motors.latency[chosen]}
+    measured = all(one.rotor_speed is not None for one in problem.flights)
+    answer, removed_names, plausible = None, list(DELAYS), {}
+    if not (measured and motors and motors.is_identifiable and set(DELAYS) < set(names)):
+        answer = _ask_sensor(problem, settings, model, names, groups, start)
+        plausible = _plausible(problem, tuple(answer.samples), priors)
+        identifiable = _lag_is_identifiable(answer, plausible)
+        removed_names = [name for name in DELAYS if name in names and not identifiable]
+    if removed_names and motors and motors.is_identifiable and set(DELAYS) < set(names):
+        resampled = problem.generator.integers(len(motors.lag), size=RESAMPLES)
+        measured_delays = {LAG: motors.lag[resampled], "latency": motors.latency[resampled]}
         drone = replace(
             start, **{name: np.float32(np.median(measured_delays[name])) for name in DELAYS}
         )
@@ -196,21 +209,31 @@ def _force(problem: Problem, settings: Likelihood, motors: MotorResponse | None)
         again = _ask_sensor(problem, settings, model, rest, {}, drone, measured_delays)
         usual = motors.usual_latency
         return again if usual is None else replace_(again, unidentifiable={"latency": usual})
-    if lost:
-        lost = [name for name in answer.samples if name in MOTORS]
+    if answer is None:
+        return None
+    if removed_names:
+        removed_names = [name for name in answer.samples if name in MOTORS]
     if "thrust_linear" in names and not is_identifiable(
         answer.posterior.error["thrust_linear"], plausible["thrust_linear"]
     ):
-        lost.append("thrust_linear")
-    if not lost:
+        removed_names.append("thrust_linear")
+    if not removed_names:
         return answer
-    less = answer.without({name: plausible[name] for name in lost}, start, problem.generator)
-    names_left = tuple(name for name in answer.samples if name not in lost)
+    less = answer.without(
+        {name: plausible[name] for name in removed_names}, start, problem.generator
+    )
+    names_left = tuple(name for name in answer.samples if name not in removed_names)
     if not names_left:
         return less
-    known = {name: less.samples[name] for name in lost}
+    known = {name: less.samples[name] for name in removed_names}
     again = _ask_sensor(problem, settings, model, names_left, {}, less.best.drone, known)
-    return replace_(again, unidentifiable=less.unidentifiable, gains=answer.gains)
+    gains = tuple(
+        replace_(gain, is_in_model=False, reason="not identifiable")
+        if gain.is_in_model and set(groups[gain.group]) & set(removed_names)
+        else gain
+        for gain in answer.gains
+    )
+    return replace_(again, unidentifiable=less.unidentifiable, gains=gains)
 
 
 def _ask_sensor(
@@ -250,6 +273,35 @@ def _plausible(
     return answer
 
 
+def _unchanged(problem: Problem, force: Answer | None, known: Ranges) -> Ranges:
+    """What the accelerometer tells no better than before, although it tells others beside it.
+
+    It keeps the value that belongs to the others, as a latency does to a lag.
+    """
+    if force is None:
+        return {}
+    names = tuple(
+        name for name in force.samples if name not in (HOVERING, LAG) and name not in known
+    )
+    if not names:
+        return {}
+    samples = {name: force.samples[name] for name in names}
+    added = {name: 1.0 for group in FORCE_GROUPS.values() for name in group}
+    return unchanged(samples, _plausible(problem, names, _force_priors(problem)), added)
+
+
+def _force_priors(problem: Problem) -> dict[str, tuple[float, float]]:
+    """Mean and standard deviation of what is known of the force beforehand."""
+    start = problem.start
+    by_law = all(
+        flight.by_battery_law and np.isfinite(flight.battery).any() for flight in problem.flights
+    )
+    return {
+        "thrust_linear": (float(start.thrust_linear), SHAPE if by_law else SHAPE_OF_PWM),
+        "drag_z": (float(component(start, "drag_z")), CLIMB_DRAG),
+    }
+
+
 def _lag_is_identifiable(answer: Answer, plausible: Ranges) -> bool:
     """Whether lag and latency together are told, and neither lies at a search bound."""
     if np.isinf([answer.posterior.error.get(name, 0.0) for name in DELAYS]).any():
@@ -260,21 +312,23 @@ def _lag_is_identifiable(answer: Answer, plausible: Ranges) -> bool:
     )
 
 
-def _torque(problem: Problem, settings: Likelihood, force: Answer | None) -> Answer | None:
+def _torque(
+    problem: Problem, settings: Likelihood, force: Answer | None, limit: float
+) -> Answer | None:
     """What the gyro tells, given what the accelerometer tells."""
     names = _names_of(problem, TORQUE, OF_GYRO)
     if not names:
         return None
     known, drone = ({}, problem.start) if force is None else (force.samples, force.best.drone)
-    model = GyroErrors.of(problem.flights)
+    model = GyroErrors.of(problem.flights, None, limit)
     groups = TORQUE_GROUPS if problem.over is None else {}
     answer = _ask_sensor(problem, settings, model, names, groups, drone, known)
     plausible = _plausible(problem, names, {})
     error = answer.posterior.error
-    lost = {
+    removed_ranges = {
         name: plausible[name] for name in names if not is_identifiable(error[name], plausible[name])
     }
-    return answer.without(lost, problem.start, problem.generator)
+    return answer.without(removed_ranges, problem.start, problem.generator)
 
 
 def _with_inertia_z(

@@ -60,12 +60,13 @@ def reached(name: str, value: float, bounds: tuple[float, float]) -> float | Non
     return None
 
 
-def any_reached(drone: Parameters, limits: Mapping[str, tuple[float, float]]) -> bool:
-    """Returns whether one of a drone's parameters lies at its search bound."""
-    return any(
-        reached(name, float(component(drone, name)), ends) is not None
+def all_reached(drone: Parameters, limits: Mapping[str, tuple[float, float]]) -> list[str]:
+    """Returns the names of a drone's parameters that lie at their search bounds."""
+    return [
+        name
         for name, ends in limits.items()
-    )
+        if reached(name, float(component(drone, name)), ends) is not None
+    ]
 
 
 def at_bounds(estimates: Mapping[str, Estimate]) -> dict[str, str]:

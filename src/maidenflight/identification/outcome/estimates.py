@@ -24,9 +24,9 @@ from maidenflight.identification.drone_file import (
 )
 from maidenflight.identification.outcome import posterior
 from maidenflight.identification.outcome.bounds import at_bounds, cut_off
-from maidenflight.identification.outcome.plausible import Expected
+from maidenflight.identification.outcome.plausible import ExpectedInterval
 from maidenflight.identification.search.box import Box
-from maidenflight.identification.signals.motor_response import Look
+from maidenflight.identification.signals.motor_response import DelayEstimate
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import Parameters, replace
 from maidenflight.simulator.randomization import Ensemble
@@ -36,6 +36,9 @@ _FEWEST_SEGMENTS = 6
 USUAL_PERIOD = 0.0125
 """Time between two rows beyond which samples of a PID's commands say little of lag and inertia [s];
 paper/notes/identification.md has figures."""
+SURE_NATS, SURE_LOSS = 0.05, 0.05
+"""Log likelihood of a row [nats], and share of a replay's loss, by which a drone is surely
+worse."""
 MAX_MOTOR_NOISE = 0.08
 """Noise of motors beyond which it is not theirs, as a share of full thrust: real Crazyflies have
 0.03 to 0.04."""
@@ -96,7 +99,7 @@ class Identification:
     unidentified: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Plausible range of each parameter that the flights cannot tell, by name: it keeps the
     start's value, and posterior samples are anywhere in the range."""
-    expected: Mapping[str, Expected] = field(default_factory=dict)
+    expected: Mapping[str, ExpectedInterval] = field(default_factory=dict)
     """What the flights could tell, before anything was fitted; nothing of a replay."""
     gains: tuple[GroupGain, ...] = ()
     """Log-likelihood gain of each group of parameters, where the flights chose them."""
@@ -104,7 +107,7 @@ class Identification:
     """Noise found in the flights, as fields of `parameters`; none of a replay."""
     seconds: float = 0.0
     """Wall time [s]."""
-    lag_looks: tuple[Look, ...] = ()
+    delay_estimates: tuple[DelayEstimate, ...] = ()
     """Motor lag and latency together as different signals show them, and last as taken."""
 
     def __str__(self) -> str:
@@ -219,6 +222,25 @@ def evaluations_table(
             )
         )
     return polars.concat(parts)
+
+
+def note_worse_than_start(value: float, start_value: float, objective: str) -> list[str]:
+    """Returns a note where the identified drone explains its own flights worse than the start.
+
+    Args:
+        value: of the objective, less is better; see `Identification.value`.
+        start_value: that of the start.
+        objective: `likelihood` or `replay`.
+    """
+    least = SURE_NATS if objective == "likelihood" else SURE_LOSS * abs(start_value)
+    if not value > start_value + least:
+        return []
+    return [
+        f"the identified drone explains these flights worse than the start: {objective} "
+        f"{-value:.4g}, that of the start {-start_value:.4g}, more is better. Signals contradict "
+        "one another: look at maidenflight log (signs, order of motors, yaw, clocks), and do not "
+        "train on it."
+    ]
 
 
 def doubts(noise: Mapping[str, float], flights: Sequence[Flight]) -> list[str]:

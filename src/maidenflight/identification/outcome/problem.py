@@ -9,11 +9,14 @@ import numpy as np
 from jaxtyping import Array
 
 from maidenflight.errors import InputError
+from maidenflight.flights.checkup.motors import load_factor
 from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import SAME_RATE
 from maidenflight.identification.drone_file import Source
 from maidenflight.identification.outcome.estimates import source_of
+from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.identification.outcome.progress import Progress, Reporter
+from maidenflight.identification.search.box import thrust_bound
 from maidenflight.parameters import Parameters, crazyflie
 
 LONGEST_PERIOD = 0.025
@@ -62,13 +65,17 @@ class Problem:
         if not flights:
             raise InputError("no flights to identify from; give at least one.")
         _must_be_frequent(flights)
+        start = crazyflie() if start is None else start
+        most = {HOVERING: (1.01, thrust_bound(max(map(calm_thrust, flights))))}
+        if most[HOVERING][1] <= thrust_bound(float(start.thrust_to_weight)):
+            most = {}
         names = None if over is None or over == AUTO else over
         return cls(
             flights=flights,
             source=source_of(flights),
-            start=crazyflie() if start is None else start,
+            start=start,
             over=names if names is None else tuple([names] if isinstance(names, str) else names),
-            bounds=bounds or {},
+            bounds={**most, **(bounds or {})},
             generator=generator_of(key),
             reporter=Reporter(on_progress),
         )
@@ -88,6 +95,18 @@ def _must_be_frequent(flights: Sequence[Flight]) -> None:
             f"({1 / slowest.period:.4g} Hz); the motors' lag needs {1 / LONGEST_PERIOD:g} Hz or "
             "more. Log at 100 Hz."
         )
+
+
+def calm_thrust(flight: Flight) -> float:
+    """Returns the ratio of thrust to weight that mean force and mean command of a flight show.
+
+    Zero where nothing does.
+    """
+    load = load_factor(flight)
+    if load is None:
+        return 0.0
+    ratio = np.nanmean(load, dtype=float) / max(np.nanmean(flight.command, dtype=float), 1e-3)
+    return float(np.nan_to_num(ratio))
 
 
 def must_tell(names: Collection[str], unidentifiable: Collection[str]) -> None:

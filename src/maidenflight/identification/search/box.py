@@ -125,6 +125,15 @@ def search_box(over: Sequence[str], bounds: Mapping[str, tuple[float, float]]) -
     )
 
 
+def thrust_bound(thrust_to_weight: float) -> float:
+    """Returns the upper search bound of a drone whose ratio of thrust to weight is about so large.
+
+    8 for those of a Crazyflie's kind; racing quadrotors have 6 to 14.
+    """
+    most = QUANTITIES["thrust_to_weight"].upper
+    return float(np.clip(2.5 * thrust_to_weight, 8.0, most))
+
+
 def physical_bounds(start: Parameters) -> dict[str, tuple[float, float]]:
     """Returns physical search bounds about a drone, by component.
 
@@ -135,7 +144,7 @@ def physical_bounds(start: Parameters) -> dict[str, tuple[float, float]]:
         name: float(component(start, name)) for name in ("inertia_x", "inertia_y", "inertia_z")
     }
     return {
-        "thrust_to_weight": (1.01, 8.0),
+        "thrust_to_weight": (1.01, thrust_bound(float(start.thrust_to_weight))),
         "motor_time_constant": (0.003, 0.5),
         "latency": (0.0, 0.05),
         "spin_down_ratio": (0.2, 5.0),

@@ -80,8 +80,8 @@ def flights(path: Path, name: str) -> LoggedFlights:
 
 
 def _unreadable(error: Exception) -> str:
-    why = " ".join(str(error).split())[:100] or type(error).__name__
-    return f"not a readable blackbox log ({why}). Copy it again."
+    reason = " ".join(str(error).split())[:100] or type(error).__name__
+    return f"not a readable blackbox log ({reason}). Copy it again."
 
 
 def _of_log(
@@ -129,21 +129,25 @@ def _groups(name: str, fields: list[str]) -> dict[str, list[str]]:
     Raises:
         InputError: one that is needed is missing.
     """
-    wanted = {
+    setpoints = {
         "gyroUnfilt": 3,
         "gyroADC": 3,
         "accSmooth": 3,
         "motor": 4,
         "eRPM": 4,
         "omega": 4,
+        "omegaUnfiltered": 4,
     }
     logs = {"time": ["time"]} if "time" in fields else {}
-    for signal, count in wanted.items():
+    for signal, count in setpoints.items():
         columns = [f"{signal}[{number}]" for number in range(count)]
         if set(columns) <= set(fields):
             logs[signal] = columns
     if "gyroUnfilt" in logs:
         logs.pop("gyroADC", None)
+    if "omegaUnfiltered" in logs:
+        # The filter is late by half a motor's lag.
+        logs["omega"] = logs.pop("omegaUnfiltered")
     for signal in ("vbatLatest", "vbat"):
         if signal in fields:
             logs["battery"] = [signal]
@@ -210,7 +214,7 @@ def _flight(
             notes.append(f"{name}: rotor speeds of eRPM with {poles:g} magnet poles")
     elif "omega" in values:
         speed = values["omega"][:, list(_ORDER)]
-        notes.append(f"{name}: rotor speeds of omega")
+        notes.append(f"{name}: rotor speeds of {groups['omega'][0].partition('[')[0]}")
     volts, log_notes = _battery(name, len(time), values.get("battery"), headers)
     loop = (
         blackbox_header.number(headers, "looptime", 125.0)

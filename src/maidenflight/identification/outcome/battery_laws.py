@@ -1,0 +1,136 @@
+"""Doubt about the battery law: thrust by each law that may have made a log's PWM, averaged.
+
+Where a log does not name its law, commands are read by the most plausible one. Another law would
+give other commands to the same motors' voltages: its thrust-to-weight ratio is in inverse
+proportion to their mean, and torques, so inertia, to their slope. Samples of the posterior are
+drawn over the laws by their probability: what is usual, and how steady thrust per command is.
+
+Source: Hoeting et al. 1999, Bayesian model averaging: a tutorial.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from maidenflight.flights import compensation
+from maidenflight.flights.checkup.one_drone import thrust_per_command
+from maidenflight.flights.log import Flight
+from maidenflight.identification.drone_file import Estimate
+from maidenflight.identification.outcome.estimates import Identification
+from maidenflight.identification.outcome.plausible import HOVERING
+from maidenflight.identification.outcome.posterior import interval
+
+OF_TORQUE = (
+    *(f"inertia_{axis}" for axis in "xyz"),
+    *(f"torque_bias_{axis}" for axis in "xyz"),
+    *("rotor_momentum", "flapping_moment", "rotational_damping"),
+)
+"""Parameters in proportion to the torque of a command."""
+_BLOCKS, _MOST = 20.0, 5.0
+"""Blocks of half a second to an independent one, since laws miss by what lasts as long as a
+battery; and most of them, since no law is exact: of five NanoBench flights whose thrust names the
+law, thrust per command is steadier by another one in three."""
+_LEAST = 0.01
+"""Probability below which a law is left out."""
+
+
+class LawChance(NamedTuple):
+    """A battery law that may have made some logs."""
+
+    law: str
+    """A key of `compensation.LAWS`."""
+    probability: float
+    thrust: float
+    """Thrust-to-weight ratio by it over that by the law taken."""
+    torque: float
+    """Torque of a command likewise."""
+
+
+def law_chances(flights: Sequence[Flight]) -> list[LawChance]:
+    """Returns the laws that flights may be read by, the one taken first.
+
+    Args:
+        flights: checked flights.
+
+    Returns:
+        None of flights that name their law, or were not read by one.
+    """
+    doubtful = [one for one in flights if one.assumed_law and np.isfinite(one.battery).any()]
+    if not doubtful:
+        return []
+    taken = str(doubtful[0].assumed_law)
+    command = np.concatenate([one.command for one in doubtful]).astype(float)
+    volts = np.concatenate([one.battery for one in doubtful]).astype(float)
+    flying = np.isfinite(volts) & (command > 0.02).all(axis=1)
+    if not flying.any():
+        return []
+    command, volts = command[flying], volts[flying]
+    own, spread = np.log(command), _spread(doubtful, taken)
+    chances = []
+    for law, usual in compensation.usual_laws(command, volts, taken).items():
+        other = np.maximum(compensation.reread(command, volts, taken, law), 1e-3)
+        slope = float(np.polyfit(own.ravel(), np.log(other).ravel(), 1)[0])
+        blocks, deviation = _spread(doubtful, taken, law)
+        steady = (spread[1] / max(deviation, 1e-6)) ** min(blocks / _BLOCKS, _MOST)
+        ratio = float(command.mean() / other.mean())
+        chances.append(LawChance(law, usual * steady, ratio, slope))
+    total = sum(one.probability for one in chances)
+    chances = [one._replace(probability=one.probability / total) for one in chances]
+    return [one for one in chances if one.law == taken or one.probability > _LEAST]
+
+
+def _spread(flights: Sequence[Flight], taken: str, law: str | None = None) -> tuple[int, float]:
+    """Number of blocks, and standard deviation of the logarithm of thrust per command in them."""
+    if law not in (None, taken):
+        flights = [
+            replace(one, command=compensation.reread(one.command, one.battery, taken, law))
+            for one in flights
+        ]
+    blocks = thrust_per_command(flights)
+    blocks = blocks[np.isfinite(blocks)]
+    return len(blocks), float(np.std(blocks)) if len(blocks) else 1.0
+
+
+def average_laws(
+    result: Identification, flights: Sequence[Flight], generator: np.random.Generator
+) -> Identification:
+    """Returns an identification whose samples and intervals hold the doubt about the battery law.
+
+    Args:
+        result: by the law that was taken, whose values stay.
+        flights: checked flights.
+        generator: random numbers.
+    """
+    chances = law_chances(flights)
+    if len(chances) < 2 or HOVERING not in result.posterior:
+        return result
+    weights = np.array([one.probability for one in chances])
+    count = len(result.posterior[HOVERING])
+    drawn = generator.choice(len(chances), count, p=weights / weights.sum())
+    thrust = np.array([one.thrust for one in chances])[drawn]
+    torque = np.array([one.torque for one in chances])[drawn]
+    factors = {HOVERING: thrust, **dict.fromkeys(OF_TORQUE, torque)}
+    samples = {name: values * factors.get(name, 1.0) for name, values in result.posterior.items()}
+    estimates = {
+        name: _widened(one, samples[name]) if name in factors else one
+        for name, one in result.estimates.items()
+    }
+    value = float(result.parameters.thrust_to_weight)
+    laws = ", ".join(
+        f"{one.thrust * value:.3g} by the law of the {one.law} ({100 * one.probability:.0f} %)"
+        for one in chances
+    )
+    note = (
+        f"the log does not name its battery law: thrust_to_weight is {laws}; intervals hold them. "
+        "Give --battery-law if you know it."
+    )
+    return replace(result, posterior=samples, estimates=estimates, notes=(note, *result.notes))
+
+
+def _widened(estimate: Estimate, samples: Float[np.ndarray, "N"]) -> Estimate:
+    low, high = interval(samples)
+    ends = min(float(low), estimate.value), max(float(high), estimate.value)
+    return replace(estimate, interval=ends)

@@ -1,0 +1,42 @@
+"""What makes an identified drone doubtful is said, and how far thrust is searched for."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from made_flights import calm
+from maidenflight.identification.outcome.estimates import note_worse_than_start
+from maidenflight.identification.outcome.problem import Problem
+from maidenflight.identification.search.box import physical_bounds
+from maidenflight.parameters.named import racer_5_inch
+
+
+@pytest.mark.parametrize(
+    ("objective", "value", "start", "notes"),
+    [
+        ("likelihood", -22.34, -22.39, 0),
+        ("likelihood", -22.30, -22.39, 1),
+        ("likelihood", -23.0, -22.39, 0),
+        ("replay", 0.0206, 0.02, 0),
+        ("replay", 0.022, 0.02, 1),
+    ],
+)
+def test_a_drone_that_explains_less_than_the_start_is_noted(
+    objective: str, value: float, start: float, notes: int
+) -> None:
+    assert len(note_worse_than_start(value, start, objective)) == notes
+
+
+@pytest.mark.parametrize(("start", "share", "most"), [(None, 1.0, 8.0), (None, 0.15, 20.0)])
+def test_thrust_is_searched_as_far_as_flights_show(start: Any, share: float, most: float) -> None:
+    """A hover at a seventh of full thrust is that of a racing quadrotor."""
+    flight = calm(rows=300)
+    flight = replace(flight, command=(share * flight.command).astype(np.float32))
+    problem = Problem.of([flight], start)
+    bounds = {**physical_bounds(problem.start), **problem.bounds}["thrust_to_weight"]
+    assert bounds == (1.01, most)
+    assert physical_bounds(racer_5_inch())["thrust_to_weight"] == (1.01, 15.0)
+    own = Problem.of([flight], start, bounds={"thrust_to_weight": (2.0, 5.0)})
+    assert own.bounds["thrust_to_weight"] == (2.0, 5.0)
