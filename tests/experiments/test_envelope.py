@@ -65,7 +65,9 @@ def test_at_the_limit_of_speed_all_thrust_is_needed(axis, thrust):
     drone = replace(crazyflie(), thrust_to_weight=thrust)
     reality = type(DRONE)("drone", drone)
     fastest = envelope.limit(axis, reality)
-    reference = PACES[axis].of(fastest)
+    pace = PACES[axis].of
+    assert pace is not None
+    reference = pace(fastest)
     velocity = lambda time: jax.jvp(reference, (time,), (jnp.ones_like(time),))[1]  # noqa: E731
     push = jax.vmap(lambda time: jax.jvp(velocity, (time,), (jnp.ones_like(time),))[1])
     sideways = np.linalg.norm(push(jnp.linspace(31.0, 40.0, 4000)), axis=1).max()

@@ -140,11 +140,11 @@ def fly_together(
             distance = flights.distance + jnp.sum(rows.position_error, axis=-1)
             return row + every, after, Flown(end, largest, distance)
 
-        first_state = jax.vmap(jax.vmap(take_over, in_axes=(None, 0, 0)))(policies, drones, keys)
+        begun = jax.vmap(jax.vmap(take_over, in_axes=(None, 0, 0)))(policies, drones, keys)
         end = End(jnp.zeros(wanted.shape, jnp.int32), jnp.where(wanted, 0, failures.TIME_LIMIT))
         nothing = jnp.zeros(wanted.shape)
         flights = Flown(end, Excursion(nothing, nothing, nothing), nothing)
-        first = jnp.zeros((), jnp.int32), first_state, flights
+        first = jnp.zeros((), jnp.int32), begun, flights
         return lax.while_loop(lambda now: jnp.any(now[-1].end.reason == 0), decide, first)[-1]
 
     laid, everywhere = PartitionSpec(POLICIES), PartitionSpec()

@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from maidenflight import names, results, run_folder
+from maidenflight import cores, names, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.registry import EXPORTERS, LOGGERS, VIEWERS
 from maidenflight.settings import (
@@ -298,6 +298,7 @@ class Train(Verb):
             policies = self._train(learner, saved, on_progress)
         if len(stages := core.checkpoint.stages(saved)) > 1:
             record["settings"]["extended_from"] = list(stages[:-1])
+        record["cores"] = cores.count()
         record["drone"] = core.identity.identity_of(self.drone_file)
         written = core.folder.write_policies(
             output, policies, record, self.drone_file.parameters, scores.table

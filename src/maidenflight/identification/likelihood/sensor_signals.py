@@ -202,7 +202,7 @@ def signals(flights: Sequence[Flight], sensor: Sensor, limit: float = np.inf) ->
     left = delay if is_slow(flights[0]) and sensor.measured is mean_force else 0.0
     hot = beyond(command.mean(axis=2), limit, period).reshape(len(used), rows, -1).any(axis=1)
     result = Signals(command, measured, rates, climb, used & ~hot, names, period, rows, left, limit)
-    return result if np.isinf(limit) else result.some(result.used.any(axis=0))
+    return result if np.isinf(limit) else result.some(np.asarray(result.used.any(axis=0)))
 
 
 def _segments(

@@ -193,7 +193,8 @@ def _force(
     model = AccelerometerErrors.of(problem.flights, priors, limit)
     groups = FORCE_GROUPS if problem.over is None else {}
     measured = all(one.rotor_speed is not None for one in problem.flights)
-    answer, removed_names, plausible = None, list(DELAYS), {}
+    answer, plausible = None, {}
+    removed_names: list[str] = list(DELAYS)
     if not (measured and motors and motors.is_identifiable and set(DELAYS) < set(names)):
         answer = _ask_sensor(problem, settings, model, names, groups, start)
         plausible = _plausible(problem, tuple(answer.samples), priors)

@@ -171,7 +171,7 @@ def flights(table: Table) -> LoggedFlights:
         zero_order_hold=period < _LOOP,
         full_scale_counts=MOST_COUNTS,
         assumed=period >= _LOOP,
-        assumed_law=law if how == compensation.BY_VOLTAGE else None,
+        assumed_law=law if law_choice == compensation.BY_VOLTAGE else None,
         rotor_speed=values.get("rotor speed"),
     )
     notes = [compensation.note(table.name, law, law_choice)]

@@ -88,7 +88,7 @@ def flights(table: Table) -> LoggedFlights:
         setpoint=columns(*SETPOINT),
         zero_order_hold=False,
         full_scale_counts=MOST_COUNTS,
-        assumed_law=law if how == compensation.BY_VOLTAGE else None,
+        assumed_law=law if law_choice == compensation.BY_VOLTAGE else None,
     )
     with np.errstate(invalid="ignore"):  # what is not finite is refused by checking
         time = column["t"] - column["t"][0]
