@@ -26,7 +26,7 @@ from maidenflight.integrations.radio import row_files
 from maidenflight.integrations.radio.blocks import MOTORS, STATE
 from maidenflight.names import POSTERIOR
 from maidenflight.parameters import QUANTITIES, Parameters
-from maidenflight.policy import Policy, untrained
+from maidenflight.policy import Policy, untrained_policy
 from maidenflight.simulator.controllers.interface import INTERFACES, ControlInterface
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.tasks.trajectories import read_waypoints
@@ -88,7 +88,7 @@ def unsound_drone(read: Parameters) -> str:
 
 def small_policy(control: str = "pwm", history: int = 1) -> Policy:
     """A policy with few numbers."""
-    return untrained(
+    return untrained_policy(
         jax.random.key(0), INTERFACES[control](), PolicySpec(history=history, hidden=(3,))
     )
 

@@ -134,31 +134,32 @@ def flights_told(read: Flights) -> list[np.ndarray]:
     ]
 
 
-def unsound_flights(read: Flights) -> str:
-    """The promises of `read_flights`, looked at one by one."""
+def unsound_flights(read: Flights, most: float = 1.0) -> str:
+    """The promises of `read_flights`, looked at one by one; `most` is the largest command."""
     for flight in read:
-        arrays = {group: getattr(flight, group) for group in log.GROUPS if group != "time"}
-        wide = {"command": (4,), "battery": ()}
+        state = ("position", "velocity", "attitude") if flight.has_state else ()
+        sensed = [group for group in log.OPTIONAL if group in flight.arrays]
+        needed = ("body_rates", "command", *state, *sensed)
+        wide = {"command": (4,), "battery": (), "rotor_speed": (4,)}
         with np.errstate(all="ignore"):
-            known = [(group, array[np.isfinite(array)], array) for group, array in arrays.items()]
-        faults = {
-            "a period that is none": not 0 < flight.period < 1,
-            "too few rows": len(flight) < 50,
-            "shapes": any(
-                array.shape != (len(flight), *wide.get(group, (3,)))
-                for group, array in arrays.items()
-            ),
-            "not float32": any(array.dtype != np.float32 for array in arrays.values()),
-            "not finite": any(
-                len(f) < a.size for group, f, a in known if group not in ("battery", "setpoint")
-            ),
-            "infinite": any(np.isinf(array).any() for array in arrays.values()),
-            "tilt": (np.abs(flight.attitude[:, :2]) > np.radians(60.01)).any(),
-            "body rates": (np.abs(flight.body_rates) > 25.01).any(),
-            "a height": (flight.position[:, 2] < 0.0999).any(),
-            "a command": (flight.command < -0.0011).any() or (flight.command > 1.0011).any(),
-            "a battery": (flight.battery < 0).any() or (flight.battery > 100).any(),
-        }
+            faults = {
+                "a period that is none": not 0 < flight.period < 1,
+                "too few rows": len(flight) < 50,
+                "shapes": any(
+                    array.shape != (len(flight), *wide.get(group, (3,)))
+                    for group, array in flight.arrays.items()
+                ),
+                "not float32": any(array.dtype != np.float32 for array in flight.arrays.values()),
+                "not finite": not all(np.isfinite(flight.arrays[group]).all() for group in needed),
+                "infinite": any(np.isinf(array).any() for array in flight.arrays.values()),
+                "tilt": flight.has_state
+                and bool((np.abs(flight.attitude[:, :2]) > np.radians(60.01)).any()),
+                "body rates": (np.abs(flight.body_rates) > 25.01).any(),
+                "a height": flight.has_state and bool((flight.position[:, 2] < 0.0999).any()),
+                "a command": (flight.command < -0.0011).any()
+                or (flight.command > most + 0.0011).any(),
+                "a battery": (flight.battery < 0).any() or (flight.battery > 100).any(),
+            }
         found = [fault for fault, there in faults.items() if there]
         if found:
             return found[0]

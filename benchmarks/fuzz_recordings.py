@@ -9,10 +9,10 @@ from pathlib import Path
 import fuzz_damage as damage
 import numpy as np
 from fuzz_damage import ANY, Damaged, Kind
+from fuzz_logs import flights_told, unsound_flights
 from fuzz_reader import Good, Reader, made
 
 from maidenflight.flights import formats
-from maidenflight.flights.log import GROUPS, OPTIONAL
 from maidenflight.flights.reading import Flights, read_flights
 from maidenflight.simulator.physics.battery import LARGEST_COMMAND
 
@@ -76,36 +76,9 @@ def _bytes(generator: random.Random, good: bytes, other: bytes) -> Damaged:
     return damage.of_bytes(generator, good, other, Kind(ANY))
 
 
-def told(read: Flights) -> list[np.ndarray]:
-    """All numbers of all pieces."""
-    groups = [group for group in GROUPS if group != "time"]
-    return [
-        np.concatenate([getattr(flight, group).reshape(len(flight), -1) for flight in read])
-        for group in groups
-    ]
-
-
 def unsound(read: Flights) -> str:
     """The promises of `read_flights` of flights that may have no state."""
-    for flight in read:
-        needed = ["body_rates", "command", *(group for group in OPTIONAL if group in flight.arrays)]
-        needed += ["position", "velocity", "attitude"] if flight.has_state else []
-        faults: dict[str, bool] = {
-            "a period that is none": not 0 < flight.period < 1,
-            "too few rows": len(flight) < 50,
-            "not float32": any(array.dtype != np.float32 for array in flight.arrays.values()),
-            "of different lengths": len({len(array) for array in flight.arrays.values()}) > 1,
-            "not finite": not all(np.isfinite(flight.arrays[group]).all() for group in needed),
-            "body rates": bool((np.abs(flight.body_rates) > 25.01).any()),
-            "a command": bool(
-                ((flight.command < -0.0011) | (flight.command > LARGEST_COMMAND)).any()
-            ),
-            "a battery": bool(((flight.battery < 0) | (flight.battery > 100)).any()),
-        }
-        found = [fault for fault, there in faults.items() if there]
-        if found:
-            return found[0]
-    return ""
+    return unsound_flights(read, LARGEST_COMMAND)
 
 
 def recording_readers() -> list[Reader]:
@@ -120,7 +93,7 @@ def recording_readers() -> list[Reader]:
                 2,
                 tuple(Good(f"log{suffix}", content, _bytes) for content in contents),
                 read,
-                told,
+                flights_told,
                 unsound,
                 notes,
             )
@@ -132,7 +105,7 @@ def recording_readers() -> list[Reader]:
                 2,
                 (Good(*damaged_one, _bytes),),
                 lambda folder, _: read_flights(folder / "log.csv"),
-                told,
+                flights_told,
                 unsound,
                 notes,
                 around=dict([other]),

@@ -43,7 +43,7 @@ import maidenflight as mf
 from maidenflight.flights.windows import LEAD_IN, Windows
 from maidenflight.identification.likelihood import one_step_errors
 from maidenflight.parameters import crazyflie, replace
-from maidenflight.policy import untrained
+from maidenflight.policy import untrained_policy
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import relative_box, stacked
@@ -236,7 +236,7 @@ def evaluated(name: str, policies: int = 2) -> HotPath:
     """Episodes with which training scores policies."""
     env, boxes = Environment(task=tasks.circle()), stacked([relative_box(crazyflie())] * policies)
     episodes = 128
-    made = jax.vmap(untrained)(jax.random.split(jax.random.key(0), policies))
+    made = jax.vmap(untrained_policy)(jax.random.split(jax.random.key(0), policies))
     starts = starts_of(env, episodes, boxes)
 
     def score(made: Any) -> Any:

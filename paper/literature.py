@@ -114,7 +114,9 @@ def beside_literature(
             for mark in _marks(name, estimates[name], papers[name], ends)
         ]
     values = [mark[end] for mark in marks for end in ("x", "x2") if end in mark]
-    domain = [min([0.85, *(0.94 * value for value in values)]), 1.06 * max(values)]
+    # An interval from zero would squeeze all others.
+    domain = [max(1 / 8, min([0.85, *(0.94 * value for value in values)])), 1.06 * max(values)]
+    marks = [mark | {"x": max(mark["x"], domain[0])} for mark in marks]
     multiple = "datum.value < 1 ? '1/' + round(1 / datum.value) : datum.value"
     x = charts.number(
         "x",

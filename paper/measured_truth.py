@@ -20,7 +20,10 @@ import polars
 from maidenflight import results
 from maidenflight.flights.log import Flight, thinned
 from maidenflight.flights.reading import read_flights
-from maidenflight.identification.signals.motor_response import MotorResponse, motor_response
+from maidenflight.identification.signals.motor_response import (
+    MotorResponse,
+    estimate_motor_response,
+)
 from maidenflight.parameters import crazyflie
 
 FOLDERS = ("brushed", "brushless", "payload")
@@ -36,9 +39,9 @@ def ends(found: MotorResponse) -> tuple[float, float, float]:
 
 def judged(name: str, flights: Sequence[Flight], every: int) -> dict[str, object] | None:
     """A row of the table, or none where the flights are too short."""
-    truth = motor_response(flights, np.random.default_rng(0), crazyflie())
+    truth = estimate_motor_response(flights, np.random.default_rng(0), crazyflie())
     hidden = [thinned(replace(flight, rotor_speed=None), every) for flight in flights]
-    found = motor_response(hidden, np.random.default_rng(0), crazyflie())
+    found = estimate_motor_response(hidden, np.random.default_rng(0), crazyflie())
     if truth is None or found is None:
         return None
     measured, value, (low, high) = ends(truth)[0], ends(found)[0], ends(found)[1:]

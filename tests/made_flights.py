@@ -71,6 +71,15 @@ def driven(rows=900, seed=0):
     )
 
 
+def sensed(rows=600, seed=0, **changes):
+    """A flight of `driven` with an accelerometer and rotor speeds."""
+    flight = driven(rows, seed)
+    force = np.random.default_rng(1).normal([0.0, 0.0, 9.81], 0.3, (rows, 3))
+    speed = 2000 * np.sqrt(flight.command)
+    measured = {"accelerometer": np.float32(force), "rotor_speed": np.float32(speed)}
+    return replace(flight, **measured, **changes)
+
+
 def same(one, other):
     """Whether two flights hold the same rows."""
     groups = ("position", "velocity", "attitude", "body_rates", "command", "battery", "setpoint")

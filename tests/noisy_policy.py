@@ -2,12 +2,12 @@
 
 import jax
 
-from maidenflight.policy import untrained
+from maidenflight.policy import untrained_policy
 
 
 def noisy(key, spec):
     """A policy in which no number is round."""
-    made = untrained(key, spec=spec)
+    made = untrained_policy(key, spec=spec)
     leaves, structure = jax.tree.flatten(made)
     keys = jax.random.split(key, len(leaves))
     leaves = [

@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from maidenflight.flights.log import Flight
-from maidenflight.identification.signals.flight_signals import delayed
+from maidenflight.identification.signals.flight_signals import delay_command
 from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import Environment
@@ -139,7 +139,7 @@ def lagged(command: np.ndarray, period: float, lag: float, latency: float) -> np
         lag: of the motors [s].
         latency: of the commands [s].
     """
-    late = delayed(command, latency / period)
+    late = delay_command(command, latency / period)
     kept = np.exp(-period / lag)
     after = scipy.signal.lfilter([1 - kept], [1.0, -kept], late, axis=0, zi=kept * late[:1])[0]
     return np.concatenate([late[:1], after])

@@ -96,6 +96,7 @@ def test_functions_are_short_and_take_few_arguments(module):
 
 PARTS = [
     "drone_file methods behaviour",
+    "identity",
     "signals",
     "search",
     "outcome",

@@ -196,7 +196,7 @@ def next_of(out: str) -> list[str]:
 def test_an_export_names_the_report_that_shows_its_policy(tmp_path: Path, command: Command) -> None:
     file = tmp_path / "my runs" / "policies" / "policy_1.json"
     policy_file.write_policy(
-        file, policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(4,)))
+        file, policy.untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(4,)))
     )
     manifest.append(file.parent, "train", {"policies": [file]}, {})
     code, out, _ = command("export", file, f"-o {tmp_path}/firmware")
@@ -207,7 +207,7 @@ def test_an_export_names_the_report_that_shows_its_policy(tmp_path: Path, comman
     assert (tmp_path / "my runs" / "report.html").exists()
     alone = tmp_path / "alone" / "pwm_1.json"
     policy_file.write_policy(
-        alone, policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(4,)))
+        alone, policy.untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(4,)))
     )
     code, out, _ = command(f"export {alone} -o {tmp_path}/more")
     assert next_of(out) == ["report", "--policies", str(alone)]
@@ -316,7 +316,7 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
     for number in range(3):
         policy_file.write_policy(
             ours / f"policy_{number}.json",
-            policy.untrained(jax.random.key(number), spec=PolicySpec(hidden=(8,))),
+            policy.untrained_policy(jax.random.key(number), spec=PolicySpec(hidden=(8,))),
         )
     still = {"type": "standard", "weights": [[0.0] * 40] * 4, "biases": [0.0] * 4}
     theirs.write_text(

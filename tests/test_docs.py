@@ -37,7 +37,7 @@ from maidenflight.identification.drone_file import DroneFile
 from maidenflight.identification.likelihood.estimator import Models, Question, answer_question
 from maidenflight.identification.outcome.problem import Problem
 from maidenflight.parameters import noiseless
-from maidenflight.policy import Policy, untrained
+from maidenflight.policy import Policy, untrained_policy
 from maidenflight.registry import EXPORTERS, REALITIES, VERBS
 from maidenflight.simulator import environment
 from maidenflight.simulator.controllers import control
@@ -149,12 +149,11 @@ def test_pages_link_only_to_what_exists_and_name_only_files_that_exist() -> None
         text = page.read_text()
         for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text):
             assert (page.parent / target).exists(), (page.name, target)
-        for named in re.findall(
-            r"`(?:python )?"
-            r"((?:paper|benchmarks|examples|tests|docs|src/maidenflight)/[\w./-]+\.\w+)",
+        named = re.findall(
+            r"(?<![\w./-])(?:paper|benchmarks|examples|tests|docs|src/maidenflight)/[\w./-]+\.\w+",
             text,
-        ):
-            assert (ROOT / named).exists(), (page.name, named)
+        )
+        assert [file for file in named if not (ROOT / file).exists()] == [], page.name
 
 
 def test_all_public_names_resolve() -> None:
@@ -186,7 +185,7 @@ def test_the_python_on_predicted_flights_runs(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for path in ("policies/policy_1.json", "attitude_rate_066.json"):
-        policy_file.write_policy(path, policy.untrained(jax.random.key(0)))
+        policy_file.write_policy(path, policy.untrained_policy(jax.random.key(0)))
     parameters.write_drone("drone.toml", parameters.crazyflie(), {})
     monkeypatch.setattr(
         mf,
@@ -206,7 +205,7 @@ def test_the_commands_on_the_envelope_run(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr("maidenflight.simulator.tasks.trajectories.RAMP_DURATION_S", 1.0)
     monkeypatch.setattr("maidenflight.experiments.envelope.DURATION_S", 0.1)
     policy_file.write_policy(
-        tmp_path / "policies" / "policy_1.json", policy.untrained(jax.random.key(0))
+        tmp_path / "policies" / "policy_1.json", policy.untrained_policy(jax.random.key(0))
     )
     commands = "".join(blocks("docs/evaluation.md", "sh", "Envelope"))
     for number, line in enumerate(commands.splitlines()):
@@ -249,7 +248,7 @@ def test_the_python_of_the_identification_page_runs(
 def test_the_python_and_the_commands_on_realities_run(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("pybullet")
     (snippet,) = blocks("docs/evaluation.md", "python", "Your own")
-    policies = [policy.untrained(jax.random.key(0))]
+    policies = [policy.untrained_policy(jax.random.key(0))]
     monkeypatch.setattr(mf, "transfer", partial(mf.transfer, duration=0.5), raising=False)
     names: dict[str, Any] = {"policies": policies}
     exec(compile(snippet, "docs/evaluation.md", "exec"), names)
@@ -267,7 +266,7 @@ def test_a_reality_of_ones_own_as_the_page_on_extending_shows_it(
     made, used, entered = extensions("A reality")
     monkeypatch.setattr(mf, "transfer", partial(mf.transfer, duration=0.5), raising=False)
     monkeypatch.setitem(REALITIES.own, "mine", "")
-    names: dict[str, Any] = {"policies": [policy.untrained(jax.random.key(0))]}
+    names: dict[str, Any] = {"policies": [policy.untrained_policy(jax.random.key(0))]}
     for snippet in (
         made,
         used.replace("flights=2, duration=4.0", "flights=1, duration=1.0"),
@@ -280,7 +279,7 @@ def test_a_reality_of_ones_own_as_the_page_on_extending_shows_it(
     assert set(names["evaluation"].table["reality"]) == {"virtual-7", "mine"}
     assert mf.reality("mine:0").name == "mine"
     Path("my_simulator.py").write_text(made)
-    policy_file.write_policy("policies/policy_1.json", policy.untrained(jax.random.key(0)))
+    policy_file.write_policy("policies/policy_1.json", policy.untrained_policy(jax.random.key(0)))
     (command,) = [
         shlex.split(line)
         for line in blocks("docs/extending.md", "sh")[-1].splitlines()
@@ -311,22 +310,6 @@ def test_every_command_that_a_page_shows_is_one_that_there_is() -> None:
             must_parse(words[1], words[2:])
             shown += 1
     assert shown > 20
-
-
-def test_the_commands_for_real_drones_exist() -> None:
-    lines = [
-        shlex.split(line, comments=True)
-        for line in re.findall(
-            r"^maidenflight .*",
-            (ROOT / "docs/real-drones.md").read_text().replace("\\\n", ""),
-            re.M,
-        )
-    ]
-    assert {words[1] for words in lines} >= {"fly", "identify", "train", "predict"}
-    flights = [words for words in lines if words[1] == "fly"]
-    assert {"--pilot pid" in " ".join(words) for words in flights} == {True, False}
-    for words in lines:
-        must_parse(words[1], words[2:])
 
 
 def quick_identification(identify: Any, flights: Any, settings: Any = None, **named: Any) -> Any:
@@ -372,7 +355,7 @@ def traced_training(
         ].reward
 
     jax.eval_shape(jax.grad(value), np.zeros(4, np.float32), keys[0])
-    return [untrained(key, controller.interface, policy) for key in keys]
+    return [untrained_policy(key, controller.interface, policy) for key in keys]
 
 
 def traced_flights(policies: list[Policy], realities: list[VirtualDrone], **given: Any) -> None:
@@ -628,7 +611,7 @@ def test_an_exporter_is_a_file_and_a_line(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setitem(EXPORTERS.own, "scales", "")
     exec(compile(line, "docs/extending.md", "exec"), {})
     assert len([one for one in line.splitlines() if one and "import" not in one]) == 1
-    made = policy.untrained(jax.random.key(0))
+    made = policy.untrained_policy(jax.random.key(0))
     (written,) = mf.export(made, "scales", "scales", name="mine", seed=1, record={})
     assert json.loads(written.read_text())["name"] == "pwm"
     assert written == Path("scales/mine_scales.json")
@@ -644,7 +627,9 @@ def delay(monkeypatch: pytest.MonkeyPatch) -> type[Verb]:
     return find_verb("delay:Delay")
 
 
-def test_a_verb_is_a_file_and_a_line(delay: type[Verb], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_verb_is_a_file_and_a_line(
+    delay: type[Verb], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     page = " ".join(section("docs/extending.md", "A verb").split())
     (line,) = re.findall(r'`("delay": "[^`]*)`', page)
     monkeypatch.setitem(VERBS.own, *ast.literal_eval(line.replace(":", ",", 1)))
@@ -657,14 +642,25 @@ def test_a_verb_is_a_file_and_a_line(delay: type[Verb], monkeypatch: pytest.Monk
     result = eval(call, {"Delay": delay})
     assert Path("delayed.toml").read_bytes() == by_command
     assert result.record["settings"] == {"drone": "x500", "more": 5.0}
-    help_page = CliRunner().invoke(cli.commands, ["delay", "--help"]).output
-    assert "What is added [ms]." in help_page
+    cli.commands(["--help"], standalone_mode=False)
+    assert "Write a DRONE with more latency." in capsys.readouterr().out
 
 
-def test_an_option_is_the_line_of_a_verb_that_the_page_names(delay: Any) -> None:
+def test_an_option_is_the_line_of_a_verb_that_the_page_names(
+    delay: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is in the help, the command line, a study with its range, and Python."""
     assert re.findall(r"`(\w+)` above", section("docs/extending.md", "An option")) == ["more"]
     _, declared = delay.settings()["more"]
     assert (declared.default_text, declared.values.expected) == ("10.0", "a number from 0 to 100")
+    monkeypatch.setitem(VERBS.own, "delay", "delay:Delay")
+    for words in ("--help", "--more 101"):
+        told = CliRunner().invoke(cli.commands, ["delay", *words.split()]).output
+        assert {"--help": "What is added [ms].", "--more 101": "from 0 to 100"}[words] in told
+    entry = {"name": "a", "kind": "delay", "grid": {"more": [1, 2]}}
+    assert [task.settings["more"] for task in study.of([entry]).tasks] == [1, 2]
+    with pytest.raises(InputError, match="more = '101'"):
+        study.of([{"name": "a", "kind": "delay", "settings": {"more": 101}}])
     with pytest.raises(InputError, match="more = '101'"):
         delay(more=101)
 
@@ -722,21 +718,9 @@ def test_the_commands_of_a_first_hour_run(
             log.write(f"{folder}/flight_{number}.csv", flight)
     parameters.write_drone("mine.toml", parameters.crazyflie(), {})
     for name in ("pwm_024", "attitude_rate_066", "attitude_021"):
-        policy_file.write_policy(f"{name}.json", policy.untrained(jax.random.key(0)))
+        policy_file.write_policy(f"{name}.json", policy.untrained_policy(jax.random.key(0)))
     assert run_commands(blocks("docs/quickstart.md", "sh", tab), monkeypatch) >= 6
     assert (tmp_path / "report.html").exists()
-
-
-def test_the_scripts_that_pages_call_exist() -> None:
-    called = {
-        script
-        for page in PAGES
-        for script in re.findall(
-            r"\bpython ((?:paper|benchmarks|examples|tests)/\S+\.py)", page.read_text()
-        )
-    }
-    assert len(called) > 15
-    assert [script for script in sorted(called) if not (ROOT / script).exists()] == []
 
 
 def sentences(page: Path) -> list[str]:

@@ -4,8 +4,6 @@ import json
 import subprocess
 import sys
 from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -107,15 +105,23 @@ def test_files_outside_and_files_that_are_not_there_are_left_out(tmp_path: Path)
     assert manifest.read_manifest(tmp_path / "run").entries[0].written == {"logs": ["a"]}
 
 
-def append_many(folder: Path, process: int) -> None:
-    for number in range(10):
-        append(folder, f"{process}_{number}.toml")
+APPENDS = """
+import sys
+from pathlib import Path
+from maidenflight import manifest
+for number in range(10):
+    drone = Path(sys.argv[1], f"{sys.argv[2]}_{number}.toml")
+    drone.write_text("x")
+    manifest.append(drone, "identify", {"drone": [drone]}, {"version": "0.1.0"})
+"""
 
 
 def test_processes_that_append_at_once_lose_nothing(tmp_path: Path) -> None:
-    with ProcessPoolExecutor(4, mp_context=get_context("spawn")) as pool:
-        for done in [pool.submit(append_many, tmp_path, process) for process in range(4)]:
-            done.result()
+    processes = [
+        subprocess.Popen([sys.executable, "-c", APPENDS, tmp_path, str(process)])
+        for process in range(4)
+    ]
+    assert [process.wait() for process in processes] == [0] * 4
     assert sorted(outputs(tmp_path)) == sorted(
         ("identify", f"{process}_{number}.toml") for process in range(4) for number in range(10)
     )
@@ -183,7 +189,7 @@ def test_a_damaged_manifest_is_one_clear_error(tmp_path: Path, content: Any, mes
 def test_what_a_verb_wrote_is_whole_where_the_manifest_is_damaged(tmp_path: Path) -> None:
     file = tmp_path / "policy_1.json"
     policy_file.write_policy(
-        file, policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(4,)))
+        file, policy.untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(4,)))
     )
     (tmp_path / "run.json").write_text("{")
     with pytest.raises(InputError, match=r"The results of export in .*code are whole"):

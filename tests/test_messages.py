@@ -19,6 +19,7 @@ from maidenflight.experiments import comparison
 from maidenflight.experiments.policies import read_policies
 from maidenflight.flights.reading import Flights
 from maidenflight.identification.drone_file import Estimate, GroupGain
+from maidenflight.identification.signals.motor_response import DelayEstimate
 from maidenflight.integrations.exporters.authors_json import to_authors_json
 from maidenflight.names import CONTROLS, TASKS, WIDE
 from maidenflight.registry import VERBS
@@ -49,7 +50,7 @@ def trained(tmp_path: Path) -> Path:
         made = {"settings": {"task": task}} if task else {}
         policy_file.write_policy(
             tmp_path / f"{place}.json",
-            policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,))),
+            policy.untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(3,))),
             made,
         )
     return tmp_path
@@ -133,7 +134,7 @@ def test_policies_fly_what_they_were_trained_for(trained: Path) -> None:
     assert task_of("mute", "hover") == ("hover", [])
     # Of an authors' policy whose name does not say what it commands.
     theirs = trained / "model.json"
-    theirs.write_text(to_authors_json(policy.untrained(jax.random.key(0))))
+    theirs.write_text(to_authors_json(policy.untrained_policy(jax.random.key(0))))
     assert read_policies([theirs], "pwm").choose_task("circle") == ("circle", [])
     with pytest.raises(InputError, match="do not say what they command"):
         read_policies([theirs])
@@ -364,17 +365,23 @@ def test_estimates_have_units_to_read_and_say_what_they_rest_on(capsys: Any) -> 
         parameters=parameters.crazyflie(),
         objective="likelihood",
         unidentified={"inertia_x": (9.3e-6, 2e-5), "drag_x": (0.0, 0.5)},
+        source=SimpleNamespace(flights=4, seconds=120.0),
+        delay_estimates=(DelayEstimate("gyro x", 0.08, (0.07, 0.09)),),
         **fit,
     )
     show(
         *estimates_output.tabulate_estimates(found),
-        *estimates_output.describe_unidentifiable(found),
+        *estimates_output.summarize(found),
+        *estimates_output.describe_delays(found),
         *estimates_output.describe_fit(found, "crazyflie"),
     )
     out = capsys.readouterr().out
     assert re.search(r"latency +7\.15 +7\.08 \.\. 7\.21 +0\.22 +ms", out)
     assert re.search(r"torque_bias_x +-58\.83 +-97\.05 \.\. -23\.16 +110 +1e-6 N m", out)
-    assert "inertia_x 9.3 .. 20 1e-6 kg m2, drag_x 0 .. 0.5 1/s" in " ".join(out.split())
+    assert re.search(r"inertia_x +not identified +9\.3 \.\. 20 \(plausible\) +1e-6 kg m2", out)
+    assert "identified: latency 7.15 [7.08, 7.21] ms and 1 more, from 4 flights of 120 s\n" in out
+    assert "\nnot identified: inertia_x, drag_x, no more than before these flights" in out
+    assert "with 95 % interval: gyro x 80 [70, 90]\n" in out
     assert "taken from crazyflie: mass 28 g and rotors 39.6 mm from the centre" in out
     assert "noise: position_walk 0.0924 m/sqrt(s), actuator_noise 0.02\n" in out
     assert (
@@ -383,9 +390,11 @@ def test_estimates_have_units_to_read_and_say_what_they_rest_on(capsys: Any) -> 
     )
     found.objective = "replay"
     truth = {"latency": "7 + 3 sensors", "torque_bias_x": -6e-05}
-    show(*estimates_output.tabulate_estimates(found, truth))
+    found.unidentified = {}
+    show(*estimates_output.tabulate_estimates(found, truth), *estimates_output.summarize(found))
     out = capsys.readouterr().out
     assert "between trials: standard deviation" in out
+    assert "\nnot identified: nothing" in out
     assert re.search(r"torque_bias_x .* -60 +1e-6 N m", out)
 
 

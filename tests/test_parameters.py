@@ -187,84 +187,50 @@ def edited(name, value):
     return text
 
 
+WRONG = {
+    "broken": (GOOD + "[", "not valid TOML"),
+    "empty": ("", "format = None, expected 5"),
+    "later format": (edited("format", 6), "format = 6, expected 5"),
+    "earlier format": (edited("format", 4), "format = 4, expected 5.*rotor_x"),
+    "missing": (edited("mass", None), "missing mass"),
+    "misspelt": (
+        edited("mass", "0.028\nmas = 1.0"),
+        r"unknown key 'mas' in \[body\]; did you mean 'mass' in \[body\]\?",
+    ),
+    "unknown": (edited("mass", "0.028\nzzz = 1.0"), r"unknown key 'zzz' in \[body\]\."),
+    "wrong table": (
+        edited("mass", "0.028\nlatency = 0.01"),
+        r"unknown key 'latency' in \[body\]; did you mean .* \[motors\]",
+    ),
+    "value for a table": ("format = 5\nbody = 3\n", r"body is a value, expected a table \[body\]"),
+    "text": (edited("mass", '"28 g"'), "mass = '28 g', expected a number"),
+    "truth value": (edited("mass", "true"), "mass = True, expected a number"),
+    "list for a number": (edited("mass", "[0.028, 0.028]"), "mass has 2 values, expected 1"),
+    "table for a number": (edited("mass", "{ kg = 0.028 }"), "mass = .*, expected a number"),
+    "number for a list": (edited("inertia", "1e-5"), "inertia has 1 values, expected 3"),
+    "too few": (edited("inertia", "[1e-5, 1e-5]"), "inertia has shape .*, expected 3"),
+    "text in a list": (edited("inertia", '[1e-5, 1e-5, "x"]'), "inertia = .*, expected 3 numbers"),
+    "one out of range": (
+        edited("inertia", "[1e-5, 1e-5, 13.3]"),
+        r"inertia = \[1e-05, 1e-05, 13.3\] kg m2 is outside",
+    ),
+    "grams": (
+        edited("mass", "28.0"),
+        r"mass = 28.0 kg is outside its physical range \[0.005, 5\]. Check the unit",
+    ),
+    "negative": (edited("mass", "-0.028"), "mass = -0.028 kg is outside"),
+    "nan": (edited("mass", "nan"), "mass = nan kg is outside"),
+    "infinite": (edited("mass", "inf"), "mass = inf kg is outside"),
+    "more than float32 holds": (edited("mass", "1e39"), "mass = .* is outside"),
+    "more than float64 holds": (edited("mass", "1" + "0" * 400), "mass"),
+    "more digits than Python reads": (edited("mass", "1" + "0" * 5000), "drone.toml: "),
+}
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
-    [
-        pytest.param(GOOD + "[", "not valid TOML", id="broken"),
-        pytest.param("", "format = None, expected 5", id="empty"),
-        pytest.param(edited("format", 6), "format = 6, expected 5", id="later format"),
-        pytest.param(edited("format", 4), "format = 4, expected 5.*rotor_x", id="earlier format"),
-        pytest.param(edited("mass", None), "missing mass", id="missing"),
-        pytest.param(
-            edited("mass", "0.028\nmas = 1.0"),
-            r"unknown key 'mas' in \[body\]; did you mean 'mass' in \[body\]\?",
-            id="misspelt",
-        ),
-        pytest.param(
-            edited("mass", "0.028\nzzz = 1.0"), r"unknown key 'zzz' in \[body\]\.", id="unknown"
-        ),
-        pytest.param(
-            edited("mass", "0.028\nlatency = 0.01"),
-            r"unknown key 'latency' in \[body\]; did you mean .* \[motors\]",
-            id="wrong table",
-        ),
-        pytest.param(
-            "format = 5\nbody = 3\n",
-            r"body is a value, expected a table \[body\]",
-            id="value for a table",
-        ),
-        pytest.param(edited("mass", '"28 g"'), "mass = '28 g', expected a number", id="text"),
-        pytest.param(edited("mass", "true"), "mass = True, expected a number", id="truth value"),
-        pytest.param(
-            edited("mass", "[0.028, 0.028]"),
-            "mass has 2 values, expected 1",
-            id="list for a number",
-        ),
-        pytest.param(
-            edited("mass", "{ kg = 0.028 }"),
-            "mass = .*, expected a number",
-            id="table for a number",
-        ),
-        pytest.param(
-            edited("inertia", "1e-5"), "inertia has 1 values, expected 3", id="number for a list"
-        ),
-        pytest.param(
-            edited("inertia", "[1e-5, 1e-5]"), "inertia has shape .*, expected 3", id="too few"
-        ),
-        pytest.param(
-            edited("inertia", '[1e-5, 1e-5, "x"]'),
-            "inertia = .*, expected 3 numbers",
-            id="text in a list",
-        ),
-        pytest.param(
-            edited("inertia", "[1e-5, 1e-5, 13.3]"),
-            r"inertia = \[1e-05, 1e-05, 13.3\] kg m2 is outside",
-            id="one out of range",
-        ),
-        pytest.param(
-            edited("mass", "28.0"),
-            r"mass = 28.0 kg is outside its physical range \[0.005, 5\]. Check the unit",
-            id="grams",
-        ),
-        pytest.param(edited("mass", "-0.028"), "mass = -0.028 kg is outside", id="negative"),
-        pytest.param(edited("mass", "nan"), "mass = nan kg is outside", id="nan"),
-        pytest.param(edited("mass", "inf"), "mass = inf kg is outside", id="infinite"),
-        pytest.param(
-            edited("mass", "1e39"),
-            "mass = .* is outside",
-            id="more than float32 holds",
-        ),
-        pytest.param(
-            edited("mass", "1" + "0" * 400),
-            "mass",
-            id="more than float64 holds",
-        ),
-        pytest.param(
-            edited("mass", "1" + "0" * 5000),
-            "drone.toml: ",
-            id="more digits than Python reads",
-        ),
-    ],
+    WRONG.values(),
+    ids=WRONG,
 )
 def test_a_wrong_file_is_refused_with_its_name_and_cause(text, message):
     with pytest.raises(InputError, match=message) as caught:

@@ -9,7 +9,7 @@ import pytest
 
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie
-from maidenflight.policy import Actor, untrained
+from maidenflight.policy import Actor, untrained_policy
 from maidenflight.simulator import environment
 from maidenflight.simulator.controllers import interface
 from maidenflight.simulator.environment import Environment
@@ -34,12 +34,12 @@ def test_a_policy_is_affine_layers_with_relu_between_them():
 
 
 def test_a_policy_prints_its_kind_and_sizes_alone():
-    assert repr(untrained(KEY)) == "Policy(pwm, 100 Hz, layers 40-50-50-4)"
-    assert repr(untrained(KEY, spec=PolicySpec(memory=16))).endswith("memory of 16)")
+    assert repr(untrained_policy(KEY)) == "Policy(pwm, 100 Hz, layers 40-50-50-4)"
+    assert repr(untrained_policy(KEY, spec=PolicySpec(memory=16))).endswith("memory of 16)")
 
 
 def test_an_untrained_policy_has_the_papers_layers_and_bounded_weights():
-    made = untrained(KEY)
+    made = untrained_policy(KEY)
     assert [weight.shape for weight in made.weights] == [(50, 40), (50, 50), (4, 50)]
     assert [bias.shape for bias in made.biases] == [(50,), (50,), (4,)]
     assert (made.interface, made.spec) == (interface.pwm(), PolicySpec())
@@ -52,9 +52,9 @@ def test_an_untrained_policy_has_the_papers_layers_and_bounded_weights():
 
 
 def test_different_keys_make_different_policies():
-    first, second = untrained(KEY), untrained(jax.random.key(1))
+    first, second = untrained_policy(KEY), untrained_policy(jax.random.key(1))
     assert not np.array_equal(first.weights[0], second.weights[0])
-    np.testing.assert_array_equal(first.weights[0], untrained(KEY).weights[0])
+    np.testing.assert_array_equal(first.weights[0], untrained_policy(KEY).weights[0])
 
 
 def test_a_policy_checks_itself():
@@ -82,7 +82,7 @@ def test_a_policy_checks_itself():
 def test_an_actor_does_what_the_simulator_does_with_the_same_policy(spec):
     """Measurements of a simulated episode, one instant at a time: the same actions, and commands
     that the simulated motors were given."""
-    made, drone, env = untrained(KEY, spec=spec), crazyflie(), Environment(spec=spec)
+    made, drone, env = untrained_policy(KEY, spec=spec), crazyflie(), Environment(spec=spec)
     first = environment.reset(env, drone, KEY)
     _, (states, _) = rollout(env, made, first, drone, KEY, 21)
     actor = Actor(made, 1 / float(drone.thrust_to_weight))
@@ -102,8 +102,8 @@ def test_an_actor_does_what_the_simulator_does_with_the_same_policy(spec):
 def test_an_actor_is_given_the_points_that_its_policy_looks_ahead_at_and_no_others():
     drone = dynamics.at_hover(jnp.zeros(3), crazyflie())
     seen = Measurement(drone.position, drone.velocity, drone.quaternion, drone.body_rates)
-    plain = Actor(untrained(KEY, spec=PolicySpec(hidden=(8,))), 0.6)
-    ahead = Actor(untrained(KEY, spec=PolicySpec(look_ahead=LookAhead(2), hidden=(8,))), 0.6)
+    plain = Actor(untrained_policy(KEY, spec=PolicySpec(hidden=(8,))), 0.6)
+    ahead = Actor(untrained_policy(KEY, spec=PolicySpec(look_ahead=LookAhead(2), hidden=(8,))), 0.6)
     first = ahead.act(seen, np.zeros(3), np.zeros((2, 3)))
     wrong = [(plain, np.zeros((2, 3))), (ahead, None), (ahead, np.zeros((3, 3)))]
     for actor, points in [*wrong, (ahead, np.zeros(6)), (ahead, np.full((2, 3), np.nan))]:
@@ -117,7 +117,7 @@ def test_an_actor_is_given_the_points_that_its_policy_looks_ahead_at_and_no_othe
 def test_an_actor_refuses_numbers_that_are_not_finite_and_goes_on_as_before():
     drone = dynamics.at_hover(jnp.zeros(3), crazyflie())
     seen = Measurement(drone.position, drone.velocity, drone.quaternion, drone.body_rates)
-    actors = [Actor(untrained(KEY, spec=PolicySpec(hidden=(8,))), 0.6) for _ in range(2)]
+    actors = [Actor(untrained_policy(KEY, spec=PolicySpec(hidden=(8,))), 0.6) for _ in range(2)]
     for actor in actors:
         actor.act(seen, np.zeros(3))
     with pytest.raises(InputError, match="nan"):
@@ -126,4 +126,4 @@ def test_an_actor_refuses_numbers_that_are_not_finite_and_goes_on_as_before():
     np.testing.assert_array_equal(again.action, other.action)
     for wrong in (0.0, 1.1, float("nan")):
         with pytest.raises(InputError, match="hover"):
-            Actor(untrained(KEY, spec=PolicySpec(hidden=(8,))), wrong)
+            Actor(untrained_policy(KEY, spec=PolicySpec(hidden=(8,))), wrong)

@@ -11,7 +11,7 @@ import pytest
 from damaged_json import damaged
 from maidenflight.errors import InputError
 from maidenflight.parameters import GEOMETRY
-from maidenflight.policy import Policy, untrained
+from maidenflight.policy import Policy, untrained_policy
 from maidenflight.policy_file import from_json, read_policy, to_json, write_policy
 from maidenflight.simulator.controllers import interface
 from maidenflight.simulator.controllers.interface import ControlInterface
@@ -30,6 +30,7 @@ SMALL = json.loads(to_json(noisy(KEY, SPEC)))
         PolicySpec(),
         PolicySpec(history=1, look_ahead=LookAhead(4, 0.05), hidden=(3,)),
         PolicySpec(history=3, hidden=()),
+        PolicySpec(memory=5, hidden=(8, 6)),
     ],
 )
 def test_a_policy_reads_back_bit_by_bit(tmp_path, spec):
@@ -51,16 +52,17 @@ def test_a_policy_reads_back_bit_by_bit(tmp_path, spec):
     points = spec.look_ahead.points
     assert back.layer_sizes == (20 * spec.history + 3 * points, *spec.hidden, 4)
     assert ("look_ahead" in json.loads(to_json(made))) == (points > 0)
+    assert ("gru" in json.loads(to_json(made))) == (spec.memory > 0)
 
 
 def test_a_file_says_what_its_policy_was_trained_for_where_its_record_does():
     rows = {name: [0.1, -0.1, 0.1, -0.1] for name in GEOMETRY}
     settings = {"task": "hover", "updates": 3}
     record = {"hover": 0.5, "rotors": rows, "settings": settings}
-    file = from_json(to_json(untrained(KEY), record))
+    file = from_json(to_json(untrained_policy(KEY), record))
     assert (file.task, file.hover, file.rotors, file.settings) == ("hover", 0.5, rows, settings)
     for wrong in ({}, {"hover": 1.5, "rotors": {**rows, "rotor_x": [0.1]}, "settings": 3}):
-        file = from_json(to_json(untrained(KEY), wrong))
+        file = from_json(to_json(untrained_policy(KEY), wrong))
         assert (file.task, file.hover, file.rotors, file.settings) == (None, None, None, {})
 
 
@@ -82,7 +84,7 @@ def test_a_policy_reads_back_with_what_its_outputs_mean(meaning):
 
 
 def test_extreme_float32_numbers_survive():
-    made = untrained(KEY, spec=PolicySpec(history=1, hidden=()))
+    made = untrained_policy(KEY, spec=PolicySpec(history=1, hidden=()))
     values = np.array(
         [np.finfo(np.float32).max, np.finfo(np.float32).tiny, -0.0, 1e-45, 1 / 3], np.float32
     )
@@ -126,93 +128,53 @@ def test_a_damaged_layer_is_refused(field, wrong):
         from_json(damaged(SMALL, "layers", 0, field, to=wrong), "here")
 
 
+WRONG = {
+    "empty": ("", "not valid JSON"),
+    "cut": (json.dumps(SMALL)[:-5], "not valid JSON"),
+    "too deep": ("[" * 100_000, "not valid JSON"),
+    "another file": ("[]", "not a policy, neither ours"),
+    "control": (damaged(SMALL, "interface", "name", to="attitude"), "commands of attitude are in"),
+    "activation": (damaged(SMALL, "activation", to="tanh"), "activation = 'tanh', expected 'relu'"),
+    "rate": (
+        damaged(SMALL, "interface", "rate", to=0),
+        "rate = 0; expected a whole number from 1 to 1000",
+    ),
+    "history": (damaged(SMALL, "history", to=2), r"the normaliser has \(20,\) values, expected 40"),
+    "no layers": (damaged(SMALL, "layers", to=[]), "0 layers"),
+    "layer lost": (damaged(SMALL, "layers", to=SMALL["layers"][:1]), "3 outputs, expected 4"),
+    "layers turned": (
+        damaged(SMALL, "layers", to=SMALL["layers"][::-1]),
+        r"layer 1 has weights \(4, 3\)",
+    ),
+    "nan weight": (
+        damaged(SMALL, "layers", 0, "weights", 2, 5, to=float("nan")),
+        "not a finite number",
+    ),
+    "infinite bias": (
+        damaged(SMALL, "layers", 1, "biases", 0, to=float("inf")),
+        "not a finite number",
+    ),
+    "nan mean": (damaged(SMALL, "observation_mean", 0, to=float("nan")), "not a finite number"),
+    "zero deviation": (damaged(SMALL, "observation_std", 3, to=0.0), "deviation is not positive"),
+    "negative deviation": (
+        damaged(SMALL, "observation_std", 3, to=-1.0),
+        "deviation is not positive",
+    ),
+    "more than float32 holds": (damaged(SMALL, "layers", 0, "weights", 0, 0, to=1e39), "here: "),
+    "more than float64 holds": (damaged(SMALL, "layers", 0, "weights", 0, 0, to=10**400), "here: "),
+    "more digits than Python reads": (
+        json.dumps(SMALL).replace('"rate": 100', '"rate": 1' + "0" * 5000),
+        "here: ",
+    ),
+    "text for a number": (damaged(SMALL, "layers", 0, "weights", 0, 0, to="0.5"), "here: "),
+    "no number": (damaged(SMALL, "layers", 0, "weights", 0, 0, to=None), "here: "),
+}
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
-    [
-        pytest.param("", "not valid JSON", id="empty"),
-        pytest.param(json.dumps(SMALL)[:-5], "not valid JSON", id="cut"),
-        pytest.param("[" * 100_000, "not valid JSON", id="too deep"),
-        pytest.param("[]", "not a policy, neither ours", id="another file"),
-        pytest.param(
-            damaged(SMALL, "interface", "name", to="attitude"),
-            "commands of attitude are in",
-            id="control",
-        ),
-        pytest.param(
-            damaged(SMALL, "activation", to="tanh"),
-            "activation = 'tanh', expected 'relu'",
-            id="activation",
-        ),
-        pytest.param(
-            damaged(SMALL, "interface", "rate", to=0),
-            "rate = 0; expected a whole number from 1 to 1000",
-            id="rate",
-        ),
-        pytest.param(
-            damaged(SMALL, "history", to=2),
-            r"the normaliser has \(20,\) values, expected 40",
-            id="history",
-        ),
-        pytest.param(damaged(SMALL, "layers", to=[]), "0 layers", id="no layers"),
-        pytest.param(
-            damaged(SMALL, "layers", to=SMALL["layers"][:1]),
-            "3 outputs, expected 4",
-            id="layer lost",
-        ),
-        pytest.param(
-            damaged(SMALL, "layers", to=SMALL["layers"][::-1]),
-            r"layer 1 has weights \(4, 3\)",
-            id="layers turned",
-        ),
-        pytest.param(
-            damaged(SMALL, "layers", 0, "weights", 2, 5, to=float("nan")),
-            "not a finite number",
-            id="nan weight",
-        ),
-        pytest.param(
-            damaged(SMALL, "layers", 1, "biases", 0, to=float("inf")),
-            "not a finite number",
-            id="infinite bias",
-        ),
-        pytest.param(
-            damaged(SMALL, "observation_mean", 0, to=float("nan")),
-            "not a finite number",
-            id="nan mean",
-        ),
-        pytest.param(
-            damaged(SMALL, "observation_std", 3, to=0.0),
-            "deviation is not positive",
-            id="zero deviation",
-        ),
-        pytest.param(
-            damaged(SMALL, "observation_std", 3, to=-1.0),
-            "deviation is not positive",
-            id="negative deviation",
-        ),
-        pytest.param(
-            damaged(SMALL, "layers", 0, "weights", 0, 0, to=1e39),
-            "here: ",
-            id="more than float32 holds",
-        ),
-        pytest.param(
-            damaged(SMALL, "layers", 0, "weights", 0, 0, to=10**400),
-            "here: ",
-            id="more than float64 holds",
-        ),
-        pytest.param(
-            json.dumps(SMALL).replace('"rate": 100', '"rate": 1' + "0" * 5000),
-            "here: ",
-            id="more digits than Python reads",
-        ),
-        pytest.param(
-            damaged(SMALL, "layers", 0, "weights", 0, 0, to="0.5"),
-            "here: ",
-            id="text for a number",
-        ),
-        pytest.param(
-            damaged(SMALL, "layers", 0, "weights", 0, 0, to=None), "here: ", id="no number"
-        ),
-    ],
+    WRONG.values(),
+    ids=WRONG,
 )
 def test_a_wrong_policy_file_is_refused_with_its_cause(text, message):
     with pytest.raises(InputError, match=message) as caught:

@@ -120,7 +120,9 @@ def test_a_reality_of_an_installed_package_is_flown(
     packages: Path, tmp_path: Path, monkeypatch: Any, capsys: Any
 ) -> None:
     install(packages, ENTRIES)
-    file = policy_file.write_policy(tmp_path / "policy_1.json", policy.untrained(jax.random.key(0)))
+    file = policy_file.write_policy(
+        tmp_path / "policy_1.json", policy.untrained_policy(jax.random.key(0))
+    )
     words = ("--reality", "acme:3+10ms", "--trials", 1, "--duration", 1, "-o", tmp_path / "flown")
     code, _, _ = run(monkeypatch, capsys, "transfer", file, *words)
     assert code == 0
@@ -133,7 +135,7 @@ def test_an_exporter_of_an_installed_package_is_used(
     packages: Path, tmp_path: Path, monkeypatch: Any, capsys: Any
 ) -> None:
     install(packages, ENTRIES)
-    made = policy.untrained(jax.random.key(0))
+    made = policy.untrained_policy(jax.random.key(0))
     file = policy_file.write_policy(tmp_path / "policy_1.json", made)
     monkeypatch.chdir(tmp_path)
     code, _, _ = run(monkeypatch, capsys, "export", file, "--to", "acme")
@@ -164,7 +166,7 @@ def test_a_damaged_package_is_named_where_it_is_used_and_only_there(
     entries: str, module: str, what: str, packages: Path, tmp_path: Path
 ) -> None:
     install(packages, f"[maidenflight.exporters]\n{entries}\n", module=module)
-    made = policy.untrained(jax.random.key(0))
+    made = policy.untrained_policy(jax.random.key(0))
     assert mf.export(made, tmp_path, "c")
     with pytest.raises(InputError, match="acme-drones") as refused:
         mf.export(made, tmp_path, "acme")
@@ -194,7 +196,7 @@ def test_two_packages_with_one_name_are_told_and_none_replaces_ours(
     lines = "[maidenflight.exporters]\nc = acme:write\nacme = acme:write\n"
     install(packages, lines)
     install(packages, lines, "acme-again")
-    made = policy.untrained(jax.random.key(0))
+    made = policy.untrained_policy(jax.random.key(0))
     assert {path.suffix for path in mf.export(made, tmp_path, "c")} == {".h", ".c"}
     with pytest.raises(InputError, match="acme-again, acme-drones"):
         mf.export(made, tmp_path, "acme")
@@ -213,4 +215,4 @@ def test_no_package_is_looked_for_where_a_name_is_ours(
     log.write(tmp_path / "own.csv", calm())
     assert len(read_flights(tmp_path)) == 1
     assert mf.reality("virtual:7")
-    mf.export(policy.untrained(jax.random.key(0)), tmp_path, "c")
+    mf.export(policy.untrained_policy(jax.random.key(0)), tmp_path, "c")

@@ -32,9 +32,9 @@ def test_cells_show_si_values_in_the_units_of_people(capsys: Any) -> None:
     table = Table("Flights", columns, rows)
     assert table.cells == [
         ["a", "1.3 cm", "19.20 s", "8 of 9", "29 deg"],
-        ["b", "-", "", "0 of 9", "0 deg"],
+        ["b", "none", "", "0 of 9", "0 deg"],
     ]
     show("first", table)
     lines = capsys.readouterr().out.splitlines()
-    assert [line.strip() for line in lines[:2]] == ["first", "Flights"]
+    assert [line.strip() for line in lines[:3]] == ["first", "", "Flights"]
     assert re.search(r"a +1\.3 cm +19\.20 s +8 of 9 +29 deg", "\n".join(lines))

@@ -1,13 +1,11 @@
 """A verb is declared once: the command line, studies, records and Python follow its fields."""
 
-import json
 import os
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
-import click
 import pytest
 
 import maidenflight
@@ -17,89 +15,15 @@ from maidenflight.errors import InputError
 from maidenflight.registry import VERBS
 from maidenflight.settings import REQUIRED, plain
 from maidenflight.studies import study
-from maidenflight.verb import Verb, find_verb
+from maidenflight.verb import find_verb
 
 ROOT = Path(maidenflight.__file__).parent
 ONLY_OF_COMMANDS = {"trust", "map_columns", "resume", "view", "status", "list", "recover"}
 """Settings on which no result depends: how work is resumed, watched or only looked at."""
-OPTION = """    patience: int = setting(whole(1, 9), 2, "How long to wait [h].")
-"""
-SOURCE = '''"""`Wait`: nothing."""
-
-from pathlib import Path
-
-from maidenflight.settings import setting, whole
-from maidenflight.verb import Output, Progress, Result, Verb
-from maidenflight.verbs import shared
-
-
-class Wait(Verb):
-    """Wait for better weather."""
-
-    output = Output("waited.txt", "File for what came of it.")
-
-    seed: int = shared.seed()
-{option}
-    def compute(self, output: Path, progress: Progress) -> Result:
-        """Writes its record."""
-        record = self.make_record()
-        output.write_text(str(record["settings"]))
-        return Result(
-            content=record["settings"],
-            written={{"picture": [output]}},
-            record=record,
-            rows=[record["settings"]],
-        )
-'''
 
 
 def run(*words: Any) -> None:
     cli.commands([*map(str, words)], prog_name="maidenflight", standalone_mode=False)
-
-
-@pytest.fixture
-def wait(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Makes a verb of one file, with an option or without, and its line in the registry."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(str(tmp_path))
-
-    def make(name: str, option: str = "") -> type[Verb]:
-        (tmp_path / f"{name}.py").write_text(SOURCE.format(option=option))
-        monkeypatch.setitem(VERBS.own, "wait", f"{name}:Wait")
-        return find_verb("wait")
-
-    return make
-
-
-def test_a_new_verb_is_one_file_and_a_line_in_the_registry(wait: Any, capsys: Any) -> None:
-    made = wait("waiting")
-    run("wait", "--json", "--seed", 3)
-    assert json.loads(capsys.readouterr().out) == {}
-    assert Path("waited.txt").exists()
-    assert made().run("again.txt").record["seed"] == 0
-    (task,) = study.of([{"name": "a", "kind": "wait", "settings": {"seed": 4}}]).tasks
-    assert task.settings == {"seed": 4}
-    run("--help")
-    assert "Wait for better weather." in capsys.readouterr().out
-
-
-def test_a_new_option_is_one_line_in_one_file(wait: Any, capsys: Any) -> None:
-    """It is in the help, the command line, a study with its range, the record and Python."""
-    made = wait("waiting_longer", OPTION)
-    run("wait", "--help")
-    out = " ".join(capsys.readouterr().out.split())
-    assert "--patience INTEGER How long to wait [h]. [default: 2]" in out
-    run("wait", "--patience", 5, "--json")
-    assert json.loads(capsys.readouterr().out) == {"patience": 5}
-    with pytest.raises(click.BadParameter, match="from 1 to 9"):
-        run("wait", "--patience", 10, "--overwrite")
-    assert made(patience=7).run("python.txt").record["settings"] == {"patience": 7}
-    with pytest.raises(InputError, match="patience = '0'"):
-        made(patience=0)
-    found = study.of([{"name": "a", "kind": "wait", "grid": {"patience": [1, 2]}}]).tasks
-    assert [task.settings["patience"] for task in found] == [1, 2]
-    with pytest.raises(InputError, match="patience = '0'"):
-        study.of([{"name": "a", "kind": "wait", "settings": {"patience": 0}}])
 
 
 @pytest.mark.parametrize("name", VERBS.own)

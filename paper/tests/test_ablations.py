@@ -57,9 +57,9 @@ def test_actions_are_told_from_a_flights_log(ablations: Any) -> None:
     """With PWM control commands are the actions, cut off at [-1, 1] and known to the step of the
     motors' timers."""
     drone = VirtualDrone("itself", replace(crazyflie(), time_step=0.001))
-    untrained = policy.untrained(jax.random.key(1), spec=PolicySpec(hidden=(8,)))
-    lively = untrained.with_network(
-        ((untrained.weights[0], 3.0 * untrained.weights[1]), untrained.biases, None)
+    untrained_policy = policy.untrained_policy(jax.random.key(1), spec=PolicySpec(hidden=(8,)))
+    lively = untrained_policy.with_network(
+        ((untrained_policy.weights[0], 3.0 * untrained_policy.weights[1]), untrained_policy.biases, None)
     )
     # Flights of a shape that the script's own have, too, so that they compile once.
     flights = transfer([lively, lively], [drone], 2, duration=0.3).flights[:2]
@@ -156,7 +156,7 @@ def test_variants_are_trained_flown_and_drawn_and_nothing_twice(
     ) -> list[policy.Policy]:
         asked.append((task, controller, float(box.centre.latency), settings))
         return [
-            policy.untrained(key, controller.interface, PolicySpec(hidden=(8,))) for key in keys
+            policy.untrained_policy(key, controller.interface, PolicySpec(hidden=(8,))) for key in keys
         ]
 
     monkeypatch.setattr(ablations, "train", train)

@@ -4,7 +4,9 @@ import errno
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from os import PathLike
+from typing import Any
 
 LONGEST = 1500
 """Characters of a message; what a file holds in a number's place may be a book."""
@@ -55,6 +57,12 @@ def optional(package: str, extra: str, what: str, remark: str = "") -> Iterator[
             f"{missing.partition('.')[0]} is not installed, but {what} needs it. In maidenflight's "
             f"source folder: pip install '.[{extra}]'{remark and f' ({remark})'}"
         ) from error
+
+
+def imported(package: str, extra: str, what: str, remark: str = "") -> Any:
+    """Returns an optional package; arguments and errors as of `optional`."""
+    with optional(package, extra, what, remark):
+        return import_module(package)
 
 
 class WriteError(InputError):

@@ -41,10 +41,10 @@ class Gru:
     def __call__(self, values: Float[Array, "I"], memory: Float[Array, "M"]) -> Float[Array, "M"]:
         """The memory after one more input; within [-1, 1] if it was."""
         inputs = jnp.split(self.weights @ values + self.biases, _GATES)
-        known = jnp.split(self.recurrent @ memory + self.recurrent_biases, _GATES)
-        reset = jax.nn.sigmoid(inputs[0] + known[0])
-        update = jax.nn.sigmoid(inputs[1] + known[1])
-        candidate = jnp.tanh(inputs[2] + reset * known[2])
+        memory_gates = jnp.split(self.recurrent @ memory + self.recurrent_biases, _GATES)
+        reset = jax.nn.sigmoid(inputs[0] + memory_gates[0])
+        update = jax.nn.sigmoid(inputs[1] + memory_gates[1])
+        candidate = jnp.tanh(inputs[2] + reset * memory_gates[2])
         return (1.0 - update) * candidate + update * memory
 
     def shapes_for(self, inputs: int) -> dict[str, tuple[tuple[int, ...], tuple[int, ...]]]:

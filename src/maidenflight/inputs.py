@@ -150,12 +150,12 @@ class Fields:
     Every method that takes an entry raises InputError where it is missing or of another kind.
     """
 
-    def __init__(self, content: Any, where: str, title: str, cure: str):
+    def __init__(self, content: Any, place: str, title: str, cure: str):
         """Begins with a table.
 
         Args:
             content: what was read in its place.
-            where: the file.
+            place: the file.
             title: the table's name in it.
             cure: what to do where the table is damaged, as a sentence.
 
@@ -163,11 +163,11 @@ class Fields:
             InputError: it is no table.
         """
         self.content: dict[str, Any] = content
-        self._where, self._title, self._cure = where, title, cure
+        self._where, self._title, self._cure = place, title, cure
         self._taken: set[str] = set()
         if not isinstance(content, dict):
             raise InputError(
-                f"{where}: {title} is {str(content)[:40]!r}, expected a table [{title}]. {cure}"
+                f"{place}: {title} is {str(content)[:40]!r}, expected a table [{title}]. {cure}"
             )
 
     def refused(self, name: str, expected: str) -> InputError:

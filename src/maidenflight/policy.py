@@ -86,22 +86,34 @@ class Policy:
         weights, biases, gru = network
         return dataclasses.replace(self, weights=weights, biases=biases, gru=gru)
 
-    def check(self, where: str = "policy") -> None:
+    def must_be_plain(self) -> None:
+        """Refuses a subclass, whose network files and other programs cannot hold.
+
+        Raises:
+            InputError: it is one.
+        """
+        if type(self) is not Policy:
+            raise InputError(
+                f"{type(self).__name__}: has a network of its own, which neither policy files nor "
+                "exports hold. Fly it in Python, or train a Policy."
+            )
+
+    def check(self, place: str = "policy") -> None:
         """Checks that shapes and numbers make sense.
 
         Args:
-            where: what errors name, such as the file.
+            place: what errors name, such as the file.
 
         Raises:
             InputError: they do not.
         """
-        _check_sizes(self, where)
+        _check_sizes(self, place)
         if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(self)):
             raise InputError(
-                f"{where}: a weight is not a finite number. Train again or restore the file."
+                f"{place}: a weight is not a finite number. Train again or restore the file."
             )
         if not np.all(np.asarray(self.observation_std) > 0):
-            raise InputError(f"{where}: an observation's standard deviation is not positive.")
+            raise InputError(f"{place}: an observation's standard deviation is not positive.")
 
     @property
     def layer_sizes(self) -> tuple[int, ...]:
@@ -109,7 +121,7 @@ class Policy:
         return (self.weights[0].shape[-1], *(weight.shape[-2] for weight in self.weights))
 
 
-def untrained(
+def untrained_policy(
     key: Array, interface: ControlInterface | None = None, spec: PolicySpec = PolicySpec()
 ) -> Policy:
     """Draws a policy with Kaiming-uniform weights and zero biases, or as its form says.
@@ -229,8 +241,8 @@ class Actor:
             self._memory,
         )
         act = Act(np.asarray(command), np.asarray(action))
-        known = np.isfinite(history).all() and np.isfinite(points).all()
-        if not (known and np.isfinite(act.action).all()):
+        is_finite = np.isfinite(history).all() and np.isfinite(points).all()
+        if not (is_finite and np.isfinite(act.action).all()):
             raise InputError(
                 f"measurement {measured}, setpoint {setpoint}, ahead {points.tolist()}: an action "
                 f"of {act.action}. Expected finite numbers: let another controller fly."
@@ -258,45 +270,45 @@ def _act(
     return history, action, memory, policy.interface.command(action)
 
 
-def _check_sizes(policy: Policy, where: str) -> None:
+def _check_sizes(policy: Policy, place: str) -> None:
     spec = policy.spec
     if not policy.weights or len(policy.weights) != len(policy.biases):
         raise InputError(
-            f"{where}: {len(policy.weights)} layers of weights and {len(policy.biases)} of biases; "
+            f"{place}: {len(policy.weights)} layers of weights and {len(policy.biases)} of biases; "
             "expected as many, and one or more."
         )
     form, size = spec.policy_form, spec.layer_sizes[0]
     if policy.observation_mean.shape != (size,) or policy.observation_std.shape != (size,):
         raise InputError(
-            f"{where}: the normaliser has {policy.observation_mean.shape} values, expected {size} "
+            f"{place}: the normaliser has {policy.observation_mean.shape} values, expected {size} "
             f"({form.name if form.inputs else '20 x history, and 3 x points of the look-ahead'})."
         )
     for number, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True), 1):
         if weight.ndim != 2 or weight.shape[1] != size or bias.shape != weight.shape[:1]:
             raise InputError(
-                f"{where}: layer {number} has weights {weight.shape} and biases {bias.shape}, "
+                f"{place}: layer {number} has weights {weight.shape} and biases {bias.shape}, "
                 f"expected ({size} inputs)."
             )
         size = weight.shape[0]
         if number == 1 and policy.gru is not None:
-            _check_gru(policy.gru, size, where)
+            _check_gru(policy.gru, size, place)
             size = policy.gru.size if form.through_memory else size + policy.gru.size
     if size != ACTION_SIZE:
-        raise InputError(f"{where}: {size} outputs, expected {ACTION_SIZE}.")
+        raise InputError(f"{place}: {size} outputs, expected {ACTION_SIZE}.")
     memory = 0 if policy.gru is None else policy.gru.size
     if (policy.layer_sizes, memory) != (spec.layer_sizes, spec.memory):
         raise InputError(
-            f"{where}: layers {policy.layer_sizes} and a memory of {memory}, but its spec says "
+            f"{place}: layers {policy.layer_sizes} and a memory of {memory}, but its spec says "
             f"{spec.layer_sizes} and {spec.memory}."
         )
-    form.check(policy.interface, where)
+    form.check(policy.interface, place)
 
 
-def _check_gru(gru: Gru, inputs: int, where: str) -> None:
+def _check_gru(gru: Gru, inputs: int, place: str) -> None:
     shapes = gru.shapes_for(inputs) if np.ndim(gru.recurrent) == 2 else {}
     wrong = {name: pair for name, pair in shapes.items() if pair[0] != pair[1]}
     if wrong or not shapes:
         raise InputError(
-            f"{where}: recurrent unit of {np.shape(gru.recurrent)} with shapes {wrong}; expected "
+            f"{place}: recurrent unit of {np.shape(gru.recurrent)} with shapes {wrong}; expected "
             "the second of each."
         )

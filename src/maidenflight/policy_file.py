@@ -47,7 +47,7 @@ class PolicyFile:
 
     policy: Policy
     record: Mapping[str, Any] = field(default_factory=dict)
-    """As `results.record` makes it, with `hover`, `rotors` and `number`; empty if unknown."""
+    """As `results.record` makes it, with `hover`, `rotors`, `drone`, `number`; empty if unknown."""
     name: str = "policy"
     """Of the file, without its ending."""
 
@@ -95,6 +95,13 @@ class PolicyFile:
         """Share of full thrust at which the policy's drone hovers; None if unknown."""
         share = self.record.get("hover")
         return share if isinstance(share, float) and 0.0 < share <= 1.0 else None
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What the file says of its drone; see `identification.identity`. Empty if unknown."""
+        drone = self.record.get("drone")
+        sound = isinstance(drone, dict) and inputs.is_number(drone.get("mass", 1.0))
+        return dict(drone) if sound and drone.get("mass", 1.0) > 0 else {}
 
     @property
     def rotors(self) -> dict[str, list[float]] | None:
@@ -156,14 +163,14 @@ def _describe_gru(gru: Gru | None) -> dict[str, Any]:
     return {"gru": {name: _decimals(array) for name, array in fields_of(gru).items()}}
 
 
-def from_json(text: str, where: str = "policy", control: str | None = None) -> PolicyFile:
+def from_json(text: str, place: str = "policy", control: str | None = None) -> PolicyFile:
     """Reads the text of a policy file, ours or the authors', recognised by content.
 
     Args:
         text: content of the file.
-        where: what errors name, usually the file.
+        place: what errors name, usually the file.
         control: what the authors' policy commands, one of `interface.CONTROLS`, which also sets the
-            rate; by default, what `where` begins with or its folder is called. Ours say it
+            rate; by default, what `place` begins with or its folder is called. Ours say it
             themselves.
 
     Raises:
@@ -173,29 +180,29 @@ def from_json(text: str, where: str = "policy", control: str | None = None) -> P
     try:
         content = inputs.from_json(text)
     except ValueError as error:
-        damage = f" ({error})" if Path(where).suffix == ".json" else ""
+        damage = f" ({error})" if Path(place).suffix == ".json" else ""
         raise InputError(
-            f"{where}: not a policy, ours or the authors': not valid JSON{damage}. {_SUCH_AS}"
+            f"{place}: not a policy, ours or the authors': not valid JSON{damage}. {_SUCH_AS}"
         ) from error
     keys = content.keys() if isinstance(content, dict) else set()
     ours = "format" in keys and content["format"] == FORMAT
     other = None if ours else _format_of(keys)
     if not ours and other is None:
         raise InputError(
-            f"{where}: not a policy, neither ours (format is not {FORMAT!r}) nor the authors' (no "
+            f"{place}: not a policy, neither ours (format is not {FORMAT!r}) nor the authors' (no "
             f"check_sum and layers). {_SUCH_AS}"
         )
-    policy = _own(content, where) if other is None else other.read(content, where, control)
-    policy.check(where)
+    policy = _own(content, place) if other is None else other.read(content, place, control)
+    policy.check(place)
     if control not in (None, policy.interface.name):
         raise InputError(
-            f"{where}: a {policy.interface.name} policy, as its file says, not {control}. Leave "
+            f"{place}: a {policy.interface.name} policy, as its file says, not {control}. Leave "
             "out --control, which is for the authors' policies."
         )
-    return PolicyFile(policy, content["record"] if ours else {}, Path(where).stem)
+    return PolicyFile(policy, content["record"] if ours else {}, Path(place).stem)
 
 
-def _own(content: Mapping[str, Any], where: str) -> Policy:
+def _own(content: Mapping[str, Any], place: str) -> Policy:
     """The policy of a file of ours.
 
     Raises:
@@ -222,12 +229,12 @@ def _own(content: Mapping[str, Any], where: str) -> Policy:
             spec=PolicySpec.from_dict(observed_fields),
         )
     except InputError as error:
-        raise InputError(f"{where}: {error}") from error
+        raise InputError(f"{place}: {error}") from error
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise InputError(
-            f"{where}: damaged policy ({type(error).__name__}: {error}). Export it again."
+            f"{place}: damaged policy ({type(error).__name__}: {error}). Export it again."
         ) from error
-    _check_rest(content, where)
+    _check_rest(content, place)
     return policy
 
 
@@ -251,20 +258,25 @@ def _numbers(nested: Any) -> Array:
     return jnp.asarray(array.astype(np.float32))
 
 
-def _check_rest(content: Mapping[str, Any], where: str) -> None:
+def _check_rest(content: Mapping[str, Any], place: str) -> None:
     """What a file says beside the policy's fields."""
     for name, expected in (("instant", INSTANT), ("activation", "relu")):
         if content.get(name) != expected:
-            raise InputError(f"{where}: {name} = {content.get(name)!r}, expected {expected!r}.")
+            raise InputError(f"{place}: {name} = {content.get(name)!r}, expected {expected!r}.")
     if not isinstance(content.get("record"), dict):
         raise InputError(
-            f"{where}: record = {content.get('record')!r}, expected how the policy was made, {{}} "
+            f"{place}: record = {content.get('record')!r}, expected how the policy was made, {{}} "
             "if unknown."
         )
 
 
 def write_policy(path: StrPath, policy: Policy, record: Mapping[str, Any] | None = None) -> Path:
-    """Writes a policy file; see `to_json`."""
+    """Writes a policy file; see `to_json`.
+
+    Raises:
+        InputError: the policy has a network of its own.
+    """
+    policy.must_be_plain()
     return results.write(path, to_json(policy, record) + "\n")
 
 

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from maidenflight.errors import InputError
@@ -68,6 +69,35 @@ class Registry:
                 f"{self.kind} {name!r}: {entry.value} of the package {package} cannot be imported "
                 f"({type(error).__name__}: {error}). Mend or uninstall {package}."
             ) from error
+
+
+def import_part(name: str, kind: str) -> Any:
+    """Imports `MODULE:NAME`, from an installed module or one in the working folder.
+
+    Args:
+        name: as above.
+        kind: what it is to be, for errors.
+
+    Raises:
+        InputError: there is no such module, or nothing of that name in it.
+    """
+    module, _, attribute = name.partition(":")
+    # The folder of a script is on the path; that of a command is not.
+    if str(Path.cwd()) not in sys.path:
+        sys.path.insert(0, str(Path.cwd()))
+    try:
+        imported = import_module(module)
+    except (ImportError, TypeError, ValueError) as error:
+        raise InputError(
+            f"{name}: cannot be imported ({error}). Expected MODULE:NAME of a {kind}, in a Python "
+            f"module that is installed or lies in {Path.cwd()}."
+        ) from error
+    if not hasattr(imported, attribute):
+        raise InputError(
+            f"{name}: {module} has no {kind} {attribute!r}. It has "
+            f"{', '.join(one for one in vars(imported) if not one.startswith('_'))}."
+        )
+    return getattr(imported, attribute)
 
 
 class Installed(NamedTuple):

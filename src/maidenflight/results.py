@@ -155,12 +155,12 @@ def record(
     return content
 
 
-def recorded_inputs(record: Mapping[str, Any], where: str) -> dict[str, str]:
+def recorded_inputs(record: Mapping[str, Any], place: str) -> dict[str, str]:
     """Returns the files that a record names: their names by the digest of their content.
 
     Args:
         record: as `record` made it.
-        where: the file that holds it, for errors.
+        place: the file that holds it, for errors.
 
     Raises:
         InputError: its `inputs` are no list of names with digests.
@@ -173,7 +173,7 @@ def recorded_inputs(record: Mapping[str, Any], where: str) -> dict[str, str]:
         name, mark, digest = str(entry).rpartition(" sha256:")
         if not isinstance(entry, str) or not mark:
             raise InputError(
-                f"{where}: its record names the input {str(entry)[:40]!r}, expected 'NAME "
+                f"{place}: its record names the input {str(entry)[:40]!r}, expected 'NAME "
                 "sha256:DIGEST'. Write the file again, or remove its record."
             )
         digests[digest] = name

@@ -167,6 +167,25 @@ def either(values: Values, *words: str) -> Values:
     )
 
 
+def or_code(values: Values) -> Values:
+    """Takes names of Python code, `MODULE:NAME`, and other values beside them."""
+    return dataclasses.replace(
+        values,
+        expected=f"{values.expected}, or MODULE:NAME of your own",
+        accepts=lambda value: is_code(value) or values.accepts(value),
+        parse=lambda word: word if is_code(word) else values.parse(word),
+        convert=lambda value: value if is_code(value) else values.convert(value),
+        metavar=f"{values.metavar.removesuffix(']')}|MODULE:NAME]",
+    )
+
+
+def is_code(value: Any) -> bool:
+    """Tests whether a setting's value names Python code, `MODULE:NAME`."""
+    module, mark, name = value.partition(":") if isinstance(value, str) else ("", "", "")
+    parts = [*module.split("."), name]
+    return bool(mark) and all(part.isidentifier() for part in parts)
+
+
 def table(one: Values, expected: str, metavar: str = "NAME=VALUE") -> Values:
     """Takes a value by name, each; the command line repeats `NAME=VALUE`."""
 
@@ -227,14 +246,14 @@ class Setting:
         value = self.default
         return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
 
-    def check(self, value: Any, where: str) -> Any:
+    def check(self, value: Any, place: str) -> Any:
         """Returns the value that the verb sees.
 
         Raises:
-            InputError: the setting takes no such value, or has none; `where` names it.
+            InputError: the setting takes no such value, or has none; `place` names it.
         """
         if value is REQUIRED:
-            raise InputError(f"{where} is missing; expected {self.values.expected}.")
+            raise InputError(f"{place} is missing; expected {self.values.expected}.")
         if value is PENDING:
             return value
         endless = isinstance(value, float) and not math.isfinite(value)
@@ -244,7 +263,7 @@ class Setting:
             return self.values.check(value)
         except (ValueError, TypeError, OverflowError):
             raise InputError(
-                f"{where} = {str(value)[:60]!r}; expected {self.values.expected}."
+                f"{place} = {str(value)[:60]!r}; expected {self.values.expected}."
             ) from None
 
 

@@ -14,7 +14,7 @@ _WIDE = 110
 """Columns of a terminal from which a bar may be long."""
 _PER_SI = {"cm": 100.0, "g": 1e3, "deg": math.degrees(1.0), "deg/s": math.degrees(1.0)}
 """Displayed value per value in SI units, of the units that are none."""
-_NUMBER = re.compile(r"[-+*]? ?\d|-?$|- |unknown$")
+_NUMBER = re.compile(r"[-+*]? ?\d|$|none$|unknown$")
 """How cells begin that are aligned right."""
 
 
@@ -101,7 +101,7 @@ class Table:
     title: str
     columns: Mapping[str, str]
     """The cells of each column by its title, as a template of a row: `{duration:.2f s}`, or
-    `{error:.1f cm}` of metres. What is None stays empty, what is not a number is `-`."""
+    `{error:.1f cm}` of metres. What is None stays empty, what is not a number is `none`."""
     rows: Sequence[Mapping[str, Any]]
 
     @property
@@ -114,7 +114,7 @@ class Table:
 class _Cells(string.Formatter):
     def format_field(self, value: Any, format_spec: str) -> str:
         if value is None or value != value:
-            return "" if value is None else "-"
+            return "" if value is None else "none"
         form, _, unit = format_spec.partition(" ")
         return f"{value * _PER_SI.get(unit, 1.0):{form}} {unit}" if unit else format(value, form)
 
@@ -135,7 +135,7 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
     from rich.table import Table as Grid
     from rich.text import Text
 
-    grid = Grid(title=title, box=SIMPLE_HEAD, title_justify="left", title_style="bold")
+    grid = Grid(box=SIMPLE_HEAD)
     for number, column in enumerate(columns):
         numeric = number > 0 and all(_NUMBER.match(row[number]) for row in rows)
         # On a terminal that is too narrow cells are folded: no number is cut.
@@ -149,4 +149,6 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
         grid.add_row(*(Text(printable(cell)) for cell in row))
     console = Console()
     # Into a file or a pipe a table is as wide as it needs to be; on a terminal it must fit.
-    (console if console.is_terminal else Console(width=200)).print(grid)
+    console = console if console.is_terminal else Console(width=200)
+    # Not the grid's own title, which would fold at the grid's width.
+    console.print(Text(f"\n{title}", style="bold"), grid, sep="\n", end="")

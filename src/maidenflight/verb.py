@@ -7,14 +7,13 @@ file, and a line in `registry.VERBS`.
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, dataclass_transform
 
 from maidenflight import manifest, results
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
-from maidenflight.registry import VERBS
+from maidenflight.registry import VERBS, import_part
 from maidenflight.settings import PENDING, Setting, plain
 from maidenflight.terminal import Progress, Table
 
@@ -118,12 +117,12 @@ class Verb:
         Raises:
             InputError: a setting is unknown, missing or out of its range.
         """
-        known = cls.settings()
+        known_settings = cls.settings()
         for name in settings:
-            if name not in known:
-                expected = ", ".join(known)
+            if name not in known_settings:
+                expected = ", ".join(known_settings)
                 raise InputError(f"{name} is no setting of {cls.name}. Expected {expected}.")
-        return cls(**{known[name][0]: value for name, value in settings.items()})
+        return cls(**{known_settings[name][0]: value for name, value in settings.items()})
 
     @property
     def key(self) -> Any:
@@ -219,8 +218,8 @@ class Verb:
             if one.recorded and name != "seed":
                 value = getattr(self, attribute)
                 settings[name] = _without_folders(value) if one.files else plain(value)
-        chosen = {name: value for name, value in (settings | more).items() if value not in ([], {})}
-        return results.record(seed=getattr(self, "seed", None), inputs=inputs, settings=chosen)
+        values = {name: value for name, value in (settings | more).items() if value not in ([], {})}
+        return results.record(seed=getattr(self, "seed", None), inputs=inputs, settings=values)
 
 
 def _without_folders(value: Any) -> Any:
@@ -236,16 +235,9 @@ def find_verb(name: str) -> type[Verb]:
     Raises:
         InputError: there is no such verb.
     """
-    module, mark, attribute = name.partition(":")
-    if not mark:
+    if ":" not in name:
         return VERBS[name]
-    try:
-        verb = getattr(import_module(module), attribute)
-    except (ImportError, AttributeError, TypeError, ValueError) as error:
-        raise InputError(
-            f"{name}: cannot be imported ({error}). Give MODULE:NAME of a Verb in a module that "
-            "Python finds, as by PYTHONPATH, on every machine."
-        ) from error
+    verb = import_part(name, "Verb")
     if not (isinstance(verb, type) and issubclass(verb, Verb)):
         raise InputError(f"{name}: is a {type(verb).__name__}; expected a maidenflight.verb.Verb.")
     return verb

@@ -22,7 +22,7 @@ from maidenflight.deployment.c import (
 )
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie
-from maidenflight.policy import Actor, untrained
+from maidenflight.policy import Actor, untrained_policy
 from maidenflight.policy_file import to_json
 from maidenflight.simulator import environment
 from maidenflight.simulator.controllers.interface import INTERFACES
@@ -133,7 +133,7 @@ class SimulatedFlight:
 def restless(spec=PolicySpec(), interface=None):
     """A policy with biases, whose actions are of order 1, sometimes beyond; weak in the last
     action, lest a flight run away."""
-    policy = untrained(jax.random.key(3), interface, spec)
+    policy = untrained_policy(jax.random.key(3), interface, spec)
     keys = jax.random.split(jax.random.key(4), len(policy.biases))
     biases = tuple(
         jax.random.normal(key, bias.shape) * 0.3
@@ -296,7 +296,11 @@ def test_500_steps_remember_what_python_remembers(flown, structure, history, com
 
 
 def test_an_episode_of_the_simulator_is_seen_as_the_simulator_sees_it(flown):
-    policy, world, parameters = untrained(jax.random.key(5)), environment.Environment(), crazyflie()
+    policy, world, parameters = (
+        untrained_policy(jax.random.key(5)),
+        environment.Environment(),
+        crazyflie(),
+    )
     begin_key, key = jax.random.split(jax.random.key(6))
     env_state = environment.reset(world, parameters, begin_key)
     _, (episodes, _) = rollout(world, policy, env_state, parameters, key, 30)
@@ -324,7 +328,7 @@ def test_reset_begins_with_copies_of_the_first_instant_and_forgets_what_was(flow
 
 
 def test_commands_are_clipped_and_the_remembered_action_is_not(flown):
-    policy = untrained(jax.random.key(0))
+    policy = untrained_policy(jax.random.key(0))
     policy = dataclasses.replace(
         policy,
         weights=tuple(0 * weight for weight in policy.weights),
@@ -344,7 +348,7 @@ def test_commands_are_clipped_and_the_remembered_action_is_not(flown):
 def test_set_points_are_those_that_the_simulated_pids_are_given(
     flown, structure, action, thrust, turns
 ):
-    policy = untrained(jax.random.key(0), INTERFACES[structure](), PolicySpec(hidden=()))
+    policy = untrained_policy(jax.random.key(0), INTERFACES[structure](), PolicySpec(hidden=()))
     still = tuple(0 * weight for weight in policy.weights)
     drone, (measurements, setpoints) = (
         flown(dataclasses.replace(policy, weights=still, biases=(jnp.array(action),))),
@@ -359,7 +363,7 @@ def test_set_points_are_those_that_the_simulated_pids_are_given(
 
 @pytest.mark.parametrize("structure", ["attitude_rate", "attitude"])
 def test_the_action_that_keeps_level_asks_for_hover_and_nothing_else(flown, structure):
-    policy = untrained(jax.random.key(0), INTERFACES[structure](), PolicySpec(hidden=()))
+    policy = untrained_policy(jax.random.key(0), INTERFACES[structure](), PolicySpec(hidden=()))
     level = policy.interface.level(jnp.float32(0.6))
     still = tuple(0 * weight for weight in policy.weights)
     drone, (measurements, setpoints) = (
@@ -423,7 +427,7 @@ def test_checksum_sees_a_change_of_the_last_bit():
 
 
 def test_golden_observations_have_unit_quaternions_and_change_with_the_seed():
-    policy = untrained(jax.random.key(0), spec=PolicySpec(history=3))
+    policy = untrained_policy(jax.random.key(0), spec=PolicySpec(history=3))
     golden = golden_observations(policy, 0)
     assert golden.shape == (GOLDEN_COUNT, 60)
     np.testing.assert_allclose(np.linalg.norm(golden.reshape(-1, 20)[:, 3:7], axis=1), 1, rtol=1e-6)
@@ -457,7 +461,7 @@ def test_every_compiler_and_level_is_silent_and_agrees(tmp_path, compiler, level
 )
 def test_the_header_s_example_compiles(tmp_path, structure, act, hover):
     header, _ = export_c(
-        untrained(jax.random.key(0), INTERFACES[structure](), PolicySpec(hidden=(8,))),
+        untrained_policy(jax.random.key(0), INTERFACES[structure](), PolicySpec(hidden=(8,))),
         tmp_path,
         hover=hover,
     )

@@ -42,7 +42,7 @@ WINCH = ControlInterface(
 def constant(meaning: ControlInterface, action: list[float]) -> Policy:
     """A policy that always does the same."""
     made = jax.tree.map(
-        jnp.zeros_like, policy.untrained(KEY, meaning, PolicySpec(history=1, hidden=()))
+        jnp.zeros_like, policy.untrained_policy(KEY, meaning, PolicySpec(history=1, hidden=()))
     )
     return dataclasses.replace(
         made, biases=(jnp.array(action, jnp.float32),), observation_std=jnp.ones(20)
@@ -140,10 +140,10 @@ def test_what_a_target_cannot_express_is_refused(tmp_path):
 def test_every_exporter_takes_the_same_call(name, tmp_path):
     if name == "onnx":
         pytest.importorskip("onnx")
-    made = policy.untrained(KEY, spec=PolicySpec(hidden=(3,)))
+    made = policy.untrained_policy(KEY, spec=PolicySpec(hidden=(3,)))
     if name == "raptor":
         pytest.importorskip("h5py")
-        made = policy.untrained(KEY, spec=PolicySpec(form=name))
+        made = policy.untrained_policy(KEY, spec=PolicySpec(form=name))
     files = export(made, tmp_path, name, name="mine", seed=3, record={"seed": 3})
     assert files
     assert all(file.is_relative_to(tmp_path) and file.stat().st_size for file in files)

@@ -16,7 +16,7 @@ from maidenflight.experiments import envelope
 from maidenflight.experiments.envelope import AXES, Condition, SpeedRamp
 from maidenflight.flying.rows import Rows
 from maidenflight.parameters import check, crazyflie, replace
-from maidenflight.policy import untrained
+from maidenflight.policy import untrained_policy
 from maidenflight.simulator.physics import dynamics
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.realities.virtual_drone import virtual_drone
@@ -135,7 +135,7 @@ def short(monkeypatch: Any) -> None:
 def test_flights_of_every_policy_and_grade_have_the_same_starts(short: None) -> None:
     """In a tenth of a second nothing is lost, so that the hardest grade is reached."""
     policies = [
-        untrained(jax.random.key(number), spec=PolicySpec(look_ahead=LookAhead(2, 0.2)))
+        untrained_policy(jax.random.key(number), spec=PolicySpec(look_ahead=LookAhead(2, 0.2)))
         for number in range(2)
     ]
     found = envelope.envelope(policies, DRONE, "latency", flights=3)
@@ -146,7 +146,7 @@ def test_flights_of_every_policy_and_grade_have_the_same_starts(short: None) -> 
 
 
 def test_what_cannot_be_flown_is_refused():
-    policies = [untrained(jax.random.key(0))]
+    policies = [untrained_policy(jax.random.key(0))]
     with pytest.raises(InputError, match="no such axis"):
         envelope.envelope(policies, DRONE, "speed")
     with pytest.raises(InputError, match="at least one policy"):

@@ -18,7 +18,7 @@ from maidenflight.experiments.flight_times import predict_flight_times, summary
 from maidenflight.flying import guarded
 from maidenflight.flying.scenario import PUBLISHED_START
 from maidenflight.parameters import Parameters, crazyflie, noiseless, replace
-from maidenflight.policy import Policy, untrained
+from maidenflight.policy import Policy, untrained_policy
 from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.controllers import control, interface
 from maidenflight.simulator.environment import Environment
@@ -37,7 +37,7 @@ SHORT = {"trials": 3, "duration": 3.0}
 
 def constant(action: tuple[float, ...], kind: str = "pwm") -> Policy:
     """A policy that always does the same."""
-    made = jax.tree.map(jnp.zeros_like, untrained(KEY, spec=PolicySpec(hidden=(8,))))
+    made = jax.tree.map(jnp.zeros_like, untrained_policy(KEY, spec=PolicySpec(hidden=(8,))))
     made = dataclasses.replace(
         made,
         biases=(made.biases[0], jnp.array(action, jnp.float32)),
@@ -48,7 +48,9 @@ def constant(action: tuple[float, ...], kind: str = "pwm") -> Policy:
 
 def restless(kind: str, number: int, look_ahead: LookAhead = NONE) -> Policy:
     """A policy that feels what it sees, its last actions among it, and loses control."""
-    made = untrained(jax.random.key(number), spec=PolicySpec(look_ahead=look_ahead, hidden=(8,)))
+    made = untrained_policy(
+        jax.random.key(number), spec=PolicySpec(look_ahead=look_ahead, hidden=(8,))
+    )
     weights = (made.weights[0], made.weights[1] * 8)
     return dataclasses.replace(made, weights=weights, interface=interface.INTERFACES[kind]())
 
@@ -206,7 +208,7 @@ def test_a_policys_flights_are_its_own_whoever_flies_beside_it() -> None:
     """Also policies of other sizes, histories and control structures, more trials, and less
     time."""
     policies = [restless(kind, number) for kind in ("pwm", "attitude") for number in range(3)]
-    policies.insert(1, untrained(KEY))
+    policies.insert(1, untrained_policy(KEY))
     assert policies[0].layer_sizes != policies[1].layer_sizes
     names = [f"policy {number}" for number in range(len(policies))]
     together = predict_flight_times(policies, crazyflie(), KEY, names=names, **SHORT)

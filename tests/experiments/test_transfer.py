@@ -11,7 +11,7 @@ from maidenflight.experiments.transfer import activity, transfer
 from maidenflight.flying import engine
 from maidenflight.flying.foreign_policy import foreign_policy
 from maidenflight.parameters import crazyflie
-from maidenflight.policy import untrained
+from maidenflight.policy import untrained_policy
 from maidenflight.simulator.controllers.control import attitude_rate
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.realities.reality import reality as named
@@ -19,7 +19,7 @@ from maidenflight.simulator.realities.virtual_drone import virtual_drone
 from maidenflight.simulator.tasks.look_ahead import NONE, LookAhead
 from numpy_drone import TWIN, NumpyDrone
 
-POLICIES = [untrained(jax.random.key(number)) for number in range(2)]
+POLICIES = [untrained_policy(jax.random.key(number)) for number in range(2)]
 
 
 @pytest.mark.slow
@@ -86,11 +86,11 @@ def test_an_untrained_policy_ends_by_a_guard() -> None:
 def test_policies_of_different_shapes_and_empty_lists_are_refused() -> None:
     with pytest.raises(InputError, match="different kinds"):
         transfer(
-            [POLICIES[0], untrained(jax.random.key(0), spec=PolicySpec(hidden=(8,)))],
+            [POLICIES[0], untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(8,)))],
             [virtual_drone(1)],
         )
     others = [
-        untrained(jax.random.key(0), spec=PolicySpec(look_ahead=LookAhead(2, step)))
+        untrained_policy(jax.random.key(0), spec=PolicySpec(look_ahead=LookAhead(2, step)))
         for step in (0.1, 0.2)
     ]
     with pytest.raises(InputError, match="different kinds"):
@@ -140,7 +140,7 @@ def test_a_reality_in_numpy_is_flown_as_the_same_drone_in_jax(controller) -> Non
     """To 1 mm over 0.4 s, with motor commands held for 10 ms, by policies that look ahead, and with
     PIDs at 500 Hz."""
     policies = [
-        untrained(
+        untrained_policy(
             jax.random.key(number),
             controller and controller.interface,
             PolicySpec(look_ahead=NONE if controller else LookAhead(2, 0.4)),
@@ -184,7 +184,7 @@ class Commanded(NumpyDrone):
 def test_a_reality_with_the_policies_own_controller_is_given_its_commands() -> None:
     drone = Commanded(takes="attitude_rate", rate=100)
     controller = attitude_rate()
-    policy = untrained(jax.random.key(0), interface=controller.interface)
+    policy = untrained_policy(jax.random.key(0), interface=controller.interface)
     (flight,) = transfer(policy, drone, trials=1, duration=0.2).flights
     given = np.array(drone.given)
     assert (len(given), len(flight), flight.zero_order_hold) == (20, 10, False)

@@ -309,7 +309,7 @@ TOLD: dict[str, tuple[Callable[[], str | bytes], str, int]] = {
     ),
     "missing rows": (
         lambda: lines(lambda all_: all_.__delitem__(slice(305, 325))),
-        r"cut at 1 jumps of time \(largest 0\.210 s .*row 301",
+        r"cut at a jump of time \(largest 0\.210 s .*row 301",
         880,
     ),
     "a huge number": (
@@ -324,7 +324,7 @@ TOLD: dict[str, tuple[Callable[[], str | bytes], str, int]] = {
     ),
     "two flights glued": (
         lambda: lines(lambda all_: all_ + all_[5:]),
-        r"cut at 1 jumps of time \(largest -8\.990 s",
+        r"cut at a jump of time \(largest -8\.990 s",
         2 * ROWS,
     ),
     "a jump of the estimate": (

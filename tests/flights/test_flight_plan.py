@@ -7,7 +7,7 @@ import pytest
 
 from maidenflight.errors import InputError
 from maidenflight.flights import flight_plan
-from maidenflight.flights.flight_plan import REST, Block, Expected, Extremes, FlightPlan
+from maidenflight.flights.flight_plan import REST, Block, ExpectedWidths, Extremes, FlightPlan
 from maidenflight.flights.manoeuvres import KINDS, MOTORS, RATE, Manoeuvre, library
 
 WHOLE = FlightPlan(
@@ -20,7 +20,7 @@ WHOLE = FlightPlan(
     (2.0, 2.0, 1.5),
     0.8,
     3,
-    {"latency": Expected(0.001, 0.002, 0.015)},
+    {"latency": ExpectedWidths(0.001, 0.002, 0.015)},
     Extremes(0.3, 0.2, 0.6, 1.1, 0.4, 0.9, 0.3, 0.25, 0.01),
     {"version": "0.1.0", "seed": 7, "inputs": ["drone.toml sha256:ab12"], "settings": {}},
 )

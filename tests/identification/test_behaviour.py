@@ -12,7 +12,7 @@ from maidenflight.identification.behaviour import (
     mean_behaviour,
 )
 from maidenflight.parameters import crazyflie
-from maidenflight.policy import Policy, untrained
+from maidenflight.policy import Policy, untrained_policy
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.tasks.look_ahead import LookAhead
@@ -37,23 +37,26 @@ def test_a_log_tells_which_policy_flew_it() -> None:
     names = {name: [flight.name for flight in own] for name, own in found.items()}
     assert names == {"soft": ["flight 1"], "stiff": ["flight 2"]}
     # A last action is all that history holds of what the log does not.
-    random = untrained(jax.random.key(1), spec=PolicySpec(history=3, memory=4, hidden=(16,)))
+    random = untrained_policy(jax.random.key(1), spec=PolicySpec(history=3, memory=4, hidden=(16,)))
     random = random.with_network(
         ((random.weights[0], 5.0 * random.weights[1]), random.biases, random.gru)
     )
-    other = untrained(jax.random.key(2), spec=PolicySpec(history=3, memory=4, hidden=(16,)))
+    other = untrained_policy(jax.random.key(2), spec=PolicySpec(history=3, memory=4, hidden=(16,)))
     assert list(flights_of_policies([flown(random, 1)], {"other": other, "own": random})) == ["own"]
 
 
 @pytest.mark.parametrize(
     ("policies", "words"),
     [
-        ({"a": untrained(jax.random.key(0), interface=control.attitude().interface)}, "pwm"),
-        ({"a": untrained(jax.random.key(0), spec=PolicySpec(look_ahead=LookAhead(2)))}, "look"),
+        ({"a": untrained_policy(jax.random.key(0), interface=control.attitude().interface)}, "pwm"),
+        (
+            {"a": untrained_policy(jax.random.key(0), spec=PolicySpec(look_ahead=LookAhead(2)))},
+            "look",
+        ),
         (
             {
-                "a": untrained(jax.random.key(0), spec=PolicySpec(hidden=(8,))),
-                "b": untrained(jax.random.key(0), spec=PolicySpec(hidden=(9,))),
+                "a": untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(8,))),
+                "b": untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(9,))),
             },
             "different",
         ),

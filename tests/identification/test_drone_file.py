@@ -66,6 +66,9 @@ def test_a_file_reads_back_as_it_was_written(tmp_path):
     assert path.read_text() == TEXT
     same(drone_file.read(path), WHOLE)
     assert drone_file.read(path).to_toml("mine") == TEXT
+    # Files before the field had this name.
+    path.write_text(TEXT.replace("is_in_model", "kept"))
+    same(drone_file.read(path), WHOLE)
 
 
 def test_a_plain_drone_and_a_named_one_were_not_identified(tmp_path):
@@ -146,7 +149,7 @@ DAMAGED = {
         r"^\[\[identification\.gains\]\].*?(?=\n\[posterior)", ""
     ).replace("[identification]\n", "[identification]\ngains = 3\n"),
     "a gain is infinite": swapped(r"^log_likelihood_gain = 0\.098", "log_likelihood_gain = -inf"),
-    "kept is a text": swapped(r"^kept = true", 'kept = "yes"'),
+    "is_in_model is a text": swapped(r"^is_in_model = true", 'is_in_model = "yes"'),
     "samples of an unknown parameter": swapped(r'^names = \["latency"', 'names = ["speed"'),
     "samples of one parameter twice": swapped(
         r'^names = \["latency", "torque_bias_x"', 'names = ["latency", "latency"'
@@ -206,7 +209,8 @@ def test_a_policy_is_neither_trained_nor_predicted_for_a_damaged_file(damaged, t
 def policies(tmp_path_factory):
     folder = tmp_path_factory.mktemp("policies")
     policy_file.write_policy(
-        folder / "policy_1.json", policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
+        folder / "policy_1.json",
+        policy.untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(3,))),
     )
     return folder
 

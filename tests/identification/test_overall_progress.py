@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from maidenflight.identification.drone_file import GroupGain
-from maidenflight.identification.likelihood.information import Expected
+from maidenflight.identification.likelihood.information import ExpectedInterval
 from maidenflight.identification.outcome.progress import (
     CHOICE,
     EXPECTING,
@@ -15,8 +15,8 @@ from maidenflight.identification.outcome.progress import (
 from maidenflight.identification.overall_progress import READING, SHARES, Overall, describe
 
 EXPECTED = {
-    "latency": Expected((0.0, 0.03), (0.0, 0.02), True),
-    "drag_x": Expected((0.0, 0.5), (0.0, 0.5), False),
+    "latency": ExpectedInterval((0.0, 0.03), (0.0, 0.02), True),
+    "drag_x": ExpectedInterval((0.0, 0.5), (0.0, 0.5), False),
 }
 CALLS = st.tuples(st.sampled_from(list(SHARES)), st.integers(0, 9), st.integers(0, 5))
 

@@ -35,7 +35,7 @@ def mine(run: Path, tmp_path: Path) -> Path:
     shutil.copy(run / "reality.toml", folder / "truth of it.toml")
     policy_file.write_policy(
         folder / "my policies" / "a.json",
-        policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(4,))),
+        policy.untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(4,))),
     )
     shutil.copy(run / "policies" / "training.csv", folder / "my policies")
     written(folder / "predicted.csv", run_folder.VALIDATION, errors())

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 import toy_kinds
+from toy_kinds import entry
 
 from maidenflight.errors import InputError
 from maidenflight.studies import study
@@ -32,23 +33,9 @@ def test_inputs_with_an_entry_in_common_agree_on_its_point(tmp_path: Path) -> No
     (tmp_path / "logs.csv").write_text("log")
     found = tasks(
         [
-            {
-                "name": "drone",
-                "kind": "identify",
-                "settings": {"logs": "logs.csv"},
-                "grid": {"seed": [0, 1]},
-            },
-            {
-                "name": "policy",
-                "kind": "train",
-                "grid": {"control": ["pwm", "attitude"]},
-                "inputs": {"drone": "drone"},
-            },
-            {
-                "name": "times",
-                "kind": "predict",
-                "inputs": {"drone": "drone", "policies": "policy"},
-            },
+            entry("drone", "identify", {"logs": "logs.csv"}, {"seed": [0, 1]}),
+            entry("policy", "train", grid={"control": ["pwm", "attitude"]}, drone="drone"),
+            entry("times", "predict", drone="drone", policies="policy"),
         ],
         tmp_path,
     )
@@ -64,16 +51,16 @@ def test_a_key_is_of_settings_files_inputs_and_devices_alone(tmp_path: Path) -> 
     for home in (first, second):
         home.mkdir()
         (home / "logs.csv").write_text("log")
-    entry: dict[str, Any] = {"name": "a", "kind": "identify", "settings": {"logs": "logs.csv"}}
-    (one,) = tasks([entry], first)
-    (other,) = tasks([{**entry, "name": "b"}], second)
+    read = entry("a", "identify", {"logs": "logs.csv"})
+    (one,) = tasks([read], first)
+    (other,) = tasks([{**read, "name": "b"}], second)
     assert one.key == other.key
-    spelt = {**entry, "settings": {"logs": "logs.csv", "seed": 0}}
+    spelt = {**read, "settings": {"logs": "logs.csv", "seed": 0}}
     assert tasks([spelt], first)[0].key == one.key
-    assert tasks([{**entry, "settings": {"logs": "logs.csv", "seed": 1}}], first)[0].key != one.key
-    assert tasks([entry], first, cpus=2)[0].key != one.key
+    assert tasks([{**read, "settings": {"logs": "logs.csv", "seed": 1}}], first)[0].key != one.key
+    assert tasks([read], first, cpus=2)[0].key != one.key
     (second / "logs.csv").write_text("another log")
-    assert tasks([entry], second)[0].key != one.key
+    assert tasks([read], second)[0].key != one.key
 
 
 def test_a_study_is_read_from_toml(tmp_path: Path) -> None:
@@ -115,85 +102,54 @@ def test_code_that_a_file_names_is_imported_with_trust_alone(
 GOOD: dict[str, Any] = {"name": "a", "kind": "train", "settings": {"drone": "crazyflie"}}
 
 
+def good(**changes: Any) -> list[dict[str, Any]]:
+    """An entry in which something is changed."""
+    return [{**GOOD, **changes}]
+
+
+def drone(**settings: Any) -> list[dict[str, Any]]:
+    """An entry with further settings."""
+    return good(settings={"drone": "crazyflie", **settings})
+
+
+MANY = {"seed": {"first": 0, "count": 1001}, "policies": list(range(1, 1001))}
+
+
 @pytest.mark.parametrize(
     ("entries", "told"),
     [
         ([], "no tasks"),
         ([3], "expected a table"),
-        ([{**GOOD, "grids": {}}], "grids is unknown"),
+        (good(grids={}), "grids is unknown"),
         ([{"kind": "train"}], "name = None"),
         ([GOOD, GOOD], "name = 'a'"),
-        ([{**GOOD, "kind": "soar"}], "'soar': no such verb"),
-        ([{**GOOD, "kind": "fly"}], "fly is no task of a study"),
-        ([{**GOOD, "kind": "toy_kinds:none"}], "cannot be imported"),
-        ([{**GOOD, "kind": ".toy_kinds:Square"}], "cannot be imported"),
-        ([{**GOOD, "kind": "toy_kinds:another"}], "is a int"),
-        ([{**GOOD, "settings": 3}], "expected a table"),
-        ([{**GOOD, "settings": {}}], "no file drone.toml"),
-        ([{**GOOD, "settings": {"drone": "crazyflie", "sed": 1}}], "sed is no setting"),
-        ([{**GOOD, "settings": {"drone": "crazyflie", "policies": 0}}], "policies = '0'"),
-        ([{**GOOD, "settings": {"drone": "crazyflie", "policies": True}}], "policies = 'True'"),
-        ([{**GOOD, "settings": {"drone": "crazyflie", "randomize": "far"}}], "randomize"),
-        ([{**GOOD, "settings": {"drone": "crazyflie", "rate": math.nan}}], "rate = 'nan'"),
-        ([{**GOOD, "settings": {"drone": "crazyflee"}}], "crazyflee"),
-        ([{**GOOD, "settings": {"drone": "a" * 5000}}], "aaa"),
-        (
-            [
-                GOOD,
-                {
-                    "name": "b",
-                    "kind": "transfer",
-                    "settings": {"reality": ["b" * 5000]},
-                    "inputs": {"policies": "a"},
-                },
-            ],
-            "bbb",
-        ),
-        ([{**GOOD, "settings": {"drone": "my.toml"}}], "no file my.toml"),
-        ([{**GOOD, "grid": {"drone": ["crazyflie"]}}], "drone is set twice"),
-        ([{**GOOD, "grid": {"seed": []}}], "grid seed"),
-        ([{**GOOD, "grid": {"seed": [1, 1]}}], "twice"),
-        ([{**GOOD, "grid": {"seed": {"first": 0}}}], "grid seed"),
-        ([{**GOOD, "grid": {"seed": [1, -1]}}], "seed = '-1'"),
-        (
-            [
-                {
-                    **GOOD,
-                    "grid": {"seed": {"first": 0, "count": 1001}, "policies": list(range(1, 1001))},
-                }
-            ],
-            "more than",
-        ),
-        ([GOOD, {"name": "b", "kind": "transfer", "inputs": {"policies": "c"}}], "above it"),
-        ([GOOD, {"name": "b", "kind": "transfer", "inputs": {"policies": ["a"]}}], "above it"),
-        (
-            [GOOD, {"name": "b", "kind": "predict", "inputs": {"policies": "a", "drone": "a"}}],
-            "identify",
-        ),
-        (
-            [
-                GOOD,
-                {
-                    "name": "b",
-                    "kind": "train",
-                    "settings": {"drone": "crazyflie"},
-                    "inputs": {"seed": "a"},
-                },
-            ],
-            "no task makes seed",
-        ),
-        (
-            [
-                GOOD,
-                {
-                    "name": "b",
-                    "kind": "transfer",
-                    "inputs": {"policies": "a"},
-                    "settings": {"reality": ["nowhere"]},
-                },
-            ],
-            "nowhere",
-        ),
+        (good(kind="soar"), "'soar': no such verb"),
+        (good(kind="fly"), "fly is no task of a study"),
+        (good(kind="toy_kinds:none"), "toy_kinds has no Verb 'none'"),
+        (good(kind=".toy_kinds:Square"), "cannot be imported"),
+        (good(kind="toy_kinds:another"), "is a int"),
+        (good(settings=3), "expected a table"),
+        (good(settings={}), "no file drone.toml"),
+        (drone(sed=1), "sed is no setting"),
+        (drone(policies=0), "policies = '0'"),
+        (drone(policies=True), "policies = 'True'"),
+        (drone(randomize="far"), "randomize"),
+        (drone(rate=math.nan), "rate = 'nan'"),
+        (drone(drone="crazyflee"), "crazyflee"),
+        (drone(drone="a" * 5000), "aaa"),
+        ([GOOD, entry("b", "transfer", {"reality": ["b" * 5000]}, policies="a")], "bbb"),
+        (drone(drone="my.toml"), "no file my.toml"),
+        (good(grid={"drone": ["crazyflie"]}), "drone is set twice"),
+        (good(grid={"seed": []}), "grid seed"),
+        (good(grid={"seed": [1, 1]}), "twice"),
+        (good(grid={"seed": {"first": 0}}), "grid seed"),
+        (good(grid={"seed": [1, -1]}), "seed = '-1'"),
+        (good(grid=MANY), "more than"),
+        ([GOOD, entry("b", "transfer", policies="c")], "above it"),
+        ([GOOD, entry("b", "transfer") | {"inputs": {"policies": ["a"]}}], "above it"),
+        ([GOOD, entry("b", "predict", policies="a", drone="a")], "identify"),
+        ([GOOD, entry("b", "train", {"drone": "crazyflie"}, seed="a")], "no task makes seed"),
+        ([GOOD, entry("b", "transfer", {"reality": ["nowhere"]}, policies="a")], "nowhere"),
     ],
 )
 def test_what_is_wrong_in_a_study_is_told_before_anything_runs(
@@ -216,13 +172,9 @@ def test_a_file_that_is_no_study_is_refused(content: str, tmp_path: Path) -> Non
 
 
 def test_a_grid_sweeps_values_of_a_table(tmp_path: Path) -> None:
-    entry: dict[str, Any] = {
-        "name": "policy",
-        "kind": "train",
-        "settings": {"drone": "crazyflie", "set": {"drag_x": 0.1}},
-        "grid": {"set.latency": [0.0, 0.02], "learner.num_envs": [8]},
-    }
-    found = tasks([entry], tmp_path)
+    swept = {"set.latency": [0.0, 0.02], "learner.num_envs": [8]}
+    policy = entry("policy", "train", {"drone": "crazyflie", "set": {"drag_x": 0.1}}, swept)
+    found = tasks([policy], tmp_path)
     assert [task.settings["set"] for task in found] == [
         {"drag_x": 0.1, "latency": 0.0},
         {"drag_x": 0.1, "latency": 0.02},
@@ -231,6 +183,6 @@ def test_a_grid_sweeps_values_of_a_table(tmp_path: Path) -> None:
     assert found[1].settings["learner"] == {"num_envs": 8}
     for wrong in ("set.", "seed.latency", "sets.latency"):
         with pytest.raises(InputError):
-            tasks([{**entry, "grid": {wrong: [0.02]}}], tmp_path)
+            tasks([{**policy, "grid": {wrong: [0.02]}}], tmp_path)
     with pytest.raises(InputError, match="latency"):
-        tasks([{**entry, "grid": {"set.latency": ["late"]}}], tmp_path)
+        tasks([{**policy, "grid": {"set.latency": ["late"]}}], tmp_path)

@@ -212,15 +212,6 @@ def test_an_unknown_engine_is_refused(name: str, tmp_path: Path) -> None:
     assert isinstance(Here(), Engine)
 
 
-@pytest.mark.parametrize(("name", "package"), [("ray", "ray"), ("slurm", "submitit")])
-def test_an_engine_whose_package_is_lacking_is_told(
-    name: str, package: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(__import__("sys").modules, package, None)
-    with pytest.raises(InputError, match=rf"pip install '\.\[{name}\]'"):
-        engine.engine(name, Resources(logs=str(tmp_path)))
-
-
 def test_two_drivers_do_not_write_the_same_study(tmp_path: Path) -> None:
     class Second(Here):
         def ended(self, timeout: float) -> list[TaskResult]:

@@ -6,6 +6,7 @@ from typing import Any
 import polars
 import pytest
 from test_sweeping import Here
+from toy_kinds import entry
 
 import maidenflight as mf
 import run_listing
@@ -39,47 +40,22 @@ def test_a_study_goes_from_logs_to_flights(tmp_path: Path, monkeypatch: pytest.M
         return Result(rows=[{"parameter": name, "value": 0.03} for name in over])
 
     monkeypatch.setattr(Identify, "compute", identify)
-    entries: list[dict[str, Any]] = [
-        {
-            "name": "drone",
-            "kind": "identify",
-            "settings": {
-                "logs": str(tmp_path / "logs"),
-                "over": ["thrust_to_weight", "latency"],
-                "objective": "replay",
-                "bounds": {"latency": [0.0, 0.03]},
-                "battery_law": "thrust upgrade",
-            },
-        },
-        {
-            "name": "policy",
-            "kind": "train",
-            "settings": {"policies": 3, "set": {"latency": 0.01}},
-            "inputs": {"drone": "drone"},
-        },
-        {
-            "name": "ahead",
-            "kind": "train",
-            "settings": {"drone": "crazyflie", "policies": 3, "look_ahead": 2, "for": "c"},
-        },
-        {
-            "name": "flown",
-            "kind": "transfer",
-            "settings": {"trials": 1, "duration": 0.5},
-            "inputs": {"policies": "policy", "drone": "drone"},
-        },
-        {
-            "name": "times",
-            "kind": "predict",
-            "settings": {"trials": 2, "duration": 0.5},
-            "inputs": {"policies": "policy", "drone": "drone"},
-        },
-        {
-            "name": "hard",
-            "kind": "envelope",
-            "settings": {"along": ["circle"], "flights": 1},
-            "inputs": {"policies": "policy"},
-        },
+    source = {
+        "logs": str(tmp_path / "logs"),
+        "over": ["thrust_to_weight", "latency"],
+        "objective": "replay",
+        "bounds": {"latency": [0.0, 0.03]},
+        "battery_law": "thrust upgrade",
+    }
+    ahead = {"drone": "crazyflie", "policies": 3, "look_ahead": 2, "for": "c"}
+    made: Any = {"policies": "policy", "drone": "drone"}
+    entries = [
+        entry("drone", "identify", source),
+        entry("policy", "train", {"policies": 3, "set": {"latency": 0.01}}, drone="drone"),
+        entry("ahead", "train", ahead),
+        entry("flown", "transfer", {"trials": 1, "duration": 0.5}, **made),
+        entry("times", "predict", {"trials": 2, "duration": 0.5}, **made),
+        entry("hard", "envelope", {"along": ["circle"], "flights": 1}, policies="policy"),
     ]
     table = mf.sweep(entries, tmp_path / "out", Here(), retries=0)
     counts = dict(table.group_by("task").len().iter_rows())
@@ -94,8 +70,8 @@ def test_a_study_goes_from_logs_to_flights(tmp_path: Path, monkeypatch: pytest.M
     rows = run_folder.STUDY.read(tmp_path / "out" / "study.csv")[0]
     assert rows.height == 17
     assert run_listing.entries(tmp_path) == {("sweep", "out"): {"study"}}
-    made = [run_listing.entries(place) for place in (tmp_path / "out" / "results").iterdir()]
-    assert [list(one.values()) for one in sorted(made, key=str)] == [
+    listed = [run_listing.entries(place) for place in (tmp_path / "out" / "results").iterdir()]
+    assert [list(one.values()) for one in sorted(listed, key=str)] == [
         [{"envelope", "picture"}],
         [{"prediction"}],
         [{"policies", "training"}],

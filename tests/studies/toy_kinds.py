@@ -65,23 +65,25 @@ class Killed(Toy):
 another = 3
 
 
+def entry(
+    name: str,
+    kind: str,
+    settings: dict[str, Any] | None = None,
+    grid: dict[str, Any] | None = None,
+    **inputs: str,
+) -> dict[str, Any]:
+    """An entry of a study."""
+    parts = {"settings": settings, "grid": grid, "inputs": inputs}
+    return {"name": name, "kind": kind} | {part: one for part, one in parts.items() if one}
+
+
 def study(
     count: int = 4, more: int = 2, seconds: float = 0.0, ran: str | None = None
 ) -> list[dict[str, Any]]:
     """Squares of numbers, and sums with each."""
-    noted = {} if ran is None else {"ran": ran}
+    settings = {"seconds": seconds, **({} if ran is None else {"ran": ran})}
+    values, numbers = {"first": 1, "count": count}, list(range(more))
     return [
-        {
-            "name": "squared",
-            "kind": "toy_kinds:Square",
-            "settings": {"seconds": seconds, **noted},
-            "grid": {"value": {"first": 1, "count": count}},
-        },
-        {
-            "name": "added",
-            "kind": "toy_kinds:Add",
-            "settings": {"seconds": seconds, **noted},
-            "grid": {"more": list(range(more))},
-            "inputs": {"square": "squared"},
-        },
+        entry("squared", "toy_kinds:Square", settings, {"value": values}),
+        entry("added", "toy_kinds:Add", settings, {"more": numbers}, square="squared"),
     ]

@@ -7,7 +7,7 @@ import optax
 import pytest
 
 from maidenflight.parameters import crazyflie, noiseless, replace
-from maidenflight.policy import untrained
+from maidenflight.policy import untrained_policy
 from maidenflight.simulator import environment
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.environment import Environment
@@ -92,7 +92,7 @@ def test_muons_iterations_as_a_loop_are_those_that_optax_writes_out() -> None:
 
 def test_without_a_rate_for_hidden_layers_adam_steps_everywhere_and_its_steps_shrink() -> None:
     settings = AnalyticGradient(updates=50, learning_rate=0.01, hidden_learning_rate=0.0)
-    network = untrained(jax.random.key(0), spec=PolicySpec(history=2, hidden=(8, 8))).network
+    network = untrained_policy(jax.random.key(0), spec=PolicySpec(history=2, hidden=(8, 8))).network
     rule = analytic_gradient.optimiser_of(settings)
     with jax.numpy_dtype_promotion("standard"):
         state, steps, update = rule.init(network), [], jax.jit(rule.update)
@@ -112,7 +112,7 @@ def test_without_a_rate_for_hidden_layers_adam_steps_everywhere_and_its_steps_sh
 def test_gradient_through_the_simulator_is_the_slope_of_the_cost() -> None:
     simulated, drone = Environment(), noiseless(crazyflie())
     settings = AnalyticGradient(horizon=12)
-    policy = untrained(jax.random.key(1))
+    policy = untrained_policy(jax.random.key(1))
     env_state = environment.reset(simulated, drone, jax.random.key(2))
     direction = jax.tree.map(
         lambda leaf: jax.random.normal(jax.random.key(leaf.size), leaf.shape), policy.network
@@ -142,7 +142,7 @@ def test_a_lost_drone_is_held_and_gives_no_gradient() -> None:
     lost = env_state._replace(
         state=env_state.state._replace(position=env_state.state.position + 50.0)
     )
-    policy = untrained(jax.random.key(1))
+    policy = untrained_policy(jax.random.key(1))
 
     def segment(network: Any) -> Any:
         return analytic_gradient.segment(
@@ -165,7 +165,7 @@ def test_a_failure_costs_most_and_what_is_lost_anyway_pulls_no_more() -> None:
     simulated, drone = Environment(), noiseless(crazyflie())
     env_state, policy = (
         environment.reset(simulated, drone, jax.random.key(2)),
-        untrained(jax.random.key(1)),
+        untrained_policy(jax.random.key(1)),
     )
 
     @jax.jit

@@ -11,7 +11,7 @@ from maidenflight import policy_file
 from maidenflight.deployment.check import check_export
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.parameters import crazyflie, replace
-from maidenflight.policy import untrained
+from maidenflight.policy import untrained_policy
 from maidenflight.registry import EXPORTERS
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.physics import dynamics
@@ -56,11 +56,11 @@ def test_attitude_control_is_trained_about_hovering_unless_the_papers_scales_are
     assert defaults.choose_controller("attitude", alike, counts).interface == made
     papers = defaults.choose_controller("attitude", drone, counts, paper_scales=True).interface
     assert papers == control.attitude().interface
-    start = untrained(jax.random.key(0), interface=papers)
+    start = untrained_policy(jax.random.key(0), interface=papers)
     assert defaults.choose_controller("attitude", drone, counts, start).interface == papers
     for structure in control.CONTROLLERS:  # which training then refuses
         other = control.CONTROLLERS[structure](full_scale_counts=65535).interface
-        start = untrained(jax.random.key(0), interface=other)
+        start = untrained_policy(jax.random.key(0), interface=other)
         assert defaults.choose_controller(structure, drone, counts, start).interface != other
     assert (
         defaults.choose_controller("pwm", drone, counts).interface
@@ -94,7 +94,7 @@ def test_a_memory_is_trained_with_its_own_settings(tmp_path: Path) -> None:
     assert own.hidden_learning_rate < usual.hidden_learning_rate
     assert own.updates == usual.updates
     assert chosen(method="ppo", memory=16) == (PPO(), PolicySpec(memory=16))
-    start = untrained(jax.random.key(0), spec=PolicySpec(memory=16, hidden=(24, 12)))
+    start = untrained_policy(jax.random.key(0), spec=PolicySpec(memory=16, hidden=(24, 12)))
     tuned, spec = chosen(initial=policy_file.write_policy(tmp_path / "start.json", start))
     assert isinstance(tuned, AnalyticGradient)
     assert (spec, tuned.num_envs) == (start.spec, own.num_envs)

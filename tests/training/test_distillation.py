@@ -7,7 +7,7 @@ import pytest
 
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, replace
-from maidenflight.policy import Policy, untrained
+from maidenflight.policy import Policy, untrained_policy
 from maidenflight.policy_file import PolicyFile
 from maidenflight.simulator.any_drone import GenericQuadrotor
 from maidenflight.simulator.environment import Environment, observation
@@ -52,7 +52,7 @@ def test_what_a_teacher_knows_does_not_depend_on_the_weight_of_a_drone() -> None
 @pytest.mark.slow
 def test_a_teacher_heeds_the_drone_and_hands_the_memory_on() -> None:
     drones = [replace(crazyflie(), motor_time_constant=np.float32(lag)) for lag in (0.03, 0.09)]
-    policy = untrained(jax.random.key(1), spec=PolicySpec(hidden=(8, 8)))
+    policy = untrained_policy(jax.random.key(1), spec=PolicySpec(hidden=(8, 8)))
     told = jax.random.normal(jax.random.key(2), (8, len(known(drones[0]))))
     teacher = Teacher(policy, told, jnp.zeros(told.shape[1]), jnp.ones(told.shape[1]))
     seen = observation(WORLD, randomized_reset(WORLD, BOX, jax.random.key(3)).env_state)
@@ -129,7 +129,7 @@ def test_settings_by_name_are_of_each_third_those_of_gradients() -> None:
     assert chosen(memory=16) == (settings, spec)
     assert type(chosen(form="raptor")[0]) is AnalyticGradient
     assert isinstance(chosen(method="distillation", form="raptor")[0], Distillation)
-    start = PolicyFile(untrained(jax.random.key(0), spec=PolicySpec(memory=4)))
+    start = PolicyFile(untrained_policy(jax.random.key(0), spec=PolicySpec(memory=4)))
     begun = started(start).learner_settings
     assert type(begun) is type(chosen()[0]) is AnalyticGradient
 
@@ -137,6 +137,6 @@ def test_settings_by_name_are_of_each_third_those_of_gradients() -> None:
 def test_distillation_needs_a_memory_and_starts_from_random_weights() -> None:
     with pytest.raises(InputError):
         chosen(method="distillation")
-    start = PolicyFile(untrained(jax.random.key(0), spec=PolicySpec(memory=4)))
+    start = PolicyFile(untrained_policy(jax.random.key(0), spec=PolicySpec(memory=4)))
     with pytest.raises(InputError):
         _ = started(start, method="distillation").learner_settings

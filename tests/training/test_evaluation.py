@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from maidenflight.parameters import crazyflie
-from maidenflight.policy import untrained
+from maidenflight.policy import untrained_policy
 from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import randomize, relative_box, stacked
@@ -17,7 +17,7 @@ ENV, EPISODES, STEPS = Environment(), 4, 300
 
 @pytest.mark.slow
 def test_a_score_is_what_a_plain_loop_counts() -> None:
-    policy = untrained(jax.random.key(4))
+    policy = untrained_policy(jax.random.key(4))
     score = evaluate(ENV, policy, BOX, jax.random.key(1), EPISODES, STEPS)
     step = jax.jit(stepping.step, static_argnums=0)
     returns, survivals, distances = [], [], []
@@ -46,10 +46,10 @@ def test_a_score_is_what_a_plain_loop_counts() -> None:
 def test_policies_are_scored_together_as_each_alone() -> None:
     keys = jax.random.split(jax.random.key(5), 2)
     starts = starts_of(ENV, EPISODES, stacked([BOX, BOX]))
-    together = evaluate_together(ENV, EPISODES, jax.vmap(untrained)(keys), starts)
+    together = evaluate_together(ENV, EPISODES, jax.vmap(untrained_policy)(keys), starts)
     for number, key in enumerate(keys):
         # Both fall within these steps of the whole episode.
-        alone = evaluate(ENV, untrained(key), BOX, jax.random.key(0), EPISODES, STEPS)
+        alone = evaluate(ENV, untrained_policy(key), BOX, jax.random.key(0), EPISODES, STEPS)
         for one, all_of_them in zip(alone, together, strict=True):
             np.testing.assert_allclose(one, all_of_them[number], rtol=1e-4)
 
@@ -74,6 +74,8 @@ def test_survival_comes_first_and_return_among_equals(
 
 @pytest.mark.slow
 def test_failing_costs_the_terminal_penalty() -> None:
-    score = evaluate(ENV, untrained(jax.random.key(4)), BOX, jax.random.key(2), EPISODES, STEPS)
+    score = evaluate(
+        ENV, untrained_policy(jax.random.key(4)), BOX, jax.random.key(2), EPISODES, STEPS
+    )
     assert float(score.survival) == 0.0
     assert -140.0 < float(score.episode_return) < -100.0

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from maidenflight.parameters import crazyflie, replace
-from maidenflight.policy import untrained
+from maidenflight.policy import untrained_policy
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import relative_box, stacked
@@ -186,7 +186,7 @@ def test_the_value_at_an_end_is_of_the_drone_before_another_takes_over() -> None
     # Every drone's episode is of five periods, as periods vary too.
     box = relative_box(BOX.centre, 0.05)
     simulated, settings = Environment.matching(box.centre, short), PPO(horizon=16)
-    policy = untrained(jax.random.key(1))
+    policy = untrained_policy(jax.random.key(1))
     drone = randomized_reset(simulated, box, jax.random.key(2))
     fly = jax.jit(partial(ppo._rollout, simulated, settings))
     _, _, flown = fly(box, policy, jnp.float32(0.1), drone, jnp.zeros(()), jax.random.key(3))
@@ -222,7 +222,7 @@ def test_a_memory_is_carried_through_a_rollout_as_it_was_flown() -> None:
     short = tasks.circle()._replace(duration=0.05)
     simulated = Environment.matching(BOX.centre, short, spec=PolicySpec(memory=3, hidden=(8,)))
     settings = PPO(horizon=16)
-    policy = untrained(jax.random.key(1), spec=PolicySpec(memory=3, hidden=(8,)))
+    policy = untrained_policy(jax.random.key(1), spec=PolicySpec(memory=3, hidden=(8,)))
     drone = randomized_reset(simulated, BOX, jax.random.key(2))
     deviation = jnp.float32(0.1)
     fly = jax.jit(partial(ppo._rollout, simulated, settings))

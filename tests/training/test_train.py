@@ -18,7 +18,7 @@ from maidenflight.cli import command, interruption
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
 from maidenflight.parameters import crazyflie, replace
-from maidenflight.policy import Policy, untrained
+from maidenflight.policy import Policy, untrained_policy
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
@@ -75,7 +75,7 @@ def flying() -> tuple[tuple[Policy, ...], list[Progress]]:
 def test_training_makes_policies_fly_that_did_not(flying: Any) -> None:
     policies, heard = flying
     env = Environment.matching(BOX.centre, TASK, CONTROLLER)
-    before = evaluate(env, untrained(jax.random.key(0)), BOX, jax.random.key(9), 32)
+    before = evaluate(env, untrained_policy(jax.random.key(0)), BOX, jax.random.key(9), 32)
     after = [evaluate(env, policy, BOX, jax.random.key(9), 32) for policy in policies]
     assert float(before.survival) == 0.0
     assert all(float(score.survival) > 0.5 for score in after)
@@ -238,7 +238,7 @@ def test_another_number_of_updates_or_another_weight_compiles_nothing_anew(train
 
 
 def test_an_extension_is_recorded(tmp_path: Path, monkeypatch: Any) -> None:
-    made = policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
+    made = policy.untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
     stub = training_that_gives(made)
 
     def extended(*arguments: Any, checkpoint: Checkpoint, **further: Any) -> tuple[Policy, ...]:
@@ -264,7 +264,7 @@ def test_an_extension_is_recorded(tmp_path: Path, monkeypatch: Any) -> None:
 @pytest.mark.slow
 def test_the_rates_of_further_updates_are_those_of_a_training_of_so_many() -> None:
     """Half of twice as many updates: 2 % and half of the other 98 % of the initial rate."""
-    network: Any = untrained(jax.random.key(0), spec=PolicySpec(hidden=(8,))).network
+    network: Any = untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(8,))).network
     gradient = jax.tree.map(jnp.ones_like, network)
 
     def change(updates: int, done: int) -> float:
@@ -386,7 +386,7 @@ def test_what_a_killed_run_left_is_cleared_and_does_not_stand_in_the_way(
 
 
 def test_policies_of_an_earlier_training_of_more_go(tmp_path: Path, monkeypatch: Any) -> None:
-    older = policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
+    older = policy.untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
     for number in (1, 2, 3):
         policy_file.write_policy(tmp_path / f"policy_{number}.json", older, {"number": number})
     policy_file.write_policy(tmp_path / "policy_4.json", older, {"note": "put here by somebody"})
@@ -410,7 +410,9 @@ def test_an_earlier_training_stays_until_the_first_checkpoint_of_the_one_in_its_
 
     monkeypatch.setattr(
         "maidenflight.training.train.train",
-        training_that_gives(policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,)))),
+        training_that_gives(
+            policy.untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
+        ),
     )
     changed(ONE, seed=7).run(tmp_path)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}

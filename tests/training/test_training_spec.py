@@ -6,7 +6,7 @@ import pytest
 
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, replace
-from maidenflight.policy import untrained
+from maidenflight.policy import untrained_policy
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.controllers.position_pid import position_pid
 from maidenflight.simulator.policy_spec import PolicySpec
@@ -20,7 +20,7 @@ from maidenflight.training.training_spec import TrainingSpec, validate
 
 BOX = relative_box(crazyflie(), 0.10)
 KEYS = jax.random.split(jax.random.key(5), 2)
-INITIAL = untrained(KEYS[0], spec=PolicySpec(history=3, memory=4, hidden=(8,)))
+INITIAL = untrained_policy(KEYS[0], spec=PolicySpec(history=3, memory=4, hidden=(8,)))
 
 
 USUAL: dict[str, Any] = {

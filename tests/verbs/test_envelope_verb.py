@@ -29,7 +29,9 @@ def test_an_envelope_goes_on_where_it_was_interrupted(
         return polars.DataFrame(rows)
 
     monkeypatch.setattr(envelope, "envelope", one)
-    path = policy_file.write_policy(tmp_path / "policy_1.json", policy.untrained(jax.random.key(0)))
+    path = policy_file.write_policy(
+        tmp_path / "policy_1.json", policy.untrained_policy(jax.random.key(0))
+    )
 
     def asked(resume: bool, flights: int = 20) -> polars.DataFrame:
         verb = Envelope(

@@ -37,7 +37,7 @@ def test_an_app_for_the_firmwares_mixer_is_not_made_of_a_policy_for_another_fram
     interface = control.CONTROLLERS[structure]().interface
     own, other = crazyflie(), replace(crazyflie(), **plus_frame(0.05))
     path, spec = tmp_path / "policy.json", PolicySpec(hidden=(8,))
-    made = policy.untrained(jax.random.key(0), interface, spec)
+    made = policy.untrained_policy(jax.random.key(0), interface, spec)
     app = Export(policy=path, to="crazyflie")
     for drone in (own, other):
         rotors = {name: plain(getattr(drone, name)) for name in GEOMETRY}
@@ -56,7 +56,7 @@ def test_an_app_for_the_firmwares_mixer_is_not_made_of_a_policy_for_another_fram
 
 def test_an_app_is_exported_for_the_drone_s_propellers(tmp_path: Path) -> None:
     path = policy_file.write_policy(
-        tmp_path / "policy_1.json", policy.untrained(jax.random.key(0)), {}
+        tmp_path / "policy_1.json", policy.untrained_policy(jax.random.key(0)), {}
     )
     Export(policy=path, to="crazyflie", propellers="legacy").run(tmp_path / "app")
     assert "LEGACY_PROPELLERS=y" in (tmp_path / "app" / "app-config").read_text()
@@ -66,10 +66,10 @@ def test_an_app_is_exported_for_the_drone_s_propellers(tmp_path: Path) -> None:
 @pytest.mark.parametrize("to", RECORDED)
 def test_what_is_exported_says_how_it_was_made(to: str, tmp_path: Path) -> None:
     """Of a policy's file whose structure nobody names."""
-    made = policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(8, 8)))
+    made = policy.untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(8, 8)))
     if to == "raptor":
         pytest.importorskip("h5py")
-        made = policy.untrained(jax.random.key(0), spec=PolicySpec(form=to))
+        made = policy.untrained_policy(jax.random.key(0), spec=PolicySpec(form=to))
     path = policy_file.write_policy(tmp_path / "policy_1.json", made)
     written = Export(policy=path, to=to).run(tmp_path / "out").value
     texts = [b" ".join(path.read_bytes().replace(b"\n *", b" ").split()) for path in written]
@@ -81,5 +81,5 @@ def test_what_is_exported_says_how_it_was_made(to: str, tmp_path: Path) -> None:
 def test_a_policy_of_raptors_form_is_exported_for_its_programs() -> None:
     path = Path("policy_1.json")
     for form, options in (("raptor", ("--to", "raptor")), ("instants", ())):
-        made = policy.untrained(jax.random.key(0), spec=PolicySpec(form=form))
+        made = policy.untrained_policy(jax.random.key(0), spec=PolicySpec(form=form))
         assert export_command(path, made) == ("export", path, *options)

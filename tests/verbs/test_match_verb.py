@@ -16,7 +16,7 @@ from maidenflight.identification import drone_file
 from maidenflight.identification.closed_loop import Match
 from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
 from maidenflight.parameters import crazyflie, replace
-from maidenflight.policy import untrained
+from maidenflight.policy import untrained_policy
 from run_listing import entries
 
 
@@ -75,7 +75,7 @@ def test_the_closed_loop_moves_what_it_found_in_the_drone_file_and_keeps_the_res
     assert "latency" in out
     others = tmp_path / "policies" / "policy_1.json"
     policy_file.write_policy(
-        others, untrained(jax.random.key(0)), results.record(seed=0, inputs=[], settings={})
+        others, untrained_policy(jax.random.key(0)), results.record(seed=0, inputs=[], settings={})
     )
     code, _, said = command(arguments, "--overwrite")
     assert code == 2

@@ -14,7 +14,7 @@ from maidenflight.errors import InputError
 from maidenflight.identification.drone_file import DroneFile, Search, Source
 from maidenflight.names import CONTROLS, TASKS
 from maidenflight.parameters import crazyflie
-from maidenflight.policy import Policy, untrained
+from maidenflight.policy import Policy, untrained_policy
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.physics import dynamics
@@ -41,7 +41,7 @@ def no_training(
     """In the place of training: a policy that knows nothing."""
     on_progress(Progress(1, 1, Evaluation(*jnp.zeros((3, 1)))))
     spec = policy if isinstance(policy, PolicySpec) else policy.spec
-    return (untrained(jax.random.key(0), controller.interface, spec),)
+    return (untrained_policy(jax.random.key(0), controller.interface, spec),)
 
 
 def test_what_a_command_of_one_is_goes_from_the_drone_s_logs_to_the_exported_code(
@@ -102,7 +102,7 @@ def test_a_record_says_what_a_policy_of_from_has_and_not_what_is_usual(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     spec = PolicySpec(history=3, look_ahead=LookAhead(2, 0.2), memory=4, hidden=(6,))
-    start = untrained(jax.random.key(0), control.attitude().interface, spec)
+    start = untrained_policy(jax.random.key(0), control.attitude().interface, spec)
     policy_file.write_policy(tmp_path / "start.json", start)
     monkeypatch.setattr(TRAINING, no_training)
     Train(drone="crazyflie", policies=1, initial=tmp_path / "start.json").run(tmp_path)

@@ -48,6 +48,7 @@ def export(policy: "Policy", folder: "StrPath", to: str = "c", **options: Any) -
     Raises:
         InputError: no such exporter; or what is written cannot hold the policy.
     """
-    known = keywords_of(to)
-    accepted = {name: value for name, value in options.items() if name in known}
+    policy.must_be_plain()
+    keywords = keywords_of(to)
+    accepted = {name: value for name, value in options.items() if name in keywords}
     return EXPORTERS[to](policy, folder, **accepted)

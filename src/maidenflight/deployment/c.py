@@ -227,9 +227,11 @@ def remembered(gru: Gru, values: NDArray[Any], memory: NDArray[Any]) -> NDArray[
         return np.split(sums, 3, axis=1)
 
     gate_inputs = gates(gru.weights, values, gru.biases)
-    known = gates(gru.recurrent, memory, gru.recurrent_biases)
-    reset, update = (0.5 + 0.5 * np.tanh((gate_inputs[row] + known[row]) / 2.0) for row in (0, 1))
-    candidate = np.tanh(gate_inputs[2] + reset * known[2])
+    recurrent_gates = gates(gru.recurrent, memory, gru.recurrent_biases)
+    reset, update = (
+        0.5 + 0.5 * np.tanh((gate_inputs[row] + recurrent_gates[row]) / 2.0) for row in (0, 1)
+    )
+    candidate = np.tanh(gate_inputs[2] + reset * recurrent_gates[2])
     return (1.0 - update) * candidate + update * memory
 
 

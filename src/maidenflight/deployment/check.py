@@ -7,7 +7,7 @@ import jax
 from maidenflight.deployment import export
 from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters
-from maidenflight.policy import untrained
+from maidenflight.policy import untrained_policy
 from maidenflight.simulator.controllers.interface import ControlInterface
 from maidenflight.simulator.physics.mixing import mixer_of
 from maidenflight.simulator.policy_spec import PolicySpec
@@ -42,5 +42,5 @@ def check_export(to: str, interface: ControlInterface, spec: PolicySpec, drone: 
     """
     check_frame(to, interface, drone)
     with TemporaryDirectory() as folder:
-        policy = untrained(jax.random.key(0), interface, spec)
+        policy = untrained_policy(jax.random.key(0), interface, spec)
         export(policy, folder, to, name="policy", seed=0)

@@ -42,11 +42,10 @@ static bool look_ahead(mf_policy_state *state, const mf_observation *now)
 _IN_APP = {
     "ahead_readme": " This policy looks ahead: it flies `mf.task` 0 and 1, whose future the app "
     "knows. With `mf.task` 2 it\ndoes not start, and `mf.why` is 10.",
-    "ahead_why": ",\n           MF_NO_FUTURE",
     "ahead_here": "    foresee(step);\n",
     "ahead_step": "stabilizerStep_t step",
     "ahead_given": "stabilizerStep",
-    "ahead_refused": """    if (plan.task == MF_COMMANDER) { /* it says nothing of later */
+    "ahead_refused": """    if (plan.task == MF_TASK_COMMANDER) { /* it says nothing of later */
         return MF_NO_FUTURE;
     }
 """,
@@ -56,7 +55,7 @@ static void foresee(stabilizerStep_t step)
     const float now = (float)(step - begun) / RATE_MAIN_LOOP;
     for (int i = 0; i < MF_AHEAD; i++) {
         const float angle = MF_TURN * (now + (float)(i + 1) * MF_AHEAD_SPACING) / plan.period;
-        const bool circles = plan.task == MF_CIRCLE;
+        const bool circles = plan.task == MF_TASK_CIRCLE;
         seen.ahead[i][0] = circles ? plan.radius * (1.0f - cosf(angle)) : 0.0f;
         seen.ahead[i][1] = circles ? plan.radius * sinf(angle) : 0.0f;
         seen.ahead[i][2] = plan.height;

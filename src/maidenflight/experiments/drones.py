@@ -20,6 +20,7 @@ from maidenflight.identification.outcome.ensembles import (
 from maidenflight.inputs import StrPath
 from maidenflight.names import ANY, ANY_DAY, POSTERIOR, TRIMS, WIDE
 from maidenflight.parameters import Parameters
+from maidenflight.registry import import_part
 from maidenflight.simulator.any_drone import DayToDay, GenericQuadrotor
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.controllers.control import Controller
@@ -46,7 +47,8 @@ def distribution_of(
     Args:
         drone: a drone file, its path, or a named drone.
         randomization: half width of the box about the drone as a share of each parameter, or
-            `POSTERIOR`, `WIDE`, `ANY_DAY` or `ANY`.
+            `POSTERIOR`, `WIDE`, `ANY_DAY` or `ANY`; or `MODULE:NAME` of a function that makes a
+            distribution of the drone.
         controller: its period is what physics steps must divide.
     """
     file = read_file(drone)
@@ -60,7 +62,9 @@ def distribution_of(
         return box if randomization == WIDE else DayToDay(box)
     if randomization == ANY:
         return GenericQuadrotor(centre)
-    return relative_box(centre, float(randomization))
+    if isinstance(randomization, str):
+        return import_part(randomization, "function that makes a distribution of drones")(centre)
+    return relative_box(centre, randomization)
 
 
 def read_drone(drone: StrPath, accept_bounds: bool = False) -> DroneFile:

@@ -190,7 +190,7 @@ def envelope(
         drone = must_be_virtual(reality, f"Give axes of speed: {', '.join(paces)}.")
         base_task = task or tasks.circle()
         reached = [_under(pilot, drone, along, keys, base_task) for pilot in pilots]
-    called = names or [f"policy_{number}" for number in range(1, len(policies) + 1)]
+    labels = names or [f"policy_{number}" for number in range(1, len(policies) + 1)]
     rows = [
         {
             "policy": name,
@@ -202,7 +202,7 @@ def envelope(
             "hardest": hardest,
             "limit": round(limit(axis, reality), 6),
         }
-        for name, values in zip(called, reached, strict=True)
+        for name, values in zip(labels, reached, strict=True)
         for number, value in enumerate(values, 1)
     ]
     return polars.DataFrame(rows)

@@ -114,7 +114,7 @@ def predict_flight_times(
     for place, policy in enumerate(policies):
         kinds.setdefault((policy.interface, policy.spec), []).append(place)
     steps, reasons = (np.zeros((len(policies), trials), np.int32) for _ in End._fields)
-    done = 0
+    flights_done = 0
     for places in kinds.values():
         ends = _fly_kind(
             [policies[place] for place in places],
@@ -125,11 +125,11 @@ def predict_flight_times(
             start,
             controller_for,
         )
-        for place, (steps_done, why) in zip(places, ends, strict=True):
-            steps[place], reasons[place] = steps_done, why
-            done += 1
+        for place, (steps_done, end_reason) in zip(places, ends, strict=True):
+            steps[place], reasons[place] = steps_done, end_reason
+            flights_done += 1
             if on_policy is not None:
-                on_policy(done, len(policies))
+                on_policy(flights_done, len(policies))
     return polars.DataFrame(
         {
             "policy": np.repeat(names, trials).tolist(),
@@ -181,16 +181,20 @@ def _fly_kind(
         places, block = np.divmod(np.arange(first, first + size), blocks)
         numbers = block[:, None] * LANES + np.arange(LANES)
         # The last portion is filled up with flights that end at once.
-        wanted = (numbers < trials) & (places < len(policies))[:, None]
+        is_active = (numbers < trials) & (places < len(policies))[:, None]
         places = np.minimum(places, len(policies) - 1)
-        drawn, keys = guarded.draw(
+        drone_indices, keys = guarded.draw(
             key, own[places], numbers.astype(np.uint32), np.int32(len(drones.mass))
         )
-        return places, wanted, np.asarray(drawn), keys
+        return places, is_active, np.asarray(drone_indices), keys
 
-    def fly(places: np.ndarray, wanted: np.ndarray, drawn: np.ndarray, keys: Array) -> End:
+    def fly(
+        places: np.ndarray, is_active: np.ndarray, drone_indices: np.ndarray, keys: Array
+    ) -> End:
         flying = tree.map(lambda *leaves: np.stack(leaves), *(policies[place] for place in places))
-        flights = guarded.Trials(flying, tree.map(lambda leaf: leaf[drawn], drones), keys, wanted)
+        flights = guarded.Trials(
+            flying, tree.map(lambda leaf: leaf[drone_indices], drones), keys, is_active
+        )
         every = GUARD_RATE // policies[0].interface.rate
         return guarded.fly_together(env, every, jax.device_put(flights, laid), limits, start)
 
@@ -213,9 +217,9 @@ _UNDER_WAY = 8
 memory is bounded."""
 
 
-def _landed(begun: Iterable[End]) -> Iterator[End]:
+def _landed(ends: Iterable[End]) -> Iterator[End]:
     under_way: deque[End] = deque()
-    for flights in begun:
+    for flights in ends:
         under_way.append(flights)
         if len(under_way) > _UNDER_WAY:
             yield tree.map(np.asarray, under_way.popleft())
@@ -226,10 +230,10 @@ def _landed(begun: Iterable[End]) -> Iterator[End]:
 def _identity(policy: Policy) -> int:
     """A number of 32 bits that stands for what a policy is, so that its flights are its own."""
     kind = f"{policy.interface.name} {policy.interface.rate} {policy.spec.identity}"
-    known = hashlib.sha256(kind.encode())
+    digest = hashlib.sha256(kind.encode())
     for leaf in tree.leaves(policy):
-        known.update(np.asarray(leaf, "<f4").tobytes())
-    return int.from_bytes(known.digest()[:4], "little")
+        digest.update(np.asarray(leaf, "<f4").tobytes())
+    return int.from_bytes(digest.digest()[:4], "little")
 
 
 _MEMORY = 7

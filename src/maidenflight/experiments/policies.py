@@ -12,6 +12,8 @@ from maidenflight.flying.pilots import ForeignPolicy
 from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy
 from maidenflight.policy_file import PolicyFile
+from maidenflight.settings import is_code
+from maidenflight.simulator.controllers.control import find_controller
 
 USUAL_TASK = "circle"
 """Task of policies that do not say what they were trained for, as the authors' do not."""
@@ -83,15 +85,17 @@ class Policies:
             if file.task is not None
         }
         alike = set(trained.values())
-        chosen = task or (
+        chosen_task = task or (
             alike.pop() if len(alike) == 1 and alike <= set(names.TASKS) else USUAL_TASK
         )
-        others = {name: task for name, task in trained.items() if task != chosen}
+        others = {name: task for name, task in trained.items() if task != chosen_task}
         if not others:
-            return chosen, []
+            return chosen_task, []
         first = ", ".join(f"{name} for {task}" for name, task in list(others.items())[:3])
         more = f" and {len(others) - 3} more for others" if len(others) > 3 else ""
-        return chosen, [f"they fly the task {chosen}, but were trained for another: {first}{more}."]
+        return chosen_task, [
+            f"they fly the task {chosen_task}, but were trained for another: {first}{more}."
+        ]
 
 
 def find_policies(places: Sequence[StrPath]) -> list[Path]:
@@ -117,12 +121,16 @@ def read_policies(places: Sequence[StrPath], control: str | None = None) -> Poli
 
     Args:
         places: files and folders of policies, and policies by others.
-        control: what the authors' policies command; what their files' names say by default.
+        control: what the authors' policies command; what their files' names say by default. Or
+            `MODULE:NAME`, a control structure of your own that policies command.
 
     Raises:
         InputError: one is no policy, or commands something else; or one by others needs a package
             that is not installed, or its file is wrong.
     """
+    if control is not None and is_code(control):
+        find_controller(control)
+        control = None
     foreign = {path: foreign_policy(Path(path)) for path in places}
     paths = find_policies([path for path, policy in foreign.items() if policy is None])
     others = {path: policy for path, policy in foreign.items() if policy is not None}

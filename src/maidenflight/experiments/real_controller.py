@@ -84,11 +84,11 @@ def _attitude(interface: ControlInterface) -> Controller:
         setpoint: Float[Array, "3"],
     ) -> tuple[firmware.Memory, Float[Array, "4"]]:
         scaled_action = interface.scaled(action, control.firmware_units(interface))
-        wanted = control.NOTHING._replace(
+        setpoint_command = control.NOTHING._replace(
             mode=mode, attitude=scaled_action[1:], thrust=scaled_action[0]
         )
         memory, motors = firmware.tick(
-            memory, wanted, control.sensed(measurement), FIRMWARE, position_due=False
+            memory, setpoint_command, control.sensed(measurement), FIRMWARE, position_due=False
         )
         return memory, motors / interface.full_scale_counts
 

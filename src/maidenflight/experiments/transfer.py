@@ -115,8 +115,8 @@ def transfer(
     flights: list[Flight] = []
     for number, reality in enumerate(places):
         keys = jax.random.split(jax.random.fold_in(key, number), len(plan))
-        chosen = [pilots[policy] for policy, _ in plan]
-        simulated = fly_all(reality, chosen, scenario, keys, ZERO_SHOT)
+        flown_pilots = [pilots[policy] for policy, _ in plan]
+        simulated = fly_all(reality, flown_pilots, scenario, keys, ZERO_SHOT)
         for (policy, trial), one in zip(plan, simulated, strict=True):
             flight = one.to_flight(f"flight_{len(table) + 1:02d}")
             error = np.linalg.norm(one.rows.true_position - one.rows.true_setpoint, axis=1)

@@ -219,9 +219,9 @@ def choose_law(
     return usual or assumed(pwm, volts), BY_VOLTAGE
 
 
-def note(name: str, law: str, how: str) -> str:
+def note(name: str, law: str, law_choice: str) -> str:
     """Returns a note for the user: the law that a file's commands were read by, and why."""
-    return f"{name}: battery compensation of the {law} ({how})"
+    return f"{name}: battery compensation of the {law} ({law_choice})"
 
 
 BY_THRUST = "by its logged thrust command"

@@ -56,7 +56,7 @@ class Block:
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedWidths:
     """Half widths of the 95 % interval of a parameter, in its SI unit."""
 
     plan: float
@@ -101,7 +101,7 @@ class FlightPlan:
     """Of the point about which it flies [m]."""
     seed: int = 0
     """Of random steps."""
-    expected: Mapping[str, Expected] = field(default_factory=dict)
+    expected: Mapping[str, ExpectedWidths] = field(default_factory=dict)
     """By parameter; empty where nothing was requested."""
     extremes: Extremes | None = None
     """Of the flight on the drones that it was planned for."""
@@ -174,7 +174,7 @@ def hovering(plan: FlightPlan) -> FlightPlan:
     return dataclasses.replace(plan, blocks=(block,), expected={}, extremes=None)
 
 
-def _rounded(content: Expected | Extremes) -> dict[str, float]:
+def _rounded(content: ExpectedWidths | Extremes) -> dict[str, float]:
     return {name: float(f"{value:.6g}") for name, value in dataclasses.asdict(content).items()}
 
 
@@ -184,17 +184,17 @@ def read(path: StrPath) -> FlightPlan:
     Raises:
         InputError: no file that can be read, or something in it is damaged.
     """
-    where = str(path)
+    place = str(path)
     try:
         document = inputs.from_toml(inputs.text(path))
     except OSError as error:
         raise InputError(
-            f"{where}: no readable flight plan ({error.strerror}). Make one: maidenflight plan -o "
-            f"{where}."
+            f"{place}: no readable flight plan ({error.strerror}). Make one: maidenflight plan -o "
+            f"{place}."
         ) from error
     except ValueError as error:
-        raise InputError(f"{where}: not valid TOML: {error}. {_CURE}") from error
-    table = Fields(document, where, "plan", _CURE)
+        raise InputError(f"{place}: not valid TOML: {error}. {_CURE}") from error
+    table = Fields(document, place, "plan", _CURE)
     if table.get("format") != FORMAT:
         raise table.refused("format", f"{FORMAT}, that of a flight plan of this version")
     room, seed = table.numbers("room"), table.get("seed")
@@ -202,7 +202,7 @@ def read(path: StrPath) -> FlightPlan:
         raise table.refused("room", "[width, depth, height] of 0.5 to 100 m")
     if type(seed) is not int or not 0 <= seed < 2**31:
         raise table.refused("seed", "a whole number from 0 on")
-    blocks = tuple(_block(one, where) for one in table.tables("manoeuvres"))
+    blocks = tuple(_block(one, place) for one in table.tables("manoeuvres"))
     if not blocks:
         raise table.refused("manoeuvres", "at least one table [[manoeuvres]]")
     expected = table.table("expected") if "expected" in table.content else None
@@ -210,7 +210,7 @@ def read(path: StrPath) -> FlightPlan:
     record = table.get("record") or {}
     if not isinstance(record, dict):
         raise table.refused("record", "a table [record]")
-    results.recorded_inputs(record, where)
+    results.recorded_inputs(record, place)
     result = FlightPlan(
         blocks,
         (room[0], room[1], room[2]),
@@ -219,7 +219,7 @@ def read(path: StrPath) -> FlightPlan:
         {} if expected is None else _expectations(expected),
         None if extremes is None else _extremes(extremes),
         record,
-        where,
+        place,
     )
     table.end()
     return _fitting(result)
@@ -243,22 +243,22 @@ def _fitting(plan: FlightPlan) -> FlightPlan:
     return plan
 
 
-def _block(table: Fields, where: str) -> Block:
+def _block(table: Fields, place: str) -> Block:
     part = Manoeuvre(
         table.text("kind"), table.number("size", 0.0), table.number("period", SHORTEST, LONGEST)
     )
-    block = Block(part.checked(where), table.number("seconds", 0.5, LONGEST_PLAN))
+    block = Block(part.checked(place), table.number("seconds", 0.5, LONGEST_PLAN))
     table.end()
     return block
 
 
-def _expectations(table: Fields) -> dict[str, Expected]:
+def _expectations(table: Fields) -> dict[str, ExpectedWidths]:
     result = {}
     for name in table.content:
         entry = table.table(name)
         if name not in COMPONENTS:
             raise table.refused(name, "a parameter of a drone as its title")
-        result[name] = Expected(
+        result[name] = ExpectedWidths(
             *(entry.number(part, 0.0) for part in ("plan", "hover", "plausible"))
         )
         entry.end()

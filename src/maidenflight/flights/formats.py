@@ -163,13 +163,13 @@ def logged(
 def unknown(table: Table) -> str:
     """Returns what is wrong with a table in no known format."""
     columns = ",".join(table.frame.columns)
-    lacking = [what for what, words in _NEEDED.items() if not words.search(columns)]
+    lacking = [signal for signal, words in _NEEDED.items() if not words.search(columns)]
     lack = f" It seems to hold no {' and no '.join(lacking)}, without which" if lacking else ""
     lack += " no drone can be identified." if lacking else ""
-    known = [kind.what for kind in map(_imported, LOG_FORMATS) if not isinstance(kind, str)]
+    names = [kind.what for kind in map(_imported, LOG_FORMATS) if not isinstance(kind, str)]
     return (
         f"{table.name}: unknown format; its columns are {columns[:60]!r}.{lack} Known are "
-        f"{'; '.join(known)}.{_unusable()} {_help(table)}"
+        f"{'; '.join(names)}.{_unusable()} {_help(table)}"
     )
 
 

@@ -333,9 +333,11 @@ def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
             for.
     """
     if table.head.get("commands") not in (ZERO_ORDER_HOLD, SUBSAMPLED):
-        where, sign = ("line 2 is not", "# ") if table.first_line else ("its metadata lack", "")
-        wanted = f"'{sign}commands: {ZERO_ORDER_HOLD}' or '{sign}commands: {SUBSAMPLED}'"
-        raise InputError(f"{table.name}: {where} {wanted}. Add it; see docs/flight-log.md.")
+        place, sign = ("line 2 is not", "# ") if table.first_line else ("its metadata lack", "")
+        command_comments = f"'{sign}commands: {ZERO_ORDER_HOLD}' or '{sign}commands: {SUBSAMPLED}'"
+        raise InputError(
+            f"{table.name}: {place} {command_comments}. Add it; see docs/flight-log.md."
+        )
     logged = {
         group: names
         for group, names in (OPTIONAL | TRUTH).items()
@@ -345,7 +347,7 @@ def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
         table, [*_COLUMNS, *(name for names in logged.values() for name in names)]
     )
     simulated = table.head.get("simulated", "no")
-    known = column["time"][np.isfinite(column["time"])]
+    times = column["time"][np.isfinite(column["time"])]
     arrays: dict[str, Any] = {
         group: np.stack([column[name] for name in names], axis=-1)
         for group, names in (GROUPS | logged).items()
@@ -353,7 +355,7 @@ def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
     }
     flight = flight_of(
         table.name,
-        float(np.round(np.median(np.diff(known)), 6)) if len(known) > 1 else 0.01,
+        float(np.round(np.median(np.diff(times)), 6)) if len(times) > 1 else 0.01,
         zero_order_hold=table.head["commands"] == ZERO_ORDER_HOLD,
         simulated="" if simulated == "no" else simulated,
         full_scale_counts=_full_scale_counts(table),

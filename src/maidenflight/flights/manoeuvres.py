@@ -140,7 +140,7 @@ class Manoeuvre:
             * (self.kind != MOTORS)
         )
 
-    def checked(self, where: str) -> "Manoeuvre":
+    def checked(self, place: str) -> "Manoeuvre":
         """Returns the manoeuvre.
 
         Raises:
@@ -153,7 +153,7 @@ class Manoeuvre:
         )
         if not sound:
             raise InputError(
-                f"{where}: manoeuvre {self.kind[:40]!r} of size {self.size:g} and period "
+                f"{place}: manoeuvre {self.kind[:40]!r} of size {self.size:g} and period "
                 f"{self.period:g} s; expected one of {', '.join(KINDS)}, a size up to {LARGEST:g} "
                 f"and a period of {SHORTEST:g} to {LONGEST:g} s. Plan again: maidenflight plan."
             )

@@ -312,9 +312,9 @@ def _files(path: Path) -> tuple[list[Path], list[str]]:
     if path.is_file():
         return [path], []
     if not path.is_dir():
-        known = ", ".join(formats.suffixes())
+        endings = ", ".join(formats.suffixes())
         raise InputError(
-            f"{path}: no such file or folder. Give a flight log ({known}) or a folder of them."
+            f"{path}: no such file or folder. Give a flight log ({endings}) or a folder of them."
         )
     logs, refused = _below(path)
     astray = [file for file in logs if file.is_symlink() and not file.exists()]

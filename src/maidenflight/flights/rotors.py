@@ -43,11 +43,11 @@ def rotors(flight: Flight, drone: Parameters) -> Rotors:
     Source: see `dynamics.motor_derivative` and `dynamics.rotor_forces`.
     """
     command = np.asarray(flight.mean_command, np.float32)
-    known = np.all(np.isfinite(command), axis=1)[:, None]
-    if not known.any():
+    is_finite = np.all(np.isfinite(command), axis=1)[:, None]
+    if not is_finite.any():
         return Rotors(*[np.full(command.shape, np.nan)] * 2)
-    last = np.maximum.accumulate(np.where(known[:, 0], np.arange(len(command)), -1))
-    last_command = command[np.where(last < 0, np.argmax(known), last)]
+    last = np.maximum.accumulate(np.where(is_finite[:, 0], np.arange(len(command)), -1))
+    last_command = command[np.where(last < 0, np.argmax(is_finite), last)]
     rows = max(_FEWEST, 1 << (len(last_command) - 1).bit_length())
     padded = np.concatenate(
         [last_command, np.repeat(last_command[-1:], rows - len(last_command), axis=0)]
@@ -58,7 +58,7 @@ def rotors(flight: Flight, drone: Parameters) -> Rotors:
     speeds = _followed(padded, begin, tree.map(jnp.asarray, motors), steps)
     return Rotors(
         *(
-            np.where(known, np.asarray(part, np.float64)[: len(last_command)], np.nan)
+            np.where(is_finite, np.asarray(part, np.float64)[: len(last_command)], np.nan)
             for part in speeds
         )
     )

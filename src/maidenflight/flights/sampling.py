@@ -97,14 +97,14 @@ def _shortened(parts: list[Flight], number: int, share: float, lead_in: int) -> 
         else [(part, part.lead, (len(part) - part.lead) // UNIT) for part in parts]
     )
     left = max(1, int(share / (UNIT * parts[0].period)))
-    cut = []
+    pieces = []
     for flight, start, units in places:
         if left > 0:
             lead = max(lead_in, SHORTEST_LEAD_IN)
-            cut.append(_copied(flight, start - lead, start + UNIT * min(units, left) + 1, lead))
+            pieces.append(_copied(flight, start - lead, start + UNIT * min(units, left) + 1, lead))
             left -= units
     # A flight too short for a segment and its lead-in stays as it is.
-    return cut or [_copied(parts[0], 0, len(parts[0]), 0)]
+    return pieces or [_copied(parts[0], 0, len(parts[0]), 0)]
 
 
 def _places(flight: Flight, number: int, lead_in: int) -> list[tuple[Flight, int, int]]:

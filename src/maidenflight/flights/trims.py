@@ -91,8 +91,8 @@ def with_standard_errors(
     errors = np.reshape(
         [[one.thrust_to_weight_error, *one.torque_bias_error] for one in trims], (-1, 4)
     )
-    known = np.isfinite(errors).all(axis=1)
-    return values[known], errors[known]
+    is_finite = np.isfinite(errors).all(axis=1)
+    return values[is_finite], errors[is_finite]
 
 
 def between_flights(trims: Sequence[Trim]) -> Float[np.ndarray, "4"] | None:

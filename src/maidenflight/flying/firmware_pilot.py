@@ -115,7 +115,7 @@ class FirmwarePilot:
             return Commands(fly, POSITION_RATE, POSITION_RATE, task), key
         raise InputError(
             f"{reality.name} takes {reality.takes!r}, with an excitation of "
-            f"{np.max(self.excitation)}; the firmware's controllers need a reality that takes "
+            f"{np.max(self.excitation):g}; the firmware's controllers need a reality that takes "
             f"{MOTORS!r}, or {POSITION!r} without excitation (of a plan: without --motors)."
         )
 

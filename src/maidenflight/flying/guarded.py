@@ -98,8 +98,8 @@ def fly_together(
     def take_over(policy: Policy, drone: Parameters, key: Array) -> tuple[EnvState, Array]:
         start_key, begin_key = jax.random.split(jax.random.fold_in(key, 0))
         state = start.draw(env, drone, start_key)
-        begun = environment.begin(env, state, jnp.zeros(()), drone, begin_key)
-        env_state = after_hover(env, begun, drone)
+        first_state = environment.begin(env, state, jnp.zeros(()), drone, begin_key)
+        env_state = after_hover(env, first_state, drone)
         return env_state, jnp.broadcast_to(
             env_state.history[-1], (policy.spec.history, OBSERVATION_SIZE)
         )
@@ -122,9 +122,9 @@ def fly_together(
             )
             return row + every, after, end
 
-        begun = jax.vmap(jax.vmap(take_over, in_axes=(None, 0, 0)))(policies, drones, keys)
+        first_state = jax.vmap(jax.vmap(take_over, in_axes=(None, 0, 0)))(policies, drones, keys)
         flights = End(jnp.zeros(wanted.shape, jnp.int32), jnp.where(wanted, 0, failures.TIME_LIMIT))
-        first = jnp.zeros((), jnp.int32), begun, flights
+        first = jnp.zeros((), jnp.int32), first_state, flights
         return lax.while_loop(lambda now: jnp.any(now[-1].reason == 0), decide, first)[-1]
 
     laid, everywhere = PartitionSpec(POLICIES), PartitionSpec()

@@ -26,7 +26,7 @@ def record(
     key: Array,
     flights: int = 4,
     duration: float = 30.0,
-    excitation: float = 0.05,
+    excitation: float = 0.06,
     rate: int = RATE,
     firmware: str = "2021.10",
     controller: str = "pid",

@@ -198,5 +198,5 @@ def mean_behaviour(flights: Sequence[Flight], drone: Parameters) -> Float[np.nda
         )
         for flight in flights
     ]
-    known = [row for row in rows if row is not None]
-    return np.mean(known, axis=0) if known else None
+    measured_rows = [row for row in rows if row is not None]
+    return np.mean(measured_rows, axis=0) if measured_rows else None

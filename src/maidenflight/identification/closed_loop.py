@@ -122,8 +122,10 @@ def match(
         InputError: no policy flew long enough, or the policies are of different kinds.
     """
     settings = settings or ClosedLoop()
-    many = drones if np.ndim(drones.mass) else tree.map(lambda leaf: np.asarray(leaf)[None], drones)
-    nominal = tree.map(lambda leaf: np.asarray(leaf)[0], many)
+    drone_samples = (
+        drones if np.ndim(drones.mass) else tree.map(lambda leaf: np.asarray(leaf)[None], drones)
+    )
+    nominal = tree.map(lambda leaf: np.asarray(leaf)[0], drone_samples)
     means = {name: mean_behaviour(flights, nominal) for name, flights in flight.items()}
     logged = {name: mean for name, mean in means.items() if mean is not None}
     if not logged:
@@ -132,25 +134,27 @@ def match(
             f"{len(flight)} of {len(policies)} policies have any. Give logs with the policies that "
             "flew them."
         )
-    simulate = _simulation([policies[name] for name in logged], many, key, settings, controller_for)
-    wanted = np.stack(list(logged.values()))
-    names = [name for name in PRIOR if float(np.mean(getattr(many, name))) > 0.0]
-    begun = [float(np.mean(getattr(many, name))) for name in names]
+    simulate = _simulation(
+        [policies[name] for name in logged], drone_samples, key, settings, controller_for
+    )
+    targets = np.stack(list(logged.values()))
+    names = [name for name in PRIOR if float(np.mean(getattr(drone_samples, name))) > 0.0]
+    initial_values = [float(np.mean(getattr(drone_samples, name))) for name in names]
 
     def drone_at(steps: np.ndarray) -> Parameters:
         changed = {
-            name: np.full_like(getattr(many, name), _moved(old, step, name))
-            for name, old, step in zip(names, begun, steps, strict=True)
+            name: np.full_like(getattr(drone_samples, name), _moved(old, step, name))
+            for name, old, step in zip(names, initial_values, steps, strict=True)
         }
-        return replace(many, **changed)
+        return replace(drone_samples, **changed)
 
     def difference(steps: np.ndarray) -> np.ndarray:
         # Policies whose simulated flights are all too short tell nothing.
-        return np.nan_to_num(simulate(drone_at(steps)) - wanted)
+        return np.nan_to_num(simulate(drone_at(steps)) - targets)
 
     fit = _fitted(difference, len(names), settings.steps, on_step)
     estimates = {}
-    for name, old, step, error in zip(names, begun, fit.steps, fit.errors, strict=True):
+    for name, old, step, error in zip(names, initial_values, fit.steps, fit.errors, strict=True):
         kind, scale = PRIOR[name]
         value = _moved(old, step, name)
         estimates[name] = value, float(error * scale * (1.0 if kind == "added" else value))
@@ -271,20 +275,20 @@ def _simulation(
     )
     draw_key, flight_key = jax.random.split(key)
     shape = (len(policies), settings.flights)
-    drawn = np.asarray(jax.random.randint(draw_key, shape, 0, len(drones.mass)))
+    drone_indices = np.asarray(jax.random.randint(draw_key, shape, 0, len(drones.mass)))
     keys = jax.random.split(flight_key, shape)
 
     @jax.jit
     @partial(jax.vmap, in_axes=(0, 0, 0))
     @partial(jax.vmap, in_axes=(None, 0, 0))
     def fly(policy: Policy, drone: Parameters, key: Array) -> Rows:
-        return engine.simulate(env, lambda seen, _: policy(seen), drone, key, rows)
+        return engine.simulate(env, lambda observation, _: policy(observation), drone, key, rows)
 
     def simulate(drones: Parameters) -> np.ndarray:
         steps = np.broadcast_to(np.float32(nominal.time_step), np.shape(drones.mass))
         fitting = tree.map(np.asarray, replace(drones, time_step=steps))
         flights = tree.map(
-            np.asarray, fly(together, tree.map(lambda leaf: leaf[drawn], fitting), keys)
+            np.asarray, fly(together, tree.map(lambda leaf: leaf[drone_indices], fitting), keys)
         )
         out = np.full((len(policies), len(BEHAVIOUR)), np.nan)
         for policy in range(len(policies)):
@@ -292,9 +296,9 @@ def _simulation(
                 _until_it_falls(flights, policy, flight, nominal, period)
                 for flight in range(settings.flights)
             ]
-            known = [one for one in observation if one is not None]
-            if known:
-                out[policy] = np.mean(known, axis=0)
+            available_channels = [one for one in observation if one is not None]
+            if available_channels:
+                out[policy] = np.mean(available_channels, axis=0)
         return out
 
     return simulate

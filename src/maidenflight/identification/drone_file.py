@@ -89,7 +89,7 @@ class GroupGain:
     """Mean gain of a row [nats]."""
     standard_error: float | None
     """Standard error of that gain, over segments of flight [nats]; `None` of a single segment."""
-    kept: bool
+    is_in_model: bool
     """Whether the parameters were identified."""
     reason: str | None = None
     """Why they were not."""
@@ -208,17 +208,17 @@ def read(drone: StrPath) -> DroneFile:
     if str(drone) in DRONES:
         return DroneFile(parameters.read_drone(drone), name=str(drone))
     document = parameters.document(drone)
-    where = str(drone)
+    place = str(drone)
     result = DroneFile(
-        parameters.from_document(document, where),
-        posterior=_posterior(document, where),
-        record=_record(document, where),
-        name=where,
+        parameters.from_document(document, place),
+        posterior=_posterior(document, place),
+        record=_record(document, place),
+        name=place,
     )
     if "identification" not in document:
-        _check_body(result.parameters, where)
+        _check_body(result.parameters, place)
         return result
-    table = Fields(document["identification"], where, "identification", _CURE)
+    table = Fields(document["identification"], place, "identification", _CURE)
     estimates, source = table.table("estimates"), table.table("source")
     gains = tuple(map(_gain, table.tables("gains")))
     unidentified = table.table("unidentified") if "unidentified" in table.content else None
@@ -245,7 +245,7 @@ TRIANGLE = 1.2
 """Inertia about z by the sum of those about x and y, which no body exceeds, but estimates may."""
 
 
-def _check_body(drone: Parameters, where: str) -> None:
+def _check_body(drone: Parameters, place: str) -> None:
     """Refuses masses, inertias and places of rotors that cannot be of one body.
 
     Raises:
@@ -260,14 +260,14 @@ def _check_body(drone: Parameters, where: str) -> None:
     low, high = GYRATION
     if not (low < radius / arm).all() or not (radius / arm < high).all():
         raise InputError(
-            f"{where}: mass {1e3 * mass:.3g} g, inertia {inertia[0]:.3g}, {inertia[1]:.3g} kg m2 "
+            f"{place}: mass {1e3 * mass:.3g} g, inertia {inertia[0]:.3g}, {inertia[1]:.3g} kg m2 "
             f"and rotors {1e3 * arm:.3g} mm from the centre are not of one drone: the radius of "
             f"gyration is {radius.max() / arm:.2g} times the rotors' distance; expected {low:g} to "
             f"{high:g}. Compare the units: kg, kg m2 (1 kg cm2 is 1e-4), m."
         )
     if inertia[2] > TRIANGLE * (inertia[0] + inertia[1]):
         raise InputError(
-            f"{where}: inertia_z {inertia[2]:.3g} kg m2 is larger than inertia_x and inertia_y "
+            f"{place}: inertia_z {inertia[2]:.3g} kg m2 is larger than inertia_x and inertia_y "
             f"together ({inertia[0] + inertia[1]:.3g}), which no body has. Mend one."
         )
 
@@ -328,17 +328,18 @@ def _gain(table: Fields) -> GroupGain:
         table.text("group"),
         table.number("log_likelihood_gain"),
         table.number("standard_error", 0.0) if "standard_error" in table.content else None,
-        table.flag("kept"),
+        # Files before the field had its name.
+        table.flag("kept" if "kept" in table.content else "is_in_model"),
         table.text("reason") if "reason" in table.content else None,
     )
     table.end()
     return result
 
 
-def _posterior(document: Mapping[str, Any], where: str) -> dict[str, np.ndarray]:
+def _posterior(document: Mapping[str, Any], place: str) -> dict[str, np.ndarray]:
     if "posterior" not in document:
         return {}
-    table = Fields(document["posterior"], where, "posterior", _CURE)
+    table = Fields(document["posterior"], place, "posterior", _CURE)
     names, rows = table.get("names"), table.get("samples")
     table.end()
     sound = (
@@ -355,15 +356,15 @@ def _posterior(document: Mapping[str, Any], where: str) -> dict[str, np.ndarray]
     )
     if not sound or not names:
         raise InputError(
-            f"{where}: [posterior] needs names = parameters and samples = [[a number for each of "
+            f"{place}: [posterior] needs names = parameters and samples = [[a number for each of "
             "them], ...]. Identify again."
         )
     return dict(zip(names, np.array(rows, np.float64).T, strict=True))
 
 
-def _record(document: Mapping[str, Any], where: str) -> dict[str, Any]:
+def _record(document: Mapping[str, Any], place: str) -> dict[str, Any]:
     record = document.get("record", {})
     if not isinstance(record, dict):
-        raise InputError(f"{where}: record is a value, expected a table [record]. Remove it.")
-    results.recorded_inputs(record, where)
+        raise InputError(f"{place}: record is a value, expected a table [record]. Remove it.")
+    results.recorded_inputs(record, place)
     return record

@@ -9,12 +9,12 @@ from maidenflight.identification.drone_file import DroneFile
 
 def note_not_held_out(drone: DroneFile, paths: Sequence[Path]) -> list[str]:
     """Returns a note if a drone was identified from some of the flights, going by its record."""
-    used = results.recorded_inputs(drone.record, drone.name)
-    known = sum(results.digest(path) in used for path in paths)
-    if known == 0:
+    recorded_files = results.recorded_inputs(drone.record, drone.name)
+    shared_count = sum(results.digest(path) in recorded_files for path in paths)
+    if shared_count == 0:
         return []
     return [
-        f"{Path(drone.name).name} was identified from {known} of these {len(paths)} files; "
+        f"{Path(drone.name).name} was identified from {shared_count} of these {len(paths)} files; "
         "how well it predicts those is no test."
     ]
 
@@ -25,8 +25,8 @@ def note_other_law(drone: DroneFile, law: str | None) -> list[str]:
     inputs = settings.get("battery_law") if isinstance(settings, dict) else None
     if inputs == law or not drone.source:
         return []
-    how = "without --battery-law" if inputs is None else f"with --battery-law {inputs!r}"
+    choice = "without --battery-law" if inputs is None else f"with --battery-law {inputs!r}"
     return [
-        f"{Path(drone.name).name} was identified {how}, unlike here; thrust may differ by that "
+        f"{Path(drone.name).name} was identified {choice}, unlike here; thrust may differ by that "
         "alone."
     ]

@@ -17,7 +17,7 @@ from maidenflight.identification.likelihood import with_state, without_state
 from maidenflight.identification.methods import Likelihood, Replay
 from maidenflight.identification.outcome.battery_laws import average_laws
 from maidenflight.identification.outcome.estimates import Identification, note_worse_than_start
-from maidenflight.identification.outcome.plausible import Expected
+from maidenflight.identification.outcome.plausible import ExpectedInterval
 from maidenflight.identification.outcome.problem import AUTO, Problem
 from maidenflight.identification.outcome.progress import Progress
 from maidenflight.identification.replay import replay
@@ -108,7 +108,7 @@ def expected_intervals(
     over: Sequence[str] | str | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     key: Array | None = None,
-) -> dict[str, Expected]:
+) -> dict[str, ExpectedInterval]:
     """Returns what flights can tell of each parameter, before anything is fitted; in seconds.
 
     Args:

@@ -28,8 +28,8 @@ def merge_match(
         between = 0.0 if old is None else old.between_sd
         estimates[name] = Estimate(value, ends, (value,), between)
         if name in posterior:
-            drawn = posterior[name]
-            unit = (drawn - drawn.mean()) / (drawn.std() or 1.0)
+            samples = posterior[name]
+            unit = (samples - samples.mean()) / (samples.std() or 1.0)
             posterior[name] = np.maximum(value + error * unit, 0.0)
     changes = {name: np.float32(value) for name, (value, _) in result.estimates.items()}
     return dataclasses.replace(

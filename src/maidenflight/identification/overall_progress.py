@@ -49,7 +49,7 @@ def describe(now: Progress) -> str:
     if now.of and now.stage in _COUNTED:
         parts.append(f"{now.done} of {now.of} {_COUNTED[now.stage]}")
     if now.gain is not None:
-        parts.append(f"{now.gain.group} {'kept' if now.gain.kept else 'not kept'}")
+        parts.append(f"{now.gain.group} {'kept' if now.gain.is_in_model else 'not kept'}")
     if now.evaluations:
         parts.append(f"evaluation {now.evaluations}")
     return ", ".join(parts)

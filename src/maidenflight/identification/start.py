@@ -29,8 +29,8 @@ def read_start(drone: str, mass_g: float | None) -> DroneFile:
 
 def note_mass(drone: str, mass_g: float | None, flights: Flights) -> list[str]:
     """Returns a note that asks for the mass where nobody gave it, of real flights."""
-    known = mass_g is not None or drone not in parameters.DRONES
-    if known or all(flight.simulated for flight in flights):
+    is_mass_known = mass_g is not None or drone not in parameters.DRONES
+    if is_mass_known or all(flight.simulated for flight in flights):
         return []
     mass = 1e3 * float(parameters.read_drone(drone).mass)
     return [

@@ -94,12 +94,12 @@ def noiseless(parameters: Parameters) -> Parameters:
     return replace(parameters, **dict.fromkeys([*sizes, "gyro_turn_on_bias"], np.float32(0.0)))
 
 
-def check(parameters: Parameters, where: str = "parameters") -> Parameters:
+def check(parameters: Parameters, place: str = "parameters") -> Parameters:
     """Returns one drone's parameters if every value lies in its physical range.
 
     Args:
         parameters: a point, without batch axes.
-        where: what the error names, usually a file.
+        place: what the error names, usually a file.
 
     Raises:
         InputError: a value is not a finite number, has the wrong number of components or is out of
@@ -109,7 +109,7 @@ def check(parameters: Parameters, where: str = "parameters") -> Parameters:
         value = np.asarray(getattr(parameters, name))
         if value.shape != (() if quantity.size == 1 else (quantity.size,)):
             raise InputError(
-                f"{where}: {name} has shape {value.shape}, expected "
+                f"{place}: {name} has shape {value.shape}, expected "
                 f"{'one number' if quantity.size == 1 else f'{quantity.size} numbers'}."
             )
         if not (
@@ -118,10 +118,10 @@ def check(parameters: Parameters, where: str = "parameters") -> Parameters:
             and np.all(value <= np.float32(quantity.upper))
         ):
             raise InputError(
-                f"{where}: {name} = {plain(value)} {quantity.unit} is outside its physical range"
+                f"{place}: {name} = {plain(value)} {quantity.unit} is outside its physical range"
                 f" [{quantity.lower:g}, {quantity.upper:g}]. Check the unit; values are SI."
             )
-    return frames.check(parameters, where)
+    return frames.check(parameters, place)
 
 
 def plain(value: Any) -> Any:

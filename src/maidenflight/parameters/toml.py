@@ -65,21 +65,21 @@ def to_toml(
     return tomlkit.dumps(document)
 
 
-def from_toml(text: str, where: str = "drone.toml") -> Parameters:
+def from_toml(text: str, place: str = "drone.toml") -> Parameters:
     """Reads one drone from TOML text; see `from_document` for the errors."""
-    return from_document(_parsed(text, where), where)
+    return from_document(_parsed(text, place), place)
 
 
-def _parsed(text: str, where: str) -> dict[str, Any]:
+def _parsed(text: str, place: str) -> dict[str, Any]:
     try:
         return inputs.from_toml(text)
     except ValueError as error:  # TOMLDecodeError, or a number of more digits than Python reads
         raise InputError(
-            f"{where}: not valid TOML: {error}. Mend it there, or write the file again."
+            f"{place}: not valid TOML: {error}. Mend it there, or write the file again."
         ) from error
 
 
-def from_document(document: Mapping[str, Any], where: str) -> Parameters:
+def from_document(document: Mapping[str, Any], place: str) -> Parameters:
     """Takes the parameters from what a drone's TOML file says.
 
     In [body], `layout = "x"` or `"+"` with `arm_length` [m] stand for the places and directions of
@@ -87,7 +87,7 @@ def from_document(document: Mapping[str, Any], where: str) -> Parameters:
 
     Args:
         document: the file's content.
-        where: the file's name, for errors.
+        place: the file's name, for errors.
 
     Raises:
         InputError: an unknown format or key, a missing value, a value that is no number or outside
@@ -97,35 +97,35 @@ def from_document(document: Mapping[str, Any], where: str) -> Parameters:
     if type(layout) is not int or layout != FORMAT:
         now = "; rotor_x, rotor_y and rotor_direction are what arm_length was"
         raise InputError(
-            f"{where}: format = {str(layout)[:40]}, expected {FORMAT}. If it is a drone file of "
+            f"{place}: format = {str(layout)[:40]}, expected {FORMAT}. If it is a drone file of "
             f"another version, identify or write the drone again{now if layout == 4 else ''}."
         )
     astray = next((name for name in document if name in QUANTITIES), None)
     if astray:
         raise InputError(
-            f"{where}: {astray} stands outside its table. Put it into [{QUANTITIES[astray].table}]."
+            f"{place}: {astray} stands outside its table. Put it into [{QUANTITIES[astray].table}]."
         )
     fields: dict[str, Any] = {}
     for table in dict.fromkeys(quantity.table for quantity in QUANTITIES.values()):
         content = document.get(table, {})
         if not isinstance(content, dict):
-            raise InputError(f"{where}: {table} is a value, expected a table [{table}].")
+            raise InputError(f"{place}: {table} is a value, expected a table [{table}].")
         if table == "body":
-            content = _laid_out(content, where)
+            content = _laid_out(content, place)
         for name, value in content.items():
             if name not in QUANTITIES or QUANTITIES[name].table != table:
-                raise InputError(f"{where}: unknown key {name!r} in [{table}]{_suggestion(name)}")
-            fields[name] = _numbers(value, name, where)
+                raise InputError(f"{place}: unknown key {name!r} in [{table}]{_suggestion(name)}")
+            fields[name] = _numbers(value, name, place)
     missing = [name for name in QUANTITIES if name not in fields]
     if missing:
         raise InputError(
-            f"{where}: missing {', '.join(missing)}. Start from a complete file: maidenflight "
+            f"{place}: missing {', '.join(missing)}. Start from a complete file: maidenflight "
             "drone crazyflie -o mine.toml."
         )
-    return check(Parameters(**fields), where)
+    return check(Parameters(**fields), place)
 
 
-def _laid_out(body: Mapping[str, Any], where: str) -> Mapping[str, Any]:
+def _laid_out(body: Mapping[str, Any], place: str) -> Mapping[str, Any]:
     """What the table [body] says, with a `layout` and its `arm_length` as places of the rotors."""
     geometry = {name: body[name] for name in ("layout", "arm_length") if name in body}
     if not geometry:
@@ -135,7 +135,7 @@ def _laid_out(body: Mapping[str, Any], where: str) -> Mapping[str, Any]:
     known = layout if isinstance(layout, str) and layout in LAYOUTS else None
     if twice or known is None or not isinstance(arm, float | int) or isinstance(arm, bool):
         raise InputError(
-            f"{where}: layout = {layout!r} and arm_length = {arm!r}"
+            f"{place}: layout = {layout!r} and arm_length = {arm!r}"
             f"{f' beside {twice[0]}' if twice else ''}. Give either both, layout as one of "
             f"{', '.join(map(repr, LAYOUTS))} and arm_length [m] from the centre to a rotor, or "
             f"{', '.join(GEOMETRY)} of the four rotors."
@@ -143,7 +143,7 @@ def _laid_out(body: Mapping[str, Any], where: str) -> Mapping[str, Any]:
     try:
         frame = LAYOUTS[known](float(arm))
     except InputError as error:
-        raise InputError(f"{where}: {error}") from error
+        raise InputError(f"{place}: {error}") from error
     rest = {name: value for name, value in body.items() if name not in geometry}
     return {**rest, **{name: list(values) for name, values in frame.items()}}
 
@@ -155,20 +155,20 @@ def _suggestion(name: str) -> str:
     return f"; did you mean {close[0]!r} in [{QUANTITIES[close[0]].table}]?" if close else "."
 
 
-def _numbers(value: Any, name: str, where: str) -> Any:
+def _numbers(value: Any, name: str, place: str) -> Any:
     entries = value if isinstance(value, list) else [value]
     if not all(isinstance(entry, float | int) and not isinstance(entry, bool) for entry in entries):
         raise InputError(
-            f"{where}: {name} = {value!r}, expected "
+            f"{place}: {name} = {value!r}, expected "
             f"{f'{QUANTITIES[name].size} numbers' if QUANTITIES[name].size > 1 else 'a number'}."
         )
     if isinstance(value, list) != (QUANTITIES[name].size > 1):
         raise InputError(
-            f"{where}: {name} has {len(entries)} values, expected {QUANTITIES[name].size}."
+            f"{place}: {name} has {len(entries)} values, expected {QUANTITIES[name].size}."
         )
     if any(_LARGEST < abs(entry) < math.inf for entry in entries):
         raise InputError(
-            f"{where}: {name} = {str(value)[:40]} is outside what a number here can be. Check the "
+            f"{place}: {name} = {str(value)[:40]} is outside what a number here can be. Check the "
             "unit; values are SI."
         )
     return tuple(map(float, entries)) if isinstance(value, list) else float(value)

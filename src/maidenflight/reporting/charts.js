@@ -142,22 +142,16 @@ async function saved(figure, plan, kind) {
   made("a", {href: await asFile(figure, plan, kind), download: `${figure.id}.${kind}`}).click();
 }
 
-/* Figures are drawn when they come near the screen, one after another so that the page answers; for print, all at once. */
-const waiting = [];
+/* All figures are drawn, one after another so that the page answers; what is folded when it is opened, for print at once. */
+const figures = [...document.querySelectorAll("figure.chart")];
+const waiting = figures.filter(figure => !figure.closest("details:not([open])"));
 function drawNext() {
   const figure = waiting.shift();
   if (!figure) return;
   drawFigure(figure);
   setTimeout(drawNext);
 }
-const near = new IntersectionObserver(entries => {
-  for (const {target} of entries.filter(entry => entry.isIntersecting)) {
-    near.unobserve(target);
-    if (waiting.push(target) === 1) setTimeout(drawNext);
-  }
-}, {rootMargin: "800px"});
-const figures = [...document.querySelectorAll("figure.chart")];
-for (const figure of figures) near.observe(figure);
+drawNext();
 addEventListener("beforeprint", () => figures.forEach(drawFigure));
 for (const folded of document.querySelectorAll("details")) folded.addEventListener("toggle", () => folded.open && folded.querySelectorAll("figure.chart").forEach(drawFigure));
 let resized;

@@ -37,6 +37,7 @@ class Section(NamedTuple):
 
 
 _SECTIONS: tuple[tuple[str, str, Callable[[Run], Markup]], ...] = (
+    ("recorded", "Recorded flights", flights.recorded),
     ("parameters", "Parameters", parameters.section),
     ("validation", "Prediction", predictions.section),
     ("training", "Training", training.section),
@@ -44,7 +45,6 @@ _SECTIONS: tuple[tuple[str, str, Callable[[Run], Markup]], ...] = (
     ("flights", "Test flights", flights.tested),
     ("change", "Change in flight", flights.change),
     ("study", "Study", study.section),
-    ("recorded", "Recorded flights", flights.recorded),
     ("reproduce", "Reproduce", reproduce.section),
 )
 """Anchor, title and content of the page's sections; an empty one is left out."""
@@ -89,12 +89,12 @@ def to_html(run: Run) -> str:
     """Returns the page."""
     sections = [Section(name, title, make(run)) for name, title, make in _SECTIONS]
     logs = viewer.viewer_data(run)
-    drawn = any("<figure class=chart " in section.content for section in sections)
+    has_charts = any("<figure class=chart " in section.content for section in sections)
     scripts = [asset("page.js")]
     scripts += [asset(name) for name in _VIEWER] if logs else []
     scripts += (
         [*vega(), Markup(f"const LOOK = {asset('look.json')};"), asset("charts.js")]
-        if drawn
+        if has_charts
         else []
     )
     page = render(

@@ -95,6 +95,11 @@ class Run:
         return {} if self.drone is None else self.drone.estimates
 
     @property
+    def unidentified(self) -> Mapping[str, tuple[float, float]]:
+        """Plausible range of each parameter that the flights do not identify, by name."""
+        return {} if self.drone is None else self.drone.unidentified
+
+    @property
     def posterior(self) -> Mapping[str, Float[np.ndarray, "N"]]:
         """Posterior samples of the identified parameters."""
         return {} if self.drone is None else self.drone.posterior

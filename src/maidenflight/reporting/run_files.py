@@ -104,8 +104,8 @@ def find_files(source: StrPath | None, options: FileOptions) -> RunFiles:
     required = frozenset(user_files.get("logs", files.get("logs", ())))
     if "logs" not in user_files:
         files["logs"] = list(dict.fromkeys((*files.get("logs", ()), *logs_read)))
-    used = {path for paths in files.values() for path in paths}
-    return RunFiles(files, required, run.missing, _others(run, used))
+    run_paths = {path for paths in files.values() for path in paths}
+    return RunFiles(files, required, run.missing, _others(run, run_paths))
 
 
 def nothing_here(place: Path, missing: Sequence[str] = ()) -> InputError:

@@ -79,8 +79,8 @@ def scale(name: str, values: Any) -> tuple[float, str]:
 
 def factor(name: str) -> float:
     """Returns the displayed value per SI value: 1000 for short times, in ms."""
-    known = quantity(name)
-    return 1000.0 if known.unit == "s" and known.upper <= 1.0 else 1.0
+    parameter = quantity(name)
+    return 1000.0 if parameter.unit == "s" and parameter.upper <= 1.0 else 1.0
 
 
 def unit(name: str) -> str:

@@ -25,8 +25,8 @@ def viewer_data(run: Run) -> dict[str, Any]:
     for place in places:
         flight = flights[place]
         every, usable_rows = max(1, round(1 / (rate * flight.period))), runs.usable(flight)
-        known = np.isfinite(flight.setpoint[usable_rows]).all()
-        reference = _packed(flight.setpoint[usable_rows][::every]) if known else None
+        has_setpoint = np.isfinite(flight.setpoint[usable_rows]).all()
+        reference = _packed(flight.setpoint[usable_rows][::every]) if has_setpoint else None
         if reference not in references:
             references.append(reference)
         columns = [flight.position, flight.attitude, flight.command]

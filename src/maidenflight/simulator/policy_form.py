@@ -40,7 +40,7 @@ class PolicyForm:
     """The action that commands what an output does."""
     output_of: Callable[[Float[ArrayLike, "4"]], Float[ArrayLike, "4"]] = _same
     """The output that commands what an action does."""
-    check: Callable[[ControlInterface, str], None] = lambda commanded, where: None
+    check: Callable[[ControlInterface, str], None] = lambda commanded, place: None
     """Refuses interfaces that such policies cannot command; the text is what errors name."""
     methods: tuple[str, ...] = ("distillation", "gradient", "ppo")
     """By which they are trained, in `names.METHODS`; the first where there is a memory."""

@@ -7,12 +7,12 @@ as the posterior samples of an identification. `any_drone` has drones of any mak
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from maidenflight.errors import InputError
 from maidenflight.parameters import QUANTITIES, Parameters, check, replace
@@ -244,26 +244,47 @@ def wide_box(
 
     Args:
         nominal: the identified drone.
-        structure: name of the control structure that the policy commands.
+        structure: name of the control structure that the policy commands; one of your own is
+            randomized as PWM.
         trims: standard deviation of the constant torque about each axis from flight to flight [N
             m].
     """
-    reach = TRIM_WIDTHS[structure] * np.asarray(trims, np.float32)
+    widths = WIDTHS.get(structure, WIDTHS["pwm"])
+    reach = TRIM_WIDTHS.get(structure, TRIM_WIDTHS["pwm"]) * np.asarray(trims, np.float32)
     lower, upper = (
         replace(
             nominal,
             **{
                 name: getattr(nominal, name) * np.float32(factors[end])
-                for name, factors in WIDTHS[structure].items()
+                for name, factors in widths.items()
             },
             torque_bias=np.asarray(nominal.torque_bias + (2 * end - 1) * reach, np.float32),
         )
         for end in (0, 1)
     )
-    if "latency" in WIDTHS[structure]:
+    if "latency" in widths:
         latest = min(float(nominal.latency) + LATER, QUANTITIES["latency"].upper)
         upper = replace(upper, latency=max(float(upper.latency), latest))
     return UniformBox(lower, upper)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class InSteps:
+    """A distribution of drones, simulated in other time steps."""
+
+    drones: Distribution
+    time_step: Float[Any, ""]
+    """[s]."""
+
+    @property
+    def centre(self) -> Parameters:
+        """The drone in the middle."""
+        return replace(self.drones.centre, time_step=self.time_step)
+
+    def draw(self, key: Array) -> Parameters:
+        """Returns one drone."""
+        return replace(self.drones.draw(key), time_step=self.time_step)
 
 
 def ensemble(drones: Sequence[Parameters]) -> Ensemble:

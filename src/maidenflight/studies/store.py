@@ -11,66 +11,16 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from maidenflight import cache, inputs, results
-from maidenflight.errors import InputError, WriteError, optional
+from maidenflight.errors import InputError, WriteError, imported
 
 RESULT = "result.json"
 """In the folder of a result: its rows and record."""
 _RESULTS = "results"
 _REMOTE = re.compile(r"[a-z][a-z0-9+.-]+://")
-
-
-class Store(Protocol):
-    """Results by key, and files beside them."""
-
-    @property
-    def address(self) -> str:
-        """By which `opened` opens it on another machine."""
-        ...
-
-    def keys(self) -> set[str]:
-        """Returns keys of all results that are there."""
-        ...
-
-    def has(self, key: str) -> bool:
-        """Returns whether a result is there."""
-        ...
-
-    def folder(self, key: str) -> Path:
-        """Returns a result's files on this machine."""
-        ...
-
-    def result(self, key: str) -> dict[str, Any]:
-        """Returns what `RESULT` of it holds."""
-        ...
-
-    def remove(self, key: str) -> None:
-        """Removes a result, if it is there."""
-        ...
-
-    def making(self, key: str) -> Any:
-        """Returns a context with an empty folder, which becomes result where nothing is raised."""
-        ...
-
-    def write(self, name: str, content: str) -> None:
-        """Writes a file of the study beside the results, whole or not at all."""
-        ...
-
-    def read(self, name: str) -> str | None:
-        """Its content; None where there is none."""
-        ...
-
-    def drop(self, name: str) -> None:
-        """Removes it, if it is there."""
-        ...
-
-    def tidy(self) -> None:
-        """Removes what killed tasks have left of results that are there now."""
-        ...
 
 
 class Folder:
@@ -89,29 +39,35 @@ class Folder:
 
     @property
     def address(self) -> str:
-        """See `Store`."""
+        """By which `opened` opens it on another machine."""
         return str(self._path)
 
     def keys(self) -> set[str]:
-        """See `Store`."""
+        """Returns keys of all results that are there."""
         with suppress(FileNotFoundError):
             return {name for name in os.listdir(self._results) if not name.startswith(".")}
         return set()
 
     def has(self, key: str) -> bool:
-        """See `Store`."""
+        """Returns whether a result is there."""
         return (self._results / key).is_dir()
 
     def folder(self, key: str) -> Path:
-        """See `Store`."""
+        """Returns a result's files on this machine."""
         return self._results / key
 
     def result(self, key: str) -> dict[str, Any]:
-        """See `Store`."""
-        return _result(self._results / key / RESULT)
+        """Returns what `RESULT` of it holds."""
+        path = self._results / key / RESULT
+        try:
+            return json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise InputError(
+                f"{path}: not a whole result ({error}). Remove its folder, and sweep again."
+            ) from error
 
     def remove(self, key: str) -> None:
-        """See `Store`."""
+        """Removes a result, if it is there."""
         # Out of the way first: what is half removed is no result.
         going = self._results / f".{key}.going_on.part"
         shutil.rmtree(going, ignore_errors=True)
@@ -121,7 +77,7 @@ class Folder:
 
     @contextmanager
     def making(self, key: str) -> Iterator[Path]:
-        """See `Store`."""
+        """Returns a context with an empty folder, which becomes result where nothing is raised."""
         try:
             self._results.mkdir(parents=True, exist_ok=True)
             folder = Path(tempfile.mkdtemp(prefix=f".{key}.", suffix=".part", dir=self._results))
@@ -141,21 +97,21 @@ class Folder:
             shutil.rmtree(folder, ignore_errors=True)
 
     def write(self, name: str, content: str) -> None:
-        """See `Store`."""
+        """Writes a file of the study beside the results, whole or not at all."""
         results.write(self._path / name, content)
 
     def read(self, name: str) -> str | None:
-        """See `Store`."""
+        """Its content; None where there is none."""
         with suppress(FileNotFoundError):
             return inputs.text(self._path / name)
         return None
 
     def drop(self, name: str) -> None:
-        """See `Store`."""
+        """Removes it, if it is there."""
         (self._path / name).unlink(missing_ok=True)
 
     def tidy(self) -> None:
-        """See `Store`."""
+        """Removes what killed tasks have left of results that are there now."""
         for left in self._results.glob(".*.part"):
             if self.has(left.name.split(".")[1]):
                 shutil.rmtree(left, ignore_errors=True)
@@ -174,8 +130,7 @@ class Address:
         Raises:
             InputError: fsspec, or its package for this kind of address, is not installed.
         """
-        with optional("fsspec", "remote", address):
-            fsspec: Any = import_module("fsspec")
+        fsspec = imported("fsspec", "remote", address)
         try:
             self._files, self._root = fsspec.core.url_to_fs(address)
         except (ImportError, ValueError) as error:
@@ -187,25 +142,25 @@ class Address:
 
     @property
     def address(self) -> str:
-        """See `Store`."""
+        """See `Folder`."""
         return self._address
 
     def _at(self, *names: str) -> str:
         return "/".join((self._root, *names))
 
     def keys(self) -> set[str]:
-        """See `Store`."""
+        """See `Folder`."""
         self._files.invalidate_cache()
         files = self._files.glob(self._at(_RESULTS, "*", RESULT))
         return {str(path).split("/")[-2] for path in files}
 
     def has(self, key: str) -> bool:
-        """See `Store`."""
+        """See `Folder`."""
         self._files.invalidate_cache()
         return bool(self._files.exists(self._at(_RESULTS, key, RESULT)))
 
     def folder(self, key: str) -> Path:
-        """See `Store`."""
+        """See `Folder`."""
         # In the user's own cache, which nobody else may write to; anew where it was computed again.
         place = cache.folder() / "results" / hashlib.sha256(self._address.encode()).hexdigest()[:16]
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -218,18 +173,18 @@ class Address:
         return fetched.folder(key)
 
     def result(self, key: str) -> dict[str, Any]:
-        """See `Store`."""
+        """See `Folder`."""
         return json.loads(self._files.cat_file(self._at(_RESULTS, key, RESULT)))
 
     def remove(self, key: str) -> None:
-        """See `Store`."""
+        """See `Folder`."""
         with suppress(FileNotFoundError):
             self._files.rm_file(self._at(_RESULTS, key, RESULT))
             self._files.rm(self._at(_RESULTS, key), recursive=True)
 
     @contextmanager
     def making(self, key: str) -> Iterator[Path]:
-        """See `Store`."""
+        """See `Folder`."""
         with tempfile.TemporaryDirectory(prefix="maidenflight-") as name:
             folder = Path(name)
             yield folder
@@ -240,25 +195,29 @@ class Address:
                 self._files.put_file(str(path), place)
 
     def write(self, name: str, content: str) -> None:
-        """See `Store`."""
+        """See `Folder`."""
         place = self._at(name)
         self._files.makedirs(place.rpartition("/")[0], exist_ok=True)
         self._files.pipe_file(place, content.encode())
 
     def read(self, name: str) -> str | None:
-        """See `Store`."""
+        """See `Folder`."""
         self._files.invalidate_cache()
         with suppress(FileNotFoundError):
             return self._files.cat_file(self._at(name)).decode()
         return None
 
     def drop(self, name: str) -> None:
-        """See `Store`."""
+        """See `Folder`."""
         with suppress(FileNotFoundError):
             self._files.rm_file(self._at(name))
 
     def tidy(self) -> None:
-        """See `Store`."""
+        """See `Folder`."""
+
+
+Store = Folder | Address
+"""Results by key, and files beside them."""
 
 
 def opened(place: inputs.StrPath) -> Store:
@@ -269,15 +228,6 @@ def opened(place: inputs.StrPath) -> Store:
     """
     name = os.fspath(place)
     return Address(name.rstrip("/")) if _REMOTE.match(name) else Folder(Path(name))
-
-
-def _result(path: Path) -> dict[str, Any]:
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"{path}: not a whole result ({error}). Remove its folder, and run the study again."
-        ) from error
 
 
 def _to_disk(folder: Path) -> None:

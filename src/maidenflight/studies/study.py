@@ -21,6 +21,7 @@ their points agree. A grid may sweep one value of a table, as in `"set.latency" 
 import hashlib
 import itertools
 import json
+import math
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -32,7 +33,7 @@ from typing import Any
 from maidenflight import __version__, inputs, results
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
-from maidenflight.settings import PENDING, REQUIRED, Setting, plain
+from maidenflight.settings import PENDING, REQUIRED, Setting, is_code, plain
 from maidenflight.simulator.realities.reality import imports_code
 from maidenflight.verb import Verb, find_verb
 
@@ -134,6 +135,10 @@ def read_study(path: StrPath, cpus: int = 1, gpus: int = 0, *, trust: bool = Fal
     return of(content.get("task"), Path(path).resolve().parent, str(path), cpus, gpus)
 
 
+_CODE = ("task", "control", "randomize")
+"""Settings that may name Python code."""
+
+
 def _code_in(content: Any, setting: str = "") -> Iterator[str]:
     """Yields the names of Python code among the verbs and realities of a study's tables."""
     if isinstance(content, dict):
@@ -143,20 +148,22 @@ def _code_in(content: Any, setting: str = "") -> Iterator[str]:
         for value in content:
             yield from _code_in(value, setting)
     elif isinstance(content, str) and (
-        (setting == "kind" and ":" in content) or (setting == "reality" and imports_code(content))
+        (setting in _CODE and is_code(content))
+        or (setting == "kind" and ":" in content)
+        or (setting == "reality" and imports_code(content))
     ):
         yield content
 
 
 def of(
-    entries: Any, home: StrPath = ".", where: str = "the study", cpus: int = 1, gpus: int = 0
+    entries: Any, home: StrPath = ".", place: str = "the study", cpus: int = 1, gpus: int = 0
 ) -> Study:
     """Returns a study of tables.
 
     Args:
         entries: a list of them, as `read` reads.
         home: folder that paths in them are relative to.
-        where: what holds them, for errors.
+        place: what holds them, for errors.
         cpus: see `read`.
         gpus: see `read`.
 
@@ -165,31 +172,31 @@ def of(
             stands for no earlier entry, or for one of the wrong kind; or there are too many tasks.
     """
     if not isinstance(entries, list) or not entries:
-        raise InputError(f"{where}: no tasks. Expected tables [[task]]; see docs/clusters.md.")
+        raise InputError(f"{place}: no tasks. Expected tables [[task]]; see docs/clusters.md.")
     home = Path(home).resolve()
     known: dict[str, _Entry] = {}
     expanded_tasks: dict[str, list[Task]] = {}
     digests: dict[str, list[str]] = {}
     for number, content in enumerate(entries, 1):
-        entry = _entry(content, f"{where}: task {number}", known)
+        entry = _entry(content, f"{place}: task {number}", known)
         known[entry.name] = entry
         with chdir(home):
             expanded_tasks[entry.name] = _expanded(entry, expanded_tasks, digests, (cpus, gpus))
         if sum(map(len, expanded_tasks.values())) > MAX_TASKS:
-            raise InputError(f"{where}: more than {MAX_TASKS} tasks. Make several studies of it.")
+            raise InputError(f"{place}: more than {MAX_TASKS} tasks. Make several studies of it.")
     return Study(tuple(itertools.chain(*expanded_tasks.values())), home, tuple(entries), cpus, gpus)
 
 
-def _entry(content: Any, where: str, known: Mapping[str, _Entry]) -> _Entry:
+def _entry(content: Any, place: str, known: Mapping[str, _Entry]) -> _Entry:
     if not isinstance(content, dict):
-        raise InputError(f"{where}: is {str(content)[:40]!r}; expected a table [[task]].")
+        raise InputError(f"{place}: is {str(content)[:40]!r}; expected a table [[task]].")
     for name in content:
         if name not in _ENTRIES:
-            raise InputError(f"{where}: {name} is unknown. Expected {', '.join(_ENTRIES)}.")
+            raise InputError(f"{place}: {name} is unknown. Expected {', '.join(_ENTRIES)}.")
     called = content.get("name")
     if not isinstance(called, str) or not called or "." in called or called in known:
-        raise InputError(f"{where}: name = {called!r}; expected a text of its own without a dot.")
-    label = f"{where} ({called})"
+        raise InputError(f"{place}: name = {called!r}; expected a text of its own without a dot.")
+    label = f"{place} ({called})"
     kind = content.get("kind")
     try:
         verb = find_verb(str(kind))
@@ -235,11 +242,11 @@ def _is_in_table(name: str, settings: Mapping[str, Setting], grid: Mapping[str, 
 
 def _put(settings: dict[str, Any], point: Mapping[str, Any]) -> dict[str, Any]:
     """Returns settings at a point of a grid."""
-    chosen = dict(settings)
+    values = dict(settings)
     for name, value in point.items():
         table, dot, inner = name.partition(".")
-        chosen[table] = {**chosen.get(table, {}), inner: value} if dot else value
-    return chosen
+        values[table] = {**values.get(table, {}), inner: value} if dot else value
+    return values
 
 
 def _values(setting: Setting, name: str, values: Any, label: str) -> list[Any]:
@@ -298,24 +305,24 @@ def _expanded(
             for task in tasks_by_part[source]
             if all(point.get(axis, value) == value for axis, value in task.point.items())
         ]
+    if len(joined) * math.prod(map(len, entry.grid.values())) > MAX_TASKS:
+        raise InputError(f"{entry.label}: more than {MAX_TASKS} tasks. Make several studies of it.")
     own = [
         dict(zip(entry.grid, values, strict=True))
         for values in itertools.product(*entry.grid.values())
     ]
-    if len(joined) * len(own) > MAX_TASKS:
-        raise InputError(f"{entry.label}: more than {MAX_TASKS} tasks. Make several studies of it.")
     defaults = {
         name: plain(setting.default)
         for name, setting in settings_of(entry.verb).items()
         if name not in entry.inputs and setting.default is not REQUIRED
     }
-    chosen = []
+    selection = []
     for at in own:
         settings = _put({**defaults, **entry.settings}, at)
-        chosen.append((at, settings, _content(entry, settings, digests)))
+        selection.append((at, settings, _content(entry, settings, digests)))
     tasks = []
     for point, keys in joined:
-        for at, settings, content in chosen:
+        for at, settings, content in selection:
             swept = {**point, **{f"{entry.name}.{name}": value for name, value in at.items()}}
             named = [entry.kind, entry.verb.version, __version__, content, keys, devices]
             key = hashlib.sha256(json.dumps(named, sort_keys=True).encode()).hexdigest()[:20]

@@ -20,7 +20,7 @@ from jax import lax, tree
 from jaxtyping import Array, Bool, Float
 
 from maidenflight.parameters import Parameters
-from maidenflight.policy import Policy, untrained
+from maidenflight.policy import Policy, untrained_policy
 from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.physics import dynamics, rotations
@@ -161,7 +161,7 @@ def init_learner(
         own(jax.random.split(key, settings.num_envs))
     )
     policy = hovering(
-        untrained(policy_key, env.controller.interface, env.spec), instances.parameters
+        untrained_policy(policy_key, env.controller.interface, env.spec), instances.parameters
     )
     return Learner(policy, optimiser_of(settings).init(policy.network), instances)
 

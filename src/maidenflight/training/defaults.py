@@ -111,9 +111,9 @@ def choose_settings(
         InputError: policies of a form that the method does not train; or distillation of policies
             without a memory, or from a policy.
     """
-    spec.policy_form.check_method(method)
-    if method == "ppo":
-        return PPO()
+    spec.policy_form.check_method(method.removesuffix("-paper"))
+    if method.startswith("ppo"):
+        return PPO() if method == "ppo" else PPO.paper()
     settings = _by_gradient(structure, task, bool(spec.memory))
     if method == "distillation":
         return _by_distillation(settings, spec, initial)
@@ -142,7 +142,7 @@ def _by_distillation(like: AnalyticGradient, spec: PolicySpec, initial: bool) ->
 
 
 def _by_gradient(structure: str, task: str, remembering: bool) -> AnalyticGradient:
-    settings = SETTINGS[structure]
+    settings = SETTINGS.get(structure, SETTINGS["pwm"])
     if remembering:
         settings = dataclasses.replace(settings, **REMEMBERING_BY_CONTROL.get(structure, {}))
     if task == "hover":  # which fails beyond 5.2 rad/s
@@ -166,7 +166,7 @@ def choose_controller(
     above 1.71, so unless `paper_scales` it is set about the share at which the drone hovers.
 
     Args:
-        structure: a name in `names.CONTROLS`.
+        structure: a name in `names.CONTROLS`, or `MODULE:NAME` of your own.
         drone: to train for.
         full_scale_counts: of the drone; see `ControlInterface`.
         initial: where training starts, if set; the range of thrust is then its own.
@@ -174,7 +174,7 @@ def choose_controller(
         rate: actions a second [Hz]; the structure's own by default.
     """
     at: dict[str, Any] = {} if rate is None else {"action_rate": rate}
-    papers = control.CONTROLLERS[structure](full_scale_counts=full_scale_counts, **at)
+    papers = control.find_controller(structure, full_scale_counts=full_scale_counts, **at)
     if structure != "attitude" or paper_scales:
         return papers
     if initial is not None and initial.interface.name == structure:

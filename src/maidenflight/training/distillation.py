@@ -22,7 +22,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from maidenflight.parameters import Parameters
-from maidenflight.policy import Policy, untrained
+from maidenflight.policy import Policy, untrained_policy
 from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.physics.vectors import squared
@@ -164,14 +164,14 @@ def _teacher(
     env: Environment, settings: Distillation, box: Distribution, drones: EnvInstance, key: Array
 ) -> Teacher:
     """An untrained teacher, which does not heed its extra input yet."""
-    drawn = jax.vmap(lambda key: known(box.draw(key)))(jax.random.split(key, _DRAWN))
+    samples = jax.vmap(lambda key: known(box.draw(key)))(jax.random.split(key, _DRAWN))
     spec = dataclasses.replace(env.spec, memory=0, hidden=settings.teacher_hidden, form=INSTANTS)
-    policy = untrained(key, env.controller.interface, spec)
-    spread = jnp.std(drawn, axis=0)
+    policy = untrained_policy(key, env.controller.interface, spec)
+    spread = jnp.std(samples, axis=0)
     return Teacher(
         analytic_gradient.hovering(policy, drones.parameters),
-        jnp.zeros((settings.teacher_hidden[0], drawn.shape[1])),
-        jnp.mean(drawn, axis=0),
+        jnp.zeros((settings.teacher_hidden[0], samples.shape[1])),
+        jnp.mean(samples, axis=0),
         # What does not differ between drones stays zero up to rounding.
         jnp.where(spread > 1e-5, spread, 1.0),
     )
@@ -193,9 +193,9 @@ def _imitation(
     def one(env_state: EnvState, key: Array) -> tuple[EnvState, tuple[Array, Array]]:
         observation = environment.observation(env, env_state)
         output = policy(observation)
-        wanted = lax.stop_gradient(teacher(drone.parameters, observation))
+        target = lax.stop_gradient(teacher(drone.parameters, observation))
         # A teacher's action beyond the range of commands is as good as its end.
-        difference = output[:ACTION_SIZE] - jnp.clip(wanted[:ACTION_SIZE], -1.0, 1.0)
+        difference = output[:ACTION_SIZE] - jnp.clip(target[:ACTION_SIZE], -1.0, 1.0)
         action = jnp.concatenate([lax.stop_gradient(output[:ACTION_SIZE]), output[ACTION_SIZE:]])
         after, step_result = stepping.step(env, env_state, action, drone.parameters, key)
         next_state, lost = analytic_gradient.unless_lost(env_state, after, step_result)

@@ -17,7 +17,7 @@ from jax import lax, tree
 from jaxtyping import Array, Bool, Float
 
 from maidenflight.parameters import Parameters
-from maidenflight.policy import Policy, untrained
+from maidenflight.policy import Policy, untrained_policy
 from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import ACTION_SIZE
@@ -78,7 +78,7 @@ def begin(env: Environment, settings: PPO, boxes: Distribution, keys: Array) -> 
 
     def one(box: Distribution, key: Array) -> _Learner:
         policy_key, critic_key, key = jax.random.split(key, 3)
-        policy = untrained(policy_key, env.controller.interface, env.spec)
+        policy = untrained_policy(policy_key, env.controller.interface, env.spec)
         instances = jax.vmap(partial(randomized_reset, env, box))(
             own(jax.random.split(key, settings.num_envs))
         )

@@ -66,7 +66,7 @@ class PPO:
 
         What differs: episodes continue from one epoch to the next, while the paper's workers were
         reset; minibatches are drawn from all environments together; the actor's last layer starts
-        ten times smaller, and the first epoch normalises as `policy.untrained` does.
+        ten times smaller, and the first epoch normalises as `policy.untrained_policy` does.
 
         Source: Gronauer et al. 2022, sec. Zero-Shot Experiments; reward scaling and the critic's
         passes are from the authors' code.

@@ -52,13 +52,13 @@ def override(settings: Settings, numbers: Mapping[str, float]) -> Settings:
     Raises:
         InputError: there is no such number, or it is a whole one.
     """
-    known = {field.name: getattr(settings, field.name) for field in fields(settings)}
+    values = {field.name: getattr(settings, field.name) for field in fields(settings)}
     changes: dict[str, Any] = {}
     for name, value in numbers.items():
-        if type(known.get(name)) not in (int, float):
+        if type(values.get(name)) not in (int, float):
             method = type(settings).__name__
-            raise InputError(f"learner: {name} is no number of {method}: {', '.join(known)}.")
-        whole = isinstance(known[name], int)
+            raise InputError(f"learner: {name} is no number of {method}: {', '.join(values)}.")
+        whole = isinstance(values[name], int)
         if whole and value != int(value):
             raise InputError(f"learner: {name} = {value:g}; expected a whole number.")
         changes[name] = int(value) if whole else value

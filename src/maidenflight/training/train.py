@@ -182,10 +182,10 @@ def train(
 
 def _method_of(settings: Settings) -> Method:
     if type(settings) not in METHODS:
-        known = ", ".join(kind.__name__ for kind in METHODS)
+        names = ", ".join(kind.__name__ for kind in METHODS)
         raise InputError(
             f"{type(settings).__name__} are not settings of a method of training; known are "
-            f"{known}."
+            f"{names}."
         )
     return METHODS[type(settings)]
 

@@ -5,15 +5,17 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from maidenflight.errors import InputError
 from maidenflight.policy import Policy
+from maidenflight.simulator.controllers import control
 from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.controllers.position_pid import EXCITATION
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.randomization import Distribution, stacked
+from maidenflight.simulator.randomization import Distribution, InSteps, stacked
 from maidenflight.simulator.tasks.tasks import Task
 from maidenflight.training import checkpoint
 from maidenflight.training.analytic_gradient import AnalyticGradient
@@ -90,7 +92,7 @@ def validate(
         raise InputError(
             "keys must be random keys, one a policy: jax.random.split(jax.random.key(0), 3)."
         )
-    boxes = _one_each(distribution, len(keys))
+    boxes = [_in_fitting_steps(one, controller) for one in _one_each(distribution, len(keys))]
     if controller.interface.name == EXCITATION.name:
         raise InputError(
             f"control structure {EXCITATION.name} cannot be trained for: it flies by itself. Give "
@@ -130,6 +132,13 @@ def _one_each(box: Distribution | Sequence[Distribution], count: int) -> Sequenc
             "one for all."
         )
     return boxes
+
+
+def _in_fitting_steps(drones: Distribution, controller: Controller) -> Distribution:
+    """Returns drones in time steps that divide the period between two commands."""
+    own = np.asarray(drones.centre.time_step)
+    fitting = np.float32(control.time_step(controller, float(own)))
+    return drones if np.isclose(own, fitting, rtol=1e-3) else InSteps(drones, fitting)
 
 
 def _check_initial(initial: Policy, controller: Controller, settings: Settings) -> None:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from polars import DataFrame
 
     from maidenflight import parameters, policy_file
+    from maidenflight.deployment.c import digest
     from maidenflight.deployment.check import check_export, check_frame
     from maidenflight.experiments import comparison, drones, envelope, flight_times
     from maidenflight.experiments.policies import Policies, read_policies
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from maidenflight.flights.reading import COMMANDS, Flights, read_flights
     from maidenflight.flights.summary import summaries
     from maidenflight.flying import recording
-    from maidenflight.identification import drone_file
+    from maidenflight.identification import drone_file, identity
     from maidenflight.identification.behaviour import BEHAVIOUR, flights_of_policies
     from maidenflight.identification.closed_loop import ClosedLoop, Match, match
     from maidenflight.identification.design import planning
@@ -64,7 +65,7 @@ if TYPE_CHECKING:
     from maidenflight.simulator.realities.reality import AnyReality
     from maidenflight.simulator.realities.virtual_drone import VirtualDrone, must_be_virtual
     from maidenflight.simulator.tasks.look_ahead import LookAhead
-    from maidenflight.simulator.tasks.tasks import TASKS, with_yaw_penalty
+    from maidenflight.simulator.tasks.tasks import find_task, with_yaw_penalty
     from maidenflight.studies import sweeping
     from maidenflight.studies.engine import Resources
     from maidenflight.studies.status import Progress as Status

@@ -133,7 +133,7 @@ class Demo(Verb):
             },
             summary=[
                 *core.estimates_output.tabulate_estimates(identified, truth),
-                *core.estimates_output.describe_unidentifiable(identified),
+                *core.estimates_output.summarize(identified),
                 *_summarize_flights(stage_results["transfer"].value.table),
                 "wall time: "
                 + ", ".join(f"{name} {spent:.0f} s" for name, spent in seconds.items()),
@@ -166,7 +166,7 @@ def _compile_training(train: Train) -> None:
     """
     controller, learner = core.control.pwm(), train.learner_settings
     core.train(
-        core.TASKS["circle"](),
+        core.find_task("circle"),
         controller,
         core.drones.distribution_of(DRONE, train.randomize or 0.0, controller),
         core.split_key(train.key, train.policies),

@@ -30,9 +30,9 @@ class Drone(Verb):
         if self.list_names:
             return _list()
         kilograms = None if self.mass is None else self.mass / 1e3
-        parameters, named = core.parameters, self.drone in core.parameters.DRONES
+        parameters, is_named = core.parameters, self.drone in core.parameters.DRONES
         read, name = parameters.read_drone(self.drone, kilograms), parameters.name_of(self.drone)
-        sources = parameters.sources(self.drone, kilograms) if named else {}
+        sources = parameters.sources(self.drone, kilograms) if is_named else {}
         content: dict[str, Any] = {
             "name": name,
             "parameters": {

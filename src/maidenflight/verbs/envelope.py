@@ -60,7 +60,7 @@ class Envelope(InRealities):
                 axis,
                 flights=self.flights,
                 key=self.key,
-                task=core.TASKS[task](),
+                task=core.find_task(task),
                 names=fleet.names,
             )
             run_folder.ENVELOPE.write(path, polars.concat(parts.values()), record)

@@ -11,6 +11,8 @@ from maidenflight.reporting.text import with_error
 from maidenflight.terminal import Table
 from maidenflight.verbs.logs import scale_of
 
+_MAIN = ("thrust_to_weight", "motor_time_constant", "latency")
+"""The parameters of the paper."""
 _WIDTH = 118
 """Of long lines."""
 
@@ -33,7 +35,7 @@ def tabulate_estimates(
             {
                 "name": name,
                 "unit": unit,
-                "value": estimate.value * scale,
+                "value": f"{estimate.value * scale:.4g}",
                 "interval": _range(estimate.interval, scale),
                 "valley": _range(estimate.valley, scale) if estimate.valley else "",
                 "between": _two_digits(estimate.between_sd * scale),
@@ -41,7 +43,16 @@ def tabulate_estimates(
                 "truth": true if isinstance(true, str) else f"{true * scale:.4g}",
             }
         )
-    columns = {"parameter": "{name}", "value": "{value:.4g}", "95 % interval": "{interval}"}
+    for name, ends in result.unidentified.items():
+        scale, unit = scale_of(name, ends[1])
+        true = (truth or {}).get(name, "")
+        rows.append(
+            dict.fromkeys(("valley", "between", "trials"), "")
+            | {"name": name, "unit": unit, "value": "not identified"}
+            | {"interval": f"{_range(ends, scale)} (plausible)"}
+            | {"truth": true if isinstance(true, str) else f"{true * scale:.4g}"}
+        )
+    columns = {"parameter": "{name}", "value": "{value}", "95 % interval": "{interval}"}
     columns |= {"between\nflights": "{between}"}
     columns |= {"range within\n1 %": "{valley}", "between\ntrials": "{trials}"} if replayed else {}
     columns |= {"truth": "{truth}"} if truth is not None else {}
@@ -61,17 +72,38 @@ def _two_digits(value: float) -> str:
     return f"{float(f'{value:.2g}'):g}"
 
 
-def describe_unidentifiable(result: Identification) -> list[str]:
-    """Returns what the flights do not determine, with the ranges that are plausible."""
-    ranges = []
-    for name, (low, high) in result.unidentified.items():
-        scale, unit = scale_of(name, high)
-        ranges.append(f"{name} {low * scale:.3g} .. {high * scale:.3g} {unit}".strip())
-    text = (
-        f"not identifiable from these flights: {', '.join(ranges)}. That is what is plausible, "
-        "as before the flights; training with --randomize posterior covers these ranges."
+def summarize(result: Identification) -> list[str]:
+    """Returns a line on what was identified, and one on what was not."""
+    names = list(result.estimates)
+    main = [name for name in _MAIN if name in names] or names[: len(_MAIN)]
+    values = []
+    for name in main:
+        estimate = result.estimates[name]
+        scale, unit = scale_of(name, estimate.value)
+        low, high = (f"{end * scale:.3g}" for end in estimate.interval)
+        values.append(f"{name} {estimate.value * scale:.3g} [{low}, {high}] {unit}".rstrip())
+    rest = len(names) - len(main)
+    more = f" and {rest} more" if rest else ""
+    flights = f"{result.source.flights} flight{'s' * (result.source.flights > 1)}"
+    left_out = ", ".join(result.unidentified)
+    return [
+        f"identified: {', '.join(values)}{more}, from {flights} of {result.source.seconds:.0f} s",
+        f"not identified: {left_out}, no more than before these flights; training with --randomize "
+        "posterior covers the plausible ranges"
+        if left_out
+        else "not identified: nothing; the flights determine every parameter that was fitted",
+    ]
+
+
+def describe_delays(result: Identification) -> list[str]:
+    """Returns motor lag and latency together, by each signal."""
+    estimates = ", ".join(
+        f"{one.signal} {1e3 * one.value:.0f} [{1e3 * one.interval[0]:.0f}, "
+        f"{1e3 * one.interval[1]:.0f}]"
+        for one in result.delay_estimates
     )
-    return [fill(text, _WIDTH)] if ranges else []
+    text = f"motor lag and latency together, by signal, in ms with 95 % interval: {estimates}"
+    return [fill(text, _WIDTH)] if estimates else []
 
 
 def tabulate_gains(result: Identification) -> list[Table | str]:
@@ -81,7 +113,7 @@ def tabulate_gains(result: Identification) -> list[Table | str]:
     rows = []
     for group in result.gains:
         gain, error = with_error(group.log_likelihood_gain, group.standard_error)
-        verdict = "kept" if group.kept else f"not kept: {group.reason or 'unknown'}"
+        verdict = "kept" if group.is_in_model else f"not kept: {group.reason or 'unknown'}"
         rows.append({"group": group.group, "gain": gain, "error": error, "kept": verdict})
     columns = {"parameters": "{group}", "gain a row\n(nats)": "{gain}"}
     columns |= {"standard\nerror": "{error}", "": "{kept}"}

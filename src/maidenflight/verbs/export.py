@@ -33,7 +33,7 @@ class Export(Verb):
         "c",
         "c: C99 without dependencies, policy.h and policy.c; onnx: policy.onnx; authors: a JSON as "
         "the tools of Gronauer et al. read it; crazyflie: an app that builds beside an unmodified "
-        "Crazyflie firmware; raptor: policy.h5, which programs for RAPTOR read, of a policy "
+        "Crazyflie firmware; raptor: policy.h5 and, for PX4, policy.tar, of a policy "
         "trained with --form raptor.",
     )
     control: str | None = shared.control_of_authors()
@@ -55,6 +55,20 @@ class Export(Verb):
             raise InputError(
                 f"--propellers: --to {self.to} does not depend on the propellers; leave it out."
             )
+
+    def _propellers(self, file: "core.PolicyFile") -> str:
+        """Those given, else those of the policy's drone; empty where neither says.
+
+        Raises:
+            InputError: they contradict each other.
+        """
+        own = core.identity.propellers_of(file.identity)
+        if self.propellers is not None and own not in ("", self.propellers):
+            raise InputError(
+                f"--propellers {self.propellers}: {self.policy} was trained for a drone identified "
+                f"with {own}. Identify yours with its --battery-law, and train."
+            )
+        return self.propellers or own
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Writes the policy for other programs.
@@ -78,7 +92,8 @@ class Export(Verb):
             "seed": self.seed,
             "record": record,
         }
-        options |= {} if self.propellers is None else {"propellers": self.propellers}
+        propellers = self._propellers(file)
+        options |= {"propellers": propellers} if propellers else {}
         written = export(file.policy, output, self.to, **options)
         home = self.policy.parent
         home = home.parent if home.name == run_folder.POLICIES else home

@@ -7,7 +7,18 @@ from typing import Any
 
 from maidenflight import names, results, run_folder
 from maidenflight.errors import InputError
-from maidenflight.settings import choice, either, listed, number, setting, several, table, whole
+from maidenflight.settings import (
+    choice,
+    either,
+    flag,
+    listed,
+    number,
+    setting,
+    several,
+    table,
+    whole,
+)
+from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Verb
 from maidenflight.verbs import core, shared
 
@@ -100,6 +111,12 @@ class Identify(Verb):
     battery_law: str | None = shared.battery_law()
     faulty: str = shared.faulty()
     seed: int = shared.seed()
+    verbose: bool = setting(
+        flag(),
+        False,
+        "Also print what was read and dropped, the gains of groups of parameters, noise and fit.",
+        recorded=False,
+    )
 
     def places(self, output: Path) -> list[Path]:
         """Returns the drone's file, the evaluations and the picture."""
@@ -171,11 +188,9 @@ class Identify(Verb):
             content=_to_content(flights, identification)
             | {"output": str(output), "picture": str(picture)},
             summary=[
-                *core.logs.describe_flights(flights, f"; {identification.windows} windows of rows"),
-                *core.estimates_output.tabulate_gains(identification),
+                *(self._describe(flights, identification) if self.verbose else []),
                 *core.estimates_output.tabulate_estimates(identification),
-                *core.estimates_output.describe_unidentifiable(identification),
-                *core.estimates_output.describe_fit(identification, self.start),
+                *core.estimates_output.summarize(identification),
             ],
             written={"drone": [output], "evaluations": [evaluations], "picture": [picture]},
             read={"logs": flights.paths},
@@ -199,6 +214,16 @@ class Identify(Verb):
     def first(self) -> "core.DroneFile":
         """Returns the drone to begin with."""
         return core.read_start(self.start, self.mass)
+
+    def _describe(
+        self, flights: "core.Flights", identification: "core.Identification"
+    ) -> "list[Table | str]":
+        return [
+            *core.logs.describe_flights(flights, f"; {identification.windows} windows of rows"),
+            *core.estimates_output.tabulate_gains(identification),
+            *core.estimates_output.describe_delays(identification),
+            *core.estimates_output.describe_fit(identification, self.start),
+        ]
 
     def _objective(self) -> "core.Likelihood | core.Replay":
         common: dict[str, Any] = {

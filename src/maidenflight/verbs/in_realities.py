@@ -7,7 +7,7 @@ from typing import Any
 
 from maidenflight import names
 from maidenflight.registry import EXPORTERS
-from maidenflight.settings import choice, setting
+from maidenflight.settings import choice, or_code, setting
 from maidenflight.terminal import Table
 from maidenflight.verb import Progress, Result, Verb
 from maidenflight.verbs import core, shared
@@ -17,6 +17,7 @@ class FliesPolicies(Verb):
     """Fly policies."""
 
     policies: tuple[str, ...] = shared.policies()
+    control: str | None = shared.control_of_authors()
 
     def check_early(self) -> None:
         """Refuses a drone that is not there."""
@@ -25,7 +26,7 @@ class FliesPolicies(Verb):
     @cached_property
     def fleet(self) -> "core.Policies":
         """Returns the policies."""
-        return core.read_policies(self.policies, getattr(self, "control", None))
+        return core.read_policies(self.policies, self.control)
 
     def choose_task(self, task: str | None, progress: Progress) -> tuple[str, list[str]]:
         """Returns the task, and notes on policies that were trained for another task."""
@@ -54,7 +55,7 @@ class FliesPolicies(Verb):
             parts: the other parts of the result.
         """
         task = parts["record"]["settings"].get("task")
-        named = [f"best: {best} ({reason})"] if best and len(self.fleet.files) > 1 else []
+        best_line = [f"best: {best} ({reason})"] if best and len(self.fleet.files) > 1 else []
         return Result(
             content={
                 **content,
@@ -64,7 +65,7 @@ class FliesPolicies(Verb):
                 "simulated": True,
                 "output": str(output),
             },
-            summary=[*summary, *named],
+            summary=[*summary, *best_line],
             next=export_command(best, self.fleet.policy_of(best)) if best else (),
             **parts,
         )
@@ -89,7 +90,7 @@ class InRealities(FliesPolicies):
     )
     accept_bounds: bool = shared.accept_bounds()
     task: str | None = setting(
-        choice(*names.TASKS),
+        or_code(choice(*names.TASKS)),
         None,
         "What they fly (what they were trained for by default).",
         group=shared.FLIGHTS,

@@ -13,6 +13,8 @@ from maidenflight.verbs import core, shared
 
 _MARKS = {"fails": "✗", "warns": "!", "passes": "✓", "cannot tell": "?"}
 _GOOD = ("passes", "cannot tell")
+_UNITS = ("ms", "g")
+"""Of measured values, as thresholds end with them; other values are ratios."""
 _STATE = ("position", "velocity", "attitude")
 
 
@@ -103,15 +105,17 @@ def _tabulate_checks(flights: "core.Flights") -> list[Table | str]:
         counts_text = [
             f"{_MARKS[one]} {one}{f' {counts[one]}' if several else ''}" for one in words
         ]
-        known = [one.statistic for one in results if one.statistic is not None]
-        low, high = (f"{edge(known):.3g}" if known else "" for edge in (min, max))
+        statistics = [one.statistic for one in results if one.statistic is not None]
+        low, high = (f"{edge(statistics):.3g}" if statistics else "" for edge in (min, max))
         worst = min(results, key=lambda one: list(_MARKS).index(one.verdict))
+        threshold = next((one.threshold for one in results if one.threshold), "")
+        unit = next((f" {one}" for one in _UNITS if threshold.endswith(f" {one}")), "")
         rows.append(
             {
-                "test": name,
+                "test": name.replace("_", " "),
                 "result": ", ".join(counts_text),
-                "measured": low if low == high else f"{low} .. {high}",
-                "threshold": next((one.threshold for one in results if one.threshold), ""),
+                "measured": (low if low == high else f"{low} .. {high}") + (unit if low else ""),
+                "threshold": threshold,
                 "sentence": worst.sentence if worst.verdict in _GOOD else "see below",
             }
         )
@@ -122,7 +126,7 @@ def _tabulate_checks(flights: "core.Flights") -> list[Table | str]:
             if one.verdict not in _GOOD
         ]
     columns = {"test": "{test}", "result": "{result}", "measured": "{measured}"}
-    columns |= {"expected": "{threshold}", "of one log": "{sentence}"}
+    columns |= {"expected": "{threshold}", "in the worst log": "{sentence}"}
     return [*([Table("Check-up against physics", columns, rows)] if rows else []), *faults]
 
 
@@ -147,23 +151,28 @@ def _tabulate(logs: list[Row]) -> list[Table | str]:
     rows = []
     for one in logs:
         signals = [name.replace("_", " ") for name in one["signals"] if name not in _STATE]
-        state = ["state"] if set(_STATE) <= set(one["signals"]) else []
-        battery = "" if one["battery"] is None else "{:.2f} .. {:.2f} V".format(*one["battery"])
+        state = [", ".join(_STATE)] if set(_STATE) <= set(one["signals"]) else []
+        battery = (
+            "unknown" if one["battery"] is None else "{:.2f} .. {:.2f} V".format(*one["battery"])
+        )
         rows.append({**one, "signals": ", ".join([*state, *signals]), "battery": battery})
-    holding = {"log": "{name}", "signals": "{signals}", "commands": "{commands}"}
-    holding |= {"usable": "{seconds:.1f s}", "rate": "{rate:.4g Hz}", "battery": "{battery}"}
-    moved = {"log": "{name}", "speed": "{speed:.2f m/s}", "most\ntilt": "{tilt:.0f deg}"}
-    moved |= {"body\nrates": "{body_rates:.0f deg/s}", "mean u": "{command:.3f}"}
-    moved |= {"SD of\nthrust": "{thrust_spread:.3f}", "SD of\ntorque": "{torque_spread:.3f}"}
+    alike = len({row["signals"] for row in rows}) == 1
+    holding = {"log": "{name}"} | ({} if alike else {"signals": "{signals}"})
+    holding |= {"commands": "{commands}", "usable": "{seconds:.1f s}"}
+    holding |= {"rate": "{rate:.4g Hz}", "battery": "{battery}"}
+    motion = {"log": "{name}", "speed": "{speed:.2f m/s}", "largest\ntilt": "{tilt:.0f deg}"}
+    motion |= {"body\nrates": "{body_rates:.0f deg/s}", "mean\ncommand": "{command:.3f}"}
+    motion |= {"SD of\nthrust": "{thrust_spread:.3f}", "SD of\ntorque": "{torque_spread:.3f}"}
     calm = sum(one["is_calm"] for one in logs)
     remark = (
-        f"calm: {calm} of {len(logs)} logs, in which the motors differ little; quick rolls and "
-        "pitches would tell more of inertia, lag and latency"
+        f"{calm} of {len(logs)} logs are calm: the motors differ little. Quick rolls and pitches "
+        "determine inertia, lag and latency better."
     )
     return [
         Table("Flight logs", holding, rows),
-        Table("How they move the drone", moved, rows),
-        "state: position, velocity and attitude. Speed and body rates: root mean square; SD:",
-        "standard deviation of the mean command u and of the motors' difference in roll or pitch",
+        *([f"Every log has {rows[0]['signals']}."] if alike else []),
+        Table("Motion of the drone", motion, rows),
+        "Speed and body rates are root mean squares. Commands are shares of full thrust; SD is the",
+        "standard deviation of their mean (thrust) and their difference in roll or pitch (torque).",
         *([remark] if calm else []),
     ]

@@ -27,15 +27,15 @@ def note_thrust(flights: Flights, start: str, thrust_to_weight: float) -> list[s
 
     Physics cannot tell a wrong scale of commands from another drone; who flew it can.
     """
-    known = [
+    counts = [
         one.statistic
         for results in flights.checks.values()
         for one in results
         if one.name == "thrust to weight" and one.statistic is not None
     ]
-    if not known:
+    if not counts:
         return []
-    logged = sorted(known)[len(known) // 2]
+    logged = sorted(counts)[len(counts) // 2]
     if 1 / _OTHER_THRUST < logged / thrust_to_weight < _OTHER_THRUST:
         return []
     return [

@@ -59,9 +59,11 @@ class Plan(Verb):
     def compute(self, output: Path, progress: Progress) -> Result:
         """Plans; writes the plan."""
         cure = "Plan for a drone's TOML file or name, or virtual:SEED."
-        known = core.must_be_virtual(core.drones.find_reality(self.drone, self.accept_bounds), cure)
+        reality = core.must_be_virtual(
+            core.drones.find_reality(self.drone, self.accept_bounds), cure
+        )
         flight_plan = core.planning.plan(
-            known,
+            reality,
             core.planning.Request(
                 *(self.room, self.seconds, self.interest, self.rate, self.motors),
                 firmware=self.firmware,
@@ -103,7 +105,7 @@ class Plan(Verb):
         )
 
 
-def _summarize(flight_plan: "core.planning.Planned") -> list[Table | str]:
+def _summarize(flight_plan: "core.planning.PlanResult") -> list[Table | str]:
     """Returns the manoeuvres, the intervals to expect, and how far the drone goes."""
     plan = flight_plan.plan
     blocks = [{"name": one.manoeuvre.name, "seconds": one.seconds} for one in plan.blocks]

@@ -40,7 +40,6 @@ class Predict(FliesPolicies):
     accept_bounds: bool = shared.accept_bounds()
     trials: int = setting(whole(1, 1000), 16, "Flights of each policy.", shared.FLIGHTS)
     duration: float = setting(number(0.1, 600.0), 20.0, "Longest flight [s].")
-    control: str | None = shared.control_of_authors()
     firmware: str = shared.firmware(
         "2021.10 as the authors' drone ran it, or 2026.08, for which attitude-rate and attitude "
         "policies of ours are trained."

@@ -82,16 +82,16 @@ class Record(Verb):
             core.DroneFile(own, record=record).write(truth)
         else:
             truth.unlink(missing_ok=True)
-        known = [truth] if truth.exists() else []
-        where = f"; the true parameters are in {truth.name}" if known else ""
+        truth_files = [truth] if truth.exists() else []
+        place = f"; the true parameters are in {truth.name}" if truth_files else ""
         return Result(
             content={
                 "flights": [str(path) for path in logs],
-                "truth": str(truth) if known else None,
+                "truth": str(truth) if truth_files else None,
                 "simulated": True,
             },
-            summary=[f"{count} simulated flight{'s' * (count > 1)} of {seconds:g} s{where}"],
-            written={"logs": logs, "truth": known},
+            summary=[f"{count} simulated flight{'s' * (count > 1)} of {seconds:g} s{place}"],
+            written={"logs": logs, "truth": truth_files},
             read={"plan": plans},
             record=record,
             rows=[{"flight": one.name, "seconds": one.duration} for one in recorded],

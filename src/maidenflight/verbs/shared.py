@@ -13,6 +13,7 @@ from maidenflight.settings import (
     flag,
     listed,
     number,
+    or_code,
     path,
     setting,
     several,
@@ -165,10 +166,10 @@ def firmware(help: str) -> Any:
 def control_of_authors() -> Any:
     """Declares what the authors' policies command."""
     return setting(
-        choice(*names.CONTROLS),
+        or_code(choice(*names.CONTROLS)),
         None,
         "What the authors' policies command; by default, what their files' names begin with or "
-        "their folder is called. Ours say it.",
+        "their folder is called. Ours say it, and need it where it is MODULE:NAME of your own.",
         rare=True,
     )
 

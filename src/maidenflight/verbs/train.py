@@ -17,6 +17,7 @@ from maidenflight.settings import (
     listed,
     name_of,
     number,
+    or_code,
     path,
     setting,
     several,
@@ -61,15 +62,18 @@ class Train(Verb):
         rare=True,
     )
     randomize: float | str | None = setting(
-        shared.width_or("posterior", "wide", "any-day", "any"),
+        or_code(shared.width_or("posterior", "wide", "any-day", "any")),
         None,
         "Drones to train over: wide about the drone, its posterior, any-day with unseen trims, "
-        "payload and faults, any make (both suit --memory), or a box of this half width.",
+        "payload and faults, any make (both suit --memory), a box of this half width, or what a "
+        "function of your own makes of the drone.",
         usual="wide; any-day for attitude_rate; 0.1 for fast tasks",
     )
     accept_bounds: bool = shared.accept_bounds()
-    task: str = setting(choice(*names.TASKS), "circle", "Task.", group=_FLIGHT)
-    control: str = setting(choice(*names.CONTROLS), "pwm", "Control structure.", group=_FLIGHT)
+    task: str = setting(or_code(choice(*names.TASKS)), "circle", "Task.", group=_FLIGHT)
+    control: str = setting(
+        or_code(choice(*names.CONTROLS)), "pwm", "Control structure.", group=_FLIGHT
+    )
     yaw_penalty: float = setting(
         number(0.0, 10.0),
         0.0,
@@ -237,9 +241,11 @@ class Train(Verb):
         """
         further = self.start is not None
         method = self.method or core.defaults.choose_method(self.spec, further)
-        chosen = core.defaults.choose_settings(self._control, self.task, method, self.spec, further)
+        method_settings = core.defaults.choose_settings(
+            self._control, self.task, method, self.spec, further
+        )
         updates = {} if self.updates is None else {"updates": self.updates}
-        return core.override(chosen, {**updates, **self.learner})
+        return core.override(method_settings, {**updates, **self.learner})
 
     @property
     def _control(self) -> str:
@@ -292,6 +298,7 @@ class Train(Verb):
             policies = self._train(learner, saved, on_progress)
         if len(stages := core.checkpoint.stages(saved)) > 1:
             record["settings"]["extended_from"] = list(stages[:-1])
+        record["drone"] = core.identity.identity_of(self.drone_file)
         written = core.folder.write_policies(
             output, policies, record, self.drone_file.parameters, scores.table
         )
@@ -319,7 +326,7 @@ class Train(Verb):
         )
         if self.target is not None:
             core.check_export(self.target, controller.interface, self.spec, file.parameters)
-        task = core.TASKS[self.task]()
+        task = core.find_task(self.task)
         return core.train(
             core.with_yaw_penalty(task, self.yaw_penalty) if self.yaw_penalty else task,
             controller,
@@ -350,7 +357,7 @@ class Train(Verb):
             [policy],
             [core.VirtualDrone(core.parameters.name_of(self.drone), centre)],
             1,
-            task=core.TASKS[self.task](),
+            task=core.find_task(self.task),
             controller=controller,
             duration=WATCHED_DURATION_S,
         )

@@ -47,7 +47,7 @@ class Transfer(InRealities):
             self.realities,
             self.trials,
             self.key,
-            task=core.TASKS[task](),
+            task=core.find_task(task),
             duration=self.duration,
             names=fleet.names,
         )

@@ -138,13 +138,13 @@ def _compare(name: str, likelihoods: Mapping[str, float], errors: list[Row]) -> 
     nearest = min((row["horizon"] for row in errors), key=lambda one: abs(one - _JUDGED_S))
     rows = {row["model"]: row for row in errors if row["horizon"] == nearest}
     own, doubts = rows[name], []
-    what = "attitude" if own["attitude"] == own["attitude"] else "body_rates"
-    unit = core.ERRORS[what]
+    compared = "attitude" if own["attitude"] == own["attitude"] else "body_rates"
+    unit = core.ERRORS[compared]
     for other, row in rows.items():
-        if other != name and own[what] > _WORSE * row[what]:
+        if other != name and own[compared] > _WORSE * row[compared]:
             doubts.append(
-                f"its {unit.name} is off by {own[what] * unit.scale:.3g} {unit.unit} after "
-                f"{nearest:.2g} s, that of {other} by {row[what] * unit.scale:.3g}"
+                f"its {unit.name} is off by {own[compared] * unit.scale:.3g} {unit.unit} after "
+                f"{nearest:.2g} s, that of {other} by {row[compared] * unit.scale:.3g}"
             )
     doubts += [
         f"the likelihood of {other} is {value - likelihoods[name]:.2f} nats a row higher"

@@ -173,7 +173,7 @@ def test_missing_rows_and_time_running_backwards_cut_the_flight(jump):
     assert [len(piece) for piece in kept] == [70, 130]
     assert same(kept[1], part(calm(rows=200), 70, 200))
     assert notes == [
-        f"calm: cut at 1 jumps of time (largest {0.01 + jump:.3f} s at t = 0.69 s, row 71)"
+        f"calm: cut at a jump of time (largest {0.01 + jump:.3f} s at t = 0.69 s, row 71)"
     ]
 
 

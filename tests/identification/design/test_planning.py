@@ -13,7 +13,7 @@ from maidenflight.flights.manoeuvres import HOVER
 from maidenflight.flying.extremes import extremes_of
 from maidenflight.flying.recording import fly_plans
 from maidenflight.identification.design import optimal_design, planning
-from maidenflight.identification.design.planning import CHUNK, LOWEST, MARGIN, Allowed, Request
+from maidenflight.identification.design.planning import CHUNK, LOWEST, MARGIN, FlightLimits, Request
 from maidenflight.simulator.realities.virtual_drone import virtual_drone
 from maidenflight.verbs.record import Record
 from run_listing import entries, unlisted
@@ -38,8 +38,8 @@ DRONE = virtual_drone(3)
     ],
 )
 def test_each_limit_is_kept(what, value):
-    assert Allowed().excess(SAFE, ROOM) == ""
-    assert Allowed().excess(dataclasses.replace(SAFE, **{what: value}), ROOM) != ""
+    assert FlightLimits().excess(SAFE, ROOM) == ""
+    assert FlightLimits().excess(dataclasses.replace(SAFE, **{what: value}), ROOM) != ""
 
 
 @pytest.mark.parametrize(
@@ -103,7 +103,7 @@ def test_a_plan_is_whole_chunks_within_the_time_and_tells_more_than_a_hover(prop
 def test_the_room_is_kept_on_drones_that_it_was_not_planned_for(proposed):
     made = proposed[0].plan
     assert made.extremes is not None
-    assert Allowed().excess(made.extremes, ROOM) == ""
+    assert FlightLimits().excess(made.extremes, ROOM) == ""
     for seed in (1, 2, 4):
         (flown,) = fly_plans(
             virtual_drone(seed), [made], jax.random.split(jax.random.key(seed), 1), "2021.10"

@@ -121,5 +121,8 @@ def test_a_group_is_added_that_others_flights_want() -> None:
     parts = Parts(Lines(1), Lines(2), Lines(1))
     groups = {"right": ("drag_y",), "idle": ("drag_z",)}
     found = answer(NAMES[:1], parts=parts, groups=groups)
-    assert [(gain.group, gain.kept) for gain in found.gains] == [("right", True), ("idle", False)]
+    assert [(gain.group, gain.is_in_model) for gain in found.gains] == [
+        ("right", True),
+        ("idle", False),
+    ]
     assert found.best.box.names == ("drag_x", "drag_y")

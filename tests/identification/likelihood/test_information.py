@@ -18,7 +18,7 @@ from maidenflight.identification.outcome.ensembles import posterior_ensemble
 from maidenflight.identification.outcome.plausible import (
     HOVERING,
     OTHER_DAY,
-    Expected,
+    ExpectedInterval,
     is_identifiable,
     prior_ranges,
 )
@@ -111,7 +111,7 @@ def test_excited_flights_tell_what_calm_ones_do_not(excited, calm):
     tells = mf.expected_intervals(excited, ONCE, start=DRONE, over="motor_time_constant")
     hides = mf.expected_intervals(calm, ONCE, start=DRONE, over="motor_time_constant")
 
-    def width(found: dict[str, Expected]) -> float:
+    def width(found: dict[str, ExpectedInterval]) -> float:
         return float(np.ptp(found["motor_time_constant"].interval))
 
     assert width(tells) < width(hides) / 3
@@ -170,13 +170,14 @@ def test_training_over_the_posterior_is_over_the_plausible_range(found, tmp_path
 
 
 def test_what_is_found_as_wide_as_what_is_plausible_is_not_identified_either(calm, monkeypatch):
-    def hopeful(*given: Any) -> dict[str, Expected]:
+    def hopeful(*given: Any) -> dict[str, ExpectedInterval]:
         return {
-            name: Expected(one.prior, one.interval, True) for name, one in expected(*given).items()
+            name: ExpectedInterval(one.prior, one.interval, True)
+            for name, one in expected(*given).items()
         }
 
-    expected = information.expected
-    monkeypatch.setattr(information, "expected", hopeful)
+    expected = information.expected_intervals
+    monkeypatch.setattr(information, "expected_intervals", hopeful)
     found = mf.identify(calm, ONCE, over=SOME, key=jax.random.key(3))
     assert UNTOLD in found.unidentified
 

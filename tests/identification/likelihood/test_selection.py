@@ -41,7 +41,7 @@ def found():
 @pytest.mark.slow
 def test_what_was_planted_is_chosen_and_what_buys_nothing_is_not(found):
     identified, told = found
-    assert {step.group: step.kept for step in identified.gains} == {
+    assert {step.group: step.is_in_model for step in identified.gains} == {
         "spin_down_ratio": True,
         "rotor_momentum": True,
         "flapping_moment": False,
@@ -50,7 +50,7 @@ def test_what_was_planted_is_chosen_and_what_buys_nothing_is_not(found):
     assert set(identified.estimates) == {*FIRST, *PLANTED}
     assert identified.parameters.flapping_moment == 0
     for step in identified.gains:
-        assert (step.log_likelihood_gain > 0.05) == step.kept
+        assert (step.log_likelihood_gain > 0.05) == step.is_in_model
         assert 0 < step.standard_error < 0.02
 
 
@@ -173,7 +173,11 @@ def test_groups_are_tried_by_what_they_promise_and_kept_by_what_they_gain():
         on_group=told.append,
     )
     assert chosen == (*FIRST, "b", "a")
-    assert [(step.group, step.kept) for step in steps] == [("b", True), ("c", False), ("a", True)]
+    assert [(step.group, step.is_in_model) for step in steps] == [
+        ("b", True),
+        ("c", False),
+        ("a", True),
+    ]
     assert told == steps
     assert drone == {
         "thrust_to_weight": 1,
@@ -196,7 +200,7 @@ def test_a_sure_gain_must_be_worth_its_place(gain, kept):
         parts(truth), truth.fit, dict.fromkeys(names, 0.0), offered={"a": ("a",)}
     )
     assert step.log_likelihood_gain == pytest.approx(gain)
-    assert (step.kept, step.reason) == (kept, None if kept else "below 0.001")
+    assert (step.is_in_model, step.reason) == (kept, None if kept else "below 0.001")
 
 
 def test_a_group_that_ends_at_a_bound_is_not_kept():
@@ -210,7 +214,7 @@ def test_a_group_that_ends_at_a_bound_is_not_kept():
         at_bounds=lambda drone, names: ["a"] if names == ("a",) and drone["a"] > 0.5 else [],
     )
     assert chosen == (*FIRST, "b")
-    kept = [(step.group, step.kept, step.reason) for step in steps]
+    kept = [(step.group, step.is_in_model, step.reason) for step in steps]
     assert kept == [("a", False, "a at a search bound"), ("b", True, None)]
     assert drone["a"] == 0.0
 

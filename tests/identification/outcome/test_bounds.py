@@ -146,7 +146,7 @@ def test_a_drone_at_a_bound_is_refused_by_parameter_and_bound():
 def folder(tmp_path):
     policy_file.write_policy(
         tmp_path / "p" / "policy_1.json",
-        policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,))),
+        policy.untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(3,))),
     )
     identified(2.5).write(tmp_path / "narrow.toml")
     return tmp_path

@@ -9,7 +9,10 @@ from scipy.signal import butter, lfilter
 
 from maidenflight.flights.log import Flight, flight_of, thinned
 from maidenflight.flights.reading import read_flights
-from maidenflight.identification.signals.motor_response import MotorResponse, motor_response
+from maidenflight.identification.signals.motor_response import (
+    MotorResponse,
+    estimate_motor_response,
+)
 from maidenflight.parameters import crazyflie, levers
 
 USD = Path(__file__).parents[4] / "shared" / "data" / "usd"
@@ -83,7 +86,7 @@ def flown(
 
 
 def seen(*flights: Flight) -> MotorResponse:
-    found = motor_response(flights, np.random.default_rng(0), DRONE)
+    found = estimate_motor_response(flights, np.random.default_rng(0), DRONE)
     assert found is not None
     return found
 
@@ -110,7 +113,7 @@ def test_every_second_row_of_a_clear_command_tells_the_same() -> None:
 
 def test_samples_of_a_noisy_loop_say_nothing() -> None:
     noisy = thinned(flown(3, noise=0.3, asked=0.02), 5)
-    assert motor_response([noisy], np.random.default_rng(0), DRONE) is None
+    assert estimate_motor_response([noisy], np.random.default_rng(0), DRONE) is None
 
 
 def test_measured_speeds_are_asked_alone() -> None:
@@ -135,14 +138,14 @@ def test_a_latency_that_flights_do_not_narrow_is_not_told() -> None:
 
 def test_a_policy_at_the_logs_rate_is_left_to_the_likelihood() -> None:
     bare = replace(flown(1, seconds=4.0), accelerometer=None)
-    assert motor_response([bare], np.random.default_rng(0), DRONE) is None
+    assert estimate_motor_response([bare], np.random.default_rng(0), DRONE) is None
 
 
 def test_a_drone_that_stands_says_nothing() -> None:
     still = flown(1, seconds=4.0)
     for part in ("command", "body_rates"):
         rest = replace(still, **{part: np.full_like(getattr(still, part), 0.5)})
-        found = motor_response([rest], np.random.default_rng(0), DRONE)
+        found = estimate_motor_response([rest], np.random.default_rng(0), DRONE)
         assert found is None or not found.is_identifiable
 
 

@@ -118,60 +118,36 @@ def test_a_policy_is_read_with_its_scaling_and_the_rate_of_its_control_structure
     np.testing.assert_allclose(made(jnp.asarray(seen, jnp.float32)), values, rtol=1e-3, atol=1e-3)
 
 
+WRONG = {
+    "empty": ("", "not valid JSON"),
+    "too deep": ("[" * 100_000, "not valid JSON"),
+    "another file": ("[]", "neither ours .* nor the authors'"),
+    "no check sum": (damaged(MADE, "check_sum", to=...), "no check_sum"),
+    "check sum not a number": (damaged(MADE, "check_sum", to="nan"), "a weight was changed"),
+    "check sum none": (damaged(MADE, "check_sum", to=None), "damaged policy"),
+    "activation": (damaged(MADE, "activation", to="tanh"), "activation = 'tanh', expected 'relu'"),
+    "changed bias": (
+        damaged(MADE, "2", "biases", 3, to=LAYERS[2]["biases"][3] + 1e-3),
+        "a weight was changed",
+    ),
+    "nan weight": (damaged(MADE, "2", "weights", 0, 0, to=float("nan")), "a weight was changed"),
+    "sparse": (damaged(MADE, "1", "type", to="csrproduct"), "expected layers of type 'standard'"),
+    "layer lost": (damaged(MADE, "1", to=...), "damaged policy"),
+    "text": (damaged(MADE, "1", "weights", to="text"), "expected lists of numbers"),
+    "bias lost": (damaged(MADE, "1", "biases", to=[1.0]), "damaged policy"),
+    "wrong layer": (damaged(MADE, "0", to=LAYERS[1]), "a layer's inputs are not the outputs"),
+    "no deviation": (damaged(MADE, "scaling_parameters", to=[[0.0] * 40]), "damaged policy"),
+    "scaling of another size": (
+        damaged(MADE, "scaling_parameters", to=[[0.0] * 20, [1.0] * 20]),
+        "expected",
+    ),
+}
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
-    [
-        pytest.param("", "not valid JSON", id="empty"),
-        pytest.param("[" * 100_000, "not valid JSON", id="too deep"),
-        pytest.param("[]", "neither ours .* nor the authors'", id="another file"),
-        pytest.param(damaged(MADE, "check_sum", to=...), "no check_sum", id="no check sum"),
-        pytest.param(
-            damaged(MADE, "check_sum", to="nan"),
-            "a weight was changed",
-            id="check sum not a number",
-        ),
-        pytest.param(damaged(MADE, "check_sum", to=None), "damaged policy", id="check sum none"),
-        pytest.param(
-            damaged(MADE, "activation", to="tanh"),
-            "activation = 'tanh', expected 'relu'",
-            id="activation",
-        ),
-        pytest.param(
-            damaged(MADE, "2", "biases", 3, to=LAYERS[2]["biases"][3] + 1e-3),
-            "a weight was changed",
-            id="changed bias",
-        ),
-        pytest.param(
-            damaged(MADE, "2", "weights", 0, 0, to=float("nan")),
-            "a weight was changed",
-            id="nan weight",
-        ),
-        pytest.param(
-            damaged(MADE, "1", "type", to="csrproduct"),
-            "expected layers of type 'standard'",
-            id="sparse",
-        ),
-        pytest.param(damaged(MADE, "1", to=...), "damaged policy", id="layer lost"),
-        pytest.param(
-            damaged(MADE, "1", "weights", to="text"), "expected lists of numbers", id="text"
-        ),
-        pytest.param(damaged(MADE, "1", "biases", to=[1.0]), "damaged policy", id="bias lost"),
-        pytest.param(
-            damaged(MADE, "0", to=LAYERS[1]),
-            "a layer's inputs are not the outputs",
-            id="wrong layer",
-        ),
-        pytest.param(
-            damaged(MADE, "scaling_parameters", to=[[0.0] * 40]),
-            "damaged policy",
-            id="no deviation",
-        ),
-        pytest.param(
-            damaged(MADE, "scaling_parameters", to=[[0.0] * 20, [1.0] * 20]),
-            "expected",
-            id="scaling of another size",
-        ),
-    ],
+    WRONG.values(),
+    ids=WRONG,
 )
 def test_what_is_not_such_a_policy_or_was_changed_is_refused(text, message):
     with pytest.raises(InputError, match=message) as caught:
@@ -234,7 +210,8 @@ def test_a_name_a_folder_or_the_caller_says_what_an_authors_policy_commands(
 
 def test_our_policies_are_told_from_the_authors_by_content(tmp_path):
     path = policy_file.write_policy(
-        tmp_path / "pwm.json", policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(8,)))
+        tmp_path / "pwm.json",
+        policy.untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(8,))),
     )
     assert read_policy(path).interface.name == read_policy(path, "pwm").interface.name == "pwm"
     with pytest.raises(InputError, match="a pwm policy, as its file says, not attitude"):
@@ -345,7 +322,7 @@ def test_what_the_authors_json_cannot_hold_is_refused(tmp_path):
         (acting(fine, interface.pwm(full_scale_counts=65535.0)), "full_scale_counts = 65535"),
         (made(history=3), "history = 3, but the authors' policies see 2 instants"),
         (
-            policy.untrained(
+            policy.untrained_policy(
                 jax.random.key(0), spec=PolicySpec(look_ahead=LookAhead(3), hidden=(8,))
             ),
             "look_ahead = .*3.*, but the authors' policies",

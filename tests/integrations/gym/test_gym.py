@@ -32,6 +32,10 @@ SHORT = {"trajectory": "circle", "farthest": 1e3, "duration": 0.3, "parameters":
 """A task that nothing but time ends, of 30 steps."""
 
 
+def world(task="circle", control="pwm", parameters=None, **options):
+    return arguments.world(task, control, parameters, "2026.08", PolicySpec(), "task", options)
+
+
 def actions(count, seed=0, shape=(4,)):
     return np.random.default_rng(seed).uniform(-0.5, 0.8, (count, *shape)).astype(np.float32)
 
@@ -245,19 +249,14 @@ def test_every_drone_has_its_picture():
 
 
 def test_drones_are_drawn_from_a_box_unless_one_is_named(tmp_path):
-    world, drones = arguments.world(
-        "circle", "attitude_rate", None, "2026.08", PolicySpec(), "task", {}
-    )
+    env, drones = world(control="attitude_rate")
     assert str(drones) == str(relative_box(replace(crazyflie(), time_step=0.002)))
-    assert world.steps_per_command == 1
+    assert env.steps_per_command == 1
     file = parameters.write_drone(tmp_path / "mine.toml", replace(crazyflie(), mass=0.031))
     for given in ("crazyflie", str(file), file, replace(crazyflie(), mass=0.031)):
-        assert (
-            str(arguments.world("circle", "pwm", given, "2026.08", PolicySpec(), "task", {})[1])
-            == ""
-        )
+        assert str(world(parameters=given)[1]) == ""
     box = relative_box(crazyflie(), 0.3)
-    assert arguments.world("circle", "pwm", box, "2026.08", PolicySpec(), "task", {})[1] is box
+    assert world(parameters=box)[1] is box
 
 
 def test_the_shaped_reward_pays_for_every_period_that_is_flown():
@@ -292,29 +291,16 @@ def test_an_environment_gives_the_shaped_reward(make):
 
 def test_equal_environments_share_their_compiled_functions():
     one, other = (gymnasium.make(CIRCLE, height=1).unwrapped for _ in range(2))
-    assert one._program is other._program
+    assert one.program is other.program
 
 
 def test_way_points_of_a_file_are_a_task(tmp_path):
     (tmp_path / "way.csv").write_text("time,x,y,z\n0,0,0,1\n2,0.5,0,1\n3.5,0.5,0.5,1\n")
-    task = arguments.world(
-        "tracking",
-        "pwm",
-        None,
-        "2026.08",
-        PolicySpec(),
-        "task",
-        {"waypoints": tmp_path / "way.csv"},
-    )[0].task
+    task = world("tracking", waypoints=tmp_path / "way.csv")[0].task
     assert task.duration == 3.5
     np.testing.assert_allclose(task.reference(jnp.float32(1.0)), [0.25, 0, 1], atol=1e-6)
     curve = trajectories.pentagram()
-    assert (
-        arguments.world(
-            "tracking", "pwm", None, "2026.08", PolicySpec(), "task", {"trajectory": curve}
-        )[0].task.reference
-        is curve
-    )
+    assert world("tracking", trajectory=curve)[0].task.reference is curve
 
 
 @pytest.mark.parametrize(

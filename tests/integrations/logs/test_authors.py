@@ -8,12 +8,17 @@ import pytest
 
 from made_flights import AUTHORS, authors_columns, authors_text, motors, volts
 from maidenflight.errors import InputError
+from maidenflight.flights import tables
 from maidenflight.flights.reading import read_flights
 from maidenflight.integrations.logs import authors
 
 
+def read(text, name="made"):
+    return [flight for flight, _ in authors.flights(tables.from_text(text, name))[0]]
+
+
 def one(columns):
-    (flight,) = authors.from_csv(authors_text(columns), "made")
+    (flight,) = read(authors_text(columns))
     return flight
 
 
@@ -88,7 +93,7 @@ def test_columns_are_found_by_name_not_by_place():
     text = authors_text(columns[:, order]).replace(
         AUTHORS, ",".join(names[place] for place in order)
     )
-    (flight,) = authors.from_csv(text, "made")
+    (flight,) = read(text)
     np.testing.assert_array_equal(flight.command, one(columns).command)
     np.testing.assert_array_equal(flight.position, one(columns).position)
 
@@ -103,7 +108,7 @@ def test_the_setpoint_is_the_circle_that_began_with_the_clock(begins):
 
 def test_time_that_runs_backwards_begins_another_flight():
     first, second = authors_columns(rows=130, seed=1), authors_columns(rows=90, seed=2)
-    flights = authors.from_csv(authors_text(np.concatenate([first, second])), "made")
+    flights = read(authors_text(np.concatenate([first, second])))
     assert [(len(flight), flight.name) for flight in flights] == [
         (130, "made part 1"),
         (90, "made part 2"),
@@ -114,7 +119,7 @@ def test_time_that_runs_backwards_begins_another_flight():
 
 def test_a_missing_column_is_named():
     with pytest.raises(InputError, match="missing column mot3;"):
-        authors.from_csv(authors_text(authors_columns()).replace("mot3", "mot4"), "made")
+        read(authors_text(authors_columns()).replace("mot3", "mot4"))
 
 
 @pytest.fixture(scope="module")
@@ -133,6 +138,7 @@ def correlation(one, other):
     return np.corrcoef(np.concatenate(one), np.concatenate(other))[0, 1]
 
 
+@pytest.mark.slow
 def test_every_real_pwm_file_is_read(real):
     assert len(real.paths) == 108
     assert len({path.parent for path in real.paths}) == 36
@@ -140,6 +146,7 @@ def test_every_real_pwm_file_is_read(real):
     assert all(not flight.simulated and flight.period == 0.01 for flight in real)
 
 
+@pytest.mark.slow
 def test_every_real_pwm_flight_holds_its_commands(real):
     assert [flight.name for flight in real if not flight.zero_order_hold] == []
 
@@ -152,12 +159,13 @@ def test_the_real_command_is_the_networks_own(shared_data):
         table = np.loadtxt(text.splitlines()[1:], delimiter=",", ndmin=2)
         network, motor = table[:, 12:16], table[:, 16:20]
         error = (
-            np.concatenate([flight.command for flight in authors.from_csv(text, file.name)])
+            np.concatenate([flight.command for flight in read(text, file.name)])
             - (np.clip(network, -1, 1) + 1) / 2
         )
         assert np.median(np.abs(error[motor < 65280])) < 0.005, file
 
 
+@pytest.mark.slow
 def test_real_velocity_is_the_change_of_position(real):
     rows = 15
     long = [flight for flight in real if len(flight) > 300]
@@ -170,6 +178,7 @@ def test_real_velocity_is_the_change_of_position(real):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("axis", "signs", "lag", "least"),
     [(0, [-1, -1, 1, 1], 4, 0.5), (1, [-1, 1, 1, -1], 4, 0.5), (2, [-1, 1, -1, 1], 0, 0.4)],
@@ -184,6 +193,7 @@ def test_real_motors_turn_the_drone_the_way_of_the_papers_torques(real, axis, si
     assert correlation(accelerations, torques) > least
 
 
+@pytest.mark.slow
 def test_a_real_nose_that_points_down_accelerates_forward(real):
     tilts, accelerations = [], []
     for flight in real:

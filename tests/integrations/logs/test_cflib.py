@@ -30,42 +30,35 @@ def columns(law=compensation.PLUS, rows=ROWS):
     ratio = np.stack([np.interp(command, commands, ratios) for command in flight.command.T], axis=1)
     ratio = ratio if law == compensation.NONE else ratio * 3.95 / volts[:, None]
     quaternion = Rotation.from_euler("ZYX", flight.attitude[:, ::-1]).as_quat()
-    roll, pitch, yaw = flight.attitude.T / DEGREE
-    table = {"timestamp": 5000 + 10 * np.arange(rows)}
-    table |= {
-        f"stateEstimate.{axis}": flight.position[:, number] for number, axis in enumerate("xyz")
+    motors, degrees = np.round(65535 * ratio), flight.attitude * [1, -1, 1] / DEGREE
+    angles, short = ("roll", "pitch", "yaw"), ("rateRoll", "ratePitch", "rateYaw")
+    target, milli = np.tile([0.0, 0.0, 1.0], (rows, 1)), 1000 * np.array([1, -1, 1])
+    groups = (
+        ("stateEstimate.{}", "xyz", flight.position),
+        ("stateEstimate.v{}", "xyz", flight.velocity),
+        ("stateEstimateZ.{}", "xyz", np.round(1000 * flight.position)),
+        ("stateEstimateZ.v{}", "xyz", np.round(1000 * flight.velocity)),
+        ("stateEstimate.{}", angles, degrees),
+        ("stabilizer.{}", angles, degrees),
+        ("stateEstimate.q{}", "xyzw", quaternion),
+        ("gyro.{}", "xyz", flight.body_rates / DEGREE),
+        ("stateEstimateZ.{}", short, milli * flight.body_rates),
+        ("motor.m{}", "1234", motors),
+        ("pwm.m{}_pwm", "1234", motors),
+        ("ctrltarget.{}", "xyz", target),
+    )
+    return {
+        "timestamp": 5000 + 10 * np.arange(rows),
+        **{
+            pattern.format(name): column
+            for pattern, names, values in groups
+            for name, column in zip(names, values.T, strict=True)
+        },
+        "stateEstimateZ.quat": np.array([compress(value) for value in quaternion]),
+        "pm.vbat": volts,
+        "pm.vbatMV": np.round(1000 * volts),
+        "controller.cmd_thrust": 65535 * flight.command.mean(axis=1),
     }
-    table |= {
-        f"stateEstimate.v{axis}": flight.velocity[:, number] for number, axis in enumerate("xyz")
-    }
-    table |= {
-        f"stateEstimateZ.{axis}": np.round(1000 * flight.position[:, number])
-        for number, axis in enumerate("xyz")
-    }
-    table |= {
-        f"stateEstimateZ.v{axis}": np.round(1000 * flight.velocity[:, number])
-        for number, axis in enumerate("xyz")
-    }
-    table |= {"stateEstimate.roll": roll, "stateEstimate.pitch": -pitch, "stateEstimate.yaw": yaw}
-    table |= {"stabilizer.roll": roll, "stabilizer.pitch": -pitch, "stabilizer.yaw": yaw}
-    table |= {f"stateEstimate.q{axis}": quaternion[:, number] for number, axis in enumerate("xyzw")}
-    table |= {"stateEstimateZ.quat": np.array([compress(value) for value in quaternion])}
-    table |= {
-        f"gyro.{axis}": flight.body_rates[:, number] / DEGREE for number, axis in enumerate("xyz")
-    }
-    signs = {"rateRoll": 1000, "ratePitch": -1000, "rateYaw": 1000}
-    table |= {
-        f"stateEstimateZ.{name}": sign * flight.body_rates[:, number]
-        for number, (name, sign) in enumerate(signs.items())
-    }
-    table |= {f"motor.m{motor + 1}": np.round(65535 * ratio[:, motor]) for motor in range(4)}
-    table |= {f"pwm.m{motor + 1}_pwm": np.round(65535 * ratio[:, motor]) for motor in range(4)}
-    table |= {"pm.vbat": volts, "pm.vbatMV": np.round(1000 * volts)}
-    table |= {
-        f"ctrltarget.{axis}": np.full(rows, value)
-        for axis, value in zip("xyz", (0.0, 0.0, 1.0), strict=True)
-    }
-    return table | {"controller.cmd_thrust": 65535 * flight.command.mean(axis=1)}
 
 
 def compress(quaternion):
@@ -106,6 +99,9 @@ SETS = {
         *GYRO,
     ),
 }
+
+
+FRAME = polars.DataFrame(columns()).select(SETS["degrees"])
 
 
 def one(frame):
@@ -152,32 +148,29 @@ def test_the_logged_thrust_tells_the_compensation(law):
 
 
 def test_time_may_be_in_seconds_and_called_otherwise():
-    frame = polars.DataFrame(columns()).select(SETS["degrees"])
     for name in ("Timestamp", "t", "time"):
-        renamed = frame.with_columns(polars.col("timestamp") / 1000).rename({"timestamp": name})
+        renamed = FRAME.with_columns(polars.col("timestamp") / 1000).rename({"timestamp": name})
         flight, time, _ = one(renamed)
         assert flight.period == 0.01
         assert time[-1] == pytest.approx(0.01 * (ROWS - 1))
 
 
 def test_stamps_that_jitter_by_a_millisecond_are_steady(tmp_path):
-    frame = polars.DataFrame(columns()).select(SETS["degrees"])
     jitter = np.random.default_rng(0).integers(-1, 2, ROWS)
-    frame.with_columns(timestamp=polars.col("timestamp") + jitter).write_csv(tmp_path / "log.csv")
+    FRAME.with_columns(timestamp=polars.col("timestamp") + jitter).write_csv(tmp_path / "log.csv")
     read = read_flights(tmp_path)
     assert [(len(flight), flight.period) for flight in read] == [(ROWS, 0.01)]
 
 
 def test_blocks_stamped_alike_are_laid_together_and_a_rare_battery_is_held():
-    frame = polars.DataFrame(columns()).select(SETS["degrees"])
-    estimate = frame.select("timestamp", *STATE, *EULER)
-    motors = frame.select("timestamp", *GYRO, *COMMON[2:])
-    power = frame.select("timestamp", "pm.vbat")[::50]
+    estimate = FRAME.select("timestamp", *STATE, *EULER)
+    motors = FRAME.select("timestamp", *GYRO, *COMMON[2:])
+    power = FRAME.select("timestamp", "pm.vbat")[::50]
     apart = polars.concat([estimate, motors, power], how="diagonal").sort(
         "timestamp", maintain_order=True
     )
     flight = one(apart)[0]
-    whole = one(frame)[0]
+    whole = one(FRAME)[0]
     assert len(flight) == ROWS
     np.testing.assert_allclose(flight.body_rates, whole.body_rates, atol=1e-6)
     np.testing.assert_allclose(flight.position, whole.position, atol=1e-6)
@@ -185,10 +178,9 @@ def test_blocks_stamped_alike_are_laid_together_and_a_rare_battery_is_held():
 
 
 def test_blocks_stamped_apart_are_refused():
-    frame = polars.DataFrame(columns()).select(SETS["degrees"])
     estimate, rest = (
-        frame.select("timestamp", *STATE, *EULER),
-        frame.select("timestamp", *GYRO, *COMMON[1:]),
+        FRAME.select("timestamp", *STATE, *EULER),
+        FRAME.select("timestamp", *GYRO, *COMMON[1:]),
     )
     apart = polars.concat(
         [estimate, rest.with_columns(polars.col("timestamp") + 3)], how="diagonal"
@@ -213,16 +205,15 @@ def test_blocks_stamped_apart_are_refused():
 )
 def test_what_is_missing_is_named_with_what_would_do(gone, words):
     with pytest.raises(InputError, match=words):
-        one(polars.DataFrame(columns()).select(SETS["degrees"]).drop(gone))
+        one(FRAME.drop(gone))
 
 
 def test_the_legacy_pitch_is_not_forgotten(tmp_path):
     """A log whose owner has turned the pitch already contradicts the gyro."""
-    frame = polars.DataFrame(columns()).select(SETS["degrees"])
-    frame.with_columns(-polars.col("stateEstimate.pitch")).write_csv(tmp_path / "turned.csv")
+    FRAME.with_columns(-polars.col("stateEstimate.pitch")).write_csv(tmp_path / "turned.csv")
     with pytest.raises(InputError, match="y with the opposite sign"):
         read_flights(tmp_path / "turned.csv")
-    frame.write_csv(tmp_path / "as_logged.csv")
+    FRAME.write_csv(tmp_path / "as_logged.csv")
     assert len(read_flights(tmp_path / "as_logged.csv")) == 1
 
 
@@ -244,16 +235,15 @@ def test_the_command_rises_with_the_pwm_from_nothing(law):
 
 
 def test_a_battery_law_in_a_comment_is_known_or_refused(tmp_path):
-    frame = polars.DataFrame(columns()).select(SETS["degrees"])
     for law in ("legacy propellers", "legacy propeler"):
-        (tmp_path / f"{law}.csv").write_text(f"# battery law: {law}\n{frame.write_csv()}")
+        (tmp_path / f"{law}.csv").write_text(f"# battery law: {law}\n{FRAME.write_csv()}")
     assert "legacy propellers" in read_flights(tmp_path / "legacy propellers.csv").notes[0]
     with pytest.raises(InputError, match=r"legacy propeler\.csv: .*'legacy propeler'"):
         read_flights(tmp_path / "legacy propeler.csv")
 
 
 def test_what_a_command_stands_for_is_a_guess_that_is_told_or_what_one_is_told(tmp_path):
-    polars.DataFrame(columns()).select(SETS["degrees"]).write_csv(tmp_path / "one.csv")
+    FRAME.write_csv(tmp_path / "one.csv")
     guessed, told = read_flights(tmp_path), read_flights(tmp_path, commands="zero-order-hold")
     assert [(flight.zero_order_hold, flight.assumed) for flight in guessed] == [(False, True)]
     assert any(

@@ -1,8 +1,6 @@
 """Recordings of ROS 2: written by rosbags' own writer and read back."""
 
-import builtins
 import contextlib
-import dataclasses
 import sqlite3
 import sys
 import tracemalloc
@@ -16,14 +14,14 @@ import pytest
 from numpy.testing import assert_allclose
 
 import maidenflight as mf
-from made_flights import driven
+from made_flights import sensed
 from maidenflight.errors import InputError
 from maidenflight.flights import compensation
 from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights
 from maidenflight.identification.identify import identify
 from maidenflight.identification.methods import Likelihood
-from maidenflight.integrations.logs import ros_topics, rosbag
+from maidenflight.integrations.logs import ros_topics
 from maidenflight.parameters import component, crazyflie, replace
 
 pytest.importorskip("rosbags")
@@ -31,13 +29,7 @@ import made_bags as made  # needs rosbags itself
 
 SUFFIXES = (".mcap", ".db3")
 STATE = ("position", "velocity", "attitude")
-
-
-def sensed(rows: int = 400, seed: int = 0) -> Flight:
-    """A flight with an accelerometer."""
-    generator = np.random.default_rng(1)
-    force = generator.normal([0.0, 0.0, 9.81], 0.3, (rows, 3)).astype(np.float32)
-    return dataclasses.replace(driven(rows, seed), accelerometer=force)
+FLIGHT = sensed(400)
 
 
 def same(found: Flight, flight: Flight, speed: float = 1e-5, state: bool = True) -> None:
@@ -54,16 +46,15 @@ def same(found: Flight, flight: Flight, speed: float = 1e-5, state: bool = True)
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize("state", [True, False])
 def test_a_flight_of_px4_comes_back(suffix: str, state: bool, tmp_path: Path) -> None:
-    flight = sensed()
-    made.bag(tmp_path / "bag", made.px4_messages(flight, state=state), suffix)
+    made.bag(tmp_path / "bag", made.px4_messages(FLIGHT, state=state), suffix)
     (found,) = read_flights(tmp_path)
     assert found.has_state is state
-    same(found, flight, state=state)
+    same(found, FLIGHT, state=state)
     assert_allclose(found.battery, 3.7, atol=1e-5)
 
 
 def test_two_drones_of_a_recording_are_two_flights(tmp_path: Path) -> None:
-    one, other = sensed(), sensed(300, seed=2)
+    one, other = FLIGHT, sensed(300, seed=2)
     messages = [*made.px4_messages(one, "/a"), *made.px4_messages(other, "/b")]
     flights = read_flights(made.bag(tmp_path / "bag", messages))
     assert [len(flight) for flight in flights] == [400, 300]
@@ -72,11 +63,10 @@ def test_two_drones_of_a_recording_are_two_flights(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_flight_of_mavros_comes_back(suffix: str, tmp_path: Path) -> None:
-    flight = sensed()
-    path = made.bag(tmp_path / "bag", made.mavros_messages(flight, "/uav1"), suffix)
+    path = made.bag(tmp_path / "bag", made.mavros_messages(FLIGHT, "/uav1"), suffix)
     (found,) = read_flights(path)
     assert found.has_state
-    same(found, flight, speed=0.51e-3)
+    same(found, FLIGHT, speed=0.51e-3)
 
 
 def test_motors_in_another_order_are_named(tmp_path: Path) -> None:
@@ -87,17 +77,17 @@ def test_motors_in_another_order_are_named(tmp_path: Path) -> None:
 
 def test_messages_that_were_compressed_one_by_one_are_read(tmp_path: Path) -> None:
     zstd = import_module("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd")
-    path = made.bag(tmp_path / "bag", made.px4_messages(sensed()), ".db3")
+    path = made.bag(tmp_path / "bag", made.px4_messages(FLIGHT), ".db3")
     with contextlib.closing(sqlite3.connect(path)) as base, base:
         rows = base.execute("SELECT id, data FROM messages").fetchall()
         packed = [(zstd.compress(data), number) for number, data in rows]
         base.executemany("UPDATE messages SET data = ? WHERE id = ?", packed)
     (found,) = read_flights(path)
-    same(found, sensed())
+    same(found, FLIGHT)
 
 
 def test_a_recording_without_definitions_says_so(tmp_path: Path) -> None:
-    path = made.bag(tmp_path / "bag", made.px4_messages(sensed()), ".db3")
+    path = made.bag(tmp_path / "bag", made.px4_messages(FLIGHT), ".db3")
     with contextlib.closing(sqlite3.connect(path)) as base, base:
         base.execute("DELETE FROM message_definitions")
     with pytest.raises(InputError, match="holds no definition of px4_msgs/msg/"):
@@ -107,10 +97,10 @@ def test_a_recording_without_definitions_says_so(tmp_path: Path) -> None:
 def test_motors_that_were_commanded_from_outside_are_read(tmp_path: Path) -> None:
     messages = (
         (time, topic.replace("/fmu/out/actuator_motors", "/fmu/in/actuator_motors"), message)
-        for time, topic, message in made.px4_messages(sensed())
+        for time, topic, message in made.px4_messages(FLIGHT)
     )
     (found,) = read_flights(made.bag(tmp_path / "bag", messages))
-    same(found, sensed())
+    same(found, FLIGHT)
 
 
 def mine(flight: Flight) -> Any:
@@ -144,14 +134,13 @@ high = 65535
 
 
 def test_topics_of_ones_own_are_named_in_a_file(tmp_path: Path) -> None:
-    flight = sensed()
-    path = made.bag(tmp_path / "bag", mine(flight))
+    path = made.bag(tmp_path / "bag", mine(FLIGHT))
     with pytest.raises(InputError, match=r"/motors.*mine/msg/Motors"):
         read_flights(path)
     ros_topics.map_path(path).write_text(f'clock = "received"\n{TOPICS}')
     (found,) = read_flights(tmp_path)
     assert not found.has_state
-    same(found, flight, state=False)
+    same(found, FLIGHT, state=False)
     ros_topics.map_path(path).write_text(f"{TOPICS}thrust = 'linear'\n")
     (linear,) = read_flights(path)
     assert_allclose(linear.command[-300:], np.sqrt(found.command[-300:]), atol=1e-4)
@@ -183,17 +172,16 @@ def test_a_wrong_file_of_topics_is_refused(text: str, tmp_path: Path) -> None:
 
 
 def test_log_blocks_of_crazyswarm_are_read_by_their_names(tmp_path: Path) -> None:
-    flight = sensed()
     blocks = {
         "/cf1/sensors": [*(f"gyro.{axis}" for axis in "xyz"), *(f"acc.{axis}" for axis in "xyz")],
         "/cf1/motors": [*(f"motor.m{motor}" for motor in "1234"), "pm.vbat"],
     }
-    motors = 65535 * np.sqrt(flight.command)
+    motors = 65535 * np.sqrt(FLIGHT.command)
     rows = {
         "/cf1/sensors": np.concatenate(
-            [np.degrees(flight.body_rates), flight.arrays["accelerometer"] / 9.81], axis=1
+            [np.degrees(FLIGHT.body_rates), FLIGHT.arrays["accelerometer"] / 9.81], axis=1
         ),
-        "/cf1/motors": np.concatenate([motors, flight.battery[:, None]], axis=1),
+        "/cf1/motors": np.concatenate([motors, FLIGHT.battery[:, None]], axis=1),
     }
     kind = "crazyflie_interfaces/msg/LogDataGeneric"
     messages = [
@@ -208,15 +196,15 @@ def test_log_blocks_of_crazyswarm_are_read_by_their_names(tmp_path: Path) -> Non
             ),
         )
         for topic, values in rows.items()
-        for row in range(len(flight))
+        for row in range(len(FLIGHT))
     ]
     path = made.bag(tmp_path / "bag", messages)
     lines = [f'"{topic}" = {names}' for topic, names in blocks.items()]
     ros_topics.map_path(path).write_text("[variables]\n" + "\n".join(lines).replace("'", '"'))
     flights = read_flights(path)
     (found,) = flights
-    assert_allclose(found.body_rates, flight.body_rates, atol=1e-4)
-    expected = compensation.thrust_command(motors, flight.battery)
+    assert_allclose(found.body_rates, FLIGHT.body_rates, atol=1e-4)
+    expected = compensation.thrust_command(motors, FLIGHT.battery)
     assert_allclose(found.command, expected, atol=1e-4)
     assert any(compensation.PLUS in note for note in flights.notes)
 
@@ -224,7 +212,7 @@ def test_log_blocks_of_crazyswarm_are_read_by_their_names(tmp_path: Path) -> Non
 def test_signals_that_are_too_rare_are_refused(tmp_path: Path) -> None:
     messages = [
         entry
-        for number, entry in enumerate(made.mavros_messages(sensed()))
+        for number, entry in enumerate(made.mavros_messages(FLIGHT))
         if "rc/out" not in entry[1] or number % 10 == 1
     ]
     slow = [entry for entry in messages if "rc/out" in entry[1]]
@@ -255,7 +243,7 @@ def test_a_large_recording_is_not_held_in_memory(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_damaged_recordings_are_refused_or_named(suffix: str, tmp_path: Path) -> None:
-    path = made.bag(tmp_path / "bag", made.px4_messages(sensed()), suffix)
+    path = made.bag(tmp_path / "bag", made.px4_messages(FLIGHT), suffix)
     raw = path.read_bytes()
     for content in (raw[:8], raw[: len(raw) // 2], b"", b"text", raw[:16] + bytes(1000)):
         path.write_bytes(content)
@@ -264,22 +252,6 @@ def test_damaged_recordings_are_refused_or_named(suffix: str, tmp_path: Path) ->
         except InputError:
             continue
         assert flights.notes
-
-
-def test_without_rosbags_it_is_said_how_to_get_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    real = builtins.__import__
-    path = made.bag(tmp_path / "bag", made.px4_messages(sensed(60)))
-
-    def without(name: str, *rest: Any, **named: Any) -> Any:
-        if name.split(".")[0] == "rosbags":
-            raise ImportError(name=name)
-        return real(name, *rest, **named)
-
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(InputError, match=r"\[rosbag\]"):
-        rosbag.flights(path, "bag.mcap")
 
 
 @pytest.mark.slow

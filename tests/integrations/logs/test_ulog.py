@@ -1,6 +1,5 @@
 """PX4 logs: written by a writer of our own and read back through pyulog."""
 
-import builtins
 import dataclasses
 import re
 from collections.abc import Callable
@@ -14,10 +13,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 import maidenflight as mf
-from made_flights import driven
+from made_flights import driven, sensed
 from maidenflight.errors import InputError
 from maidenflight.flights import formats
-from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import Flights, read_flights
 from maidenflight.identification.identify import identify
 from maidenflight.identification.methods import Likelihood
@@ -26,15 +24,6 @@ from maidenflight.parameters import component, crazyflie, replace
 pytest.importorskip("pyulog")
 SENSED = ("body_rates", "accelerometer")
 STATE = ("position", "velocity", "attitude")
-
-
-def sensed(rows: int = 600, **changes: Any) -> Flight:
-    """A flight with an accelerometer and rotor speeds."""
-    generator = np.random.default_rng(1)
-    flight = driven(rows)
-    force = generator.normal([0.0, 0.0, 9.81], 0.3, (rows, 3)).astype(np.float32)
-    speed = (2000 * np.sqrt(flight.command)).astype(np.float32)
-    return dataclasses.replace(flight, accelerometer=force, rotor_speed=speed, **changes)
 
 
 def read(tmp_path: Path, topics: Any, parameters: Any = None) -> Flights:
@@ -75,14 +64,6 @@ def test_old_logs_follow_from_their_controls(tmp_path: Path) -> None:
     topics["actuator_outputs"] = [rare, ("output", "float", 1000 + 1000 * motors)]
     (found,) = read(tmp_path, topics, {"MAV_TYPE": 2})
     assert_allclose(found.command, flight.command, atol=1e-5)
-
-
-def test_motors_that_contradict_set_points_are_refused(tmp_path: Path) -> None:
-    topics = made.by_default_profile(made.topics_of(sensed(), state=False))
-    *timed, (name, typed, control) = topics["actuator_motors"]
-    topics["actuator_motors"] = [*timed, (name, typed, control[:, [1, 0, 2, 3]])]
-    with pytest.raises(InputError, match="SDLOG_PROFILE"):
-        read(tmp_path, topics)
 
 
 def test_rows_of_rare_motors_hold_means_of_the_sensors(tmp_path: Path) -> None:
@@ -131,24 +112,6 @@ def test_without_places_motors_are_in_px4s_default_order(tmp_path: Path) -> None
     assert_allclose(found.command, flight.command, atol=1e-5)
 
 
-def test_motors_logged_in_another_order_are_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError):
-        read(tmp_path, made.topics_of(sensed(), order=(0, 1, 2, 3)))
-
-
-@pytest.mark.parametrize("topic", ["sensor_combined", "vehicle_attitude"])
-def test_a_wrong_sign_is_named(topic: str, tmp_path: Path) -> None:
-    topics = made.topics_of(sensed())
-    topics[topic] = [
-        (field, kind, values * np.array([1, -1, 1, 1])[: values.shape[1]])
-        if field in ("gyro_rad", "q")
-        else (field, kind, values)
-        for field, kind, values in topics[topic]
-    ]
-    with pytest.raises(InputError):
-        read(tmp_path, topics)
-
-
 @pytest.mark.parametrize(
     ("changed", "reversed_"),
     [({}, False), ({"CA_ROTOR0_KM": -0.05, "CA_ROTOR1_KM": -0.05}, True)],
@@ -159,19 +122,6 @@ def test_rotors_that_turn_the_other_way_are_a_note(
     turned = {"CA_ROTOR2_KM": 0.05, "CA_ROTOR3_KM": 0.05} if changed else {}
     notes = read(tmp_path, made.topics_of(sensed()), made.placed() | changed | turned).notes
     assert any("CA_ROTORn_KM" in note for note in notes) is reversed_
-
-
-@pytest.mark.parametrize(
-    "parameters",
-    [
-        {"CA_ROTOR_COUNT": 6, "CA_ROTOR0_PX": 0.1},
-        {"CA_ROTOR_COUNT": 4, "CA_ROTOR0_PX": 0.1, "CA_ROTOR1_PX": -0.1, "CA_ROTOR2_PY": 0.1},
-        {"SYS_AUTOSTART": 5001},
-    ],
-)
-def test_what_is_no_quadrotor_in_x_is_refused(parameters: dict[str, float], tmp_path: Path) -> None:
-    with pytest.raises(InputError):
-        read(tmp_path, made.topics_of(sensed()), parameters)
 
 
 @pytest.mark.parametrize("factor", [0.0, 0.3, 1.0])
@@ -201,27 +151,6 @@ def test_thrust_is_by_the_thrust_models_factor(factor: float, tmp_path: Path) ->
     assert_allclose(by_outputs.command, flight.command, atol=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("changes", "named"),
-    [
-        ({"MAV_TYPE": 13, "SYS_AUTOSTART": 6001}, "another: hexarotor"),
-        ({"MAV_TYPE": 22}, "another: VTOL"),
-        ({"MAV_TYPE": 1}, "another: fixed wing"),
-        ({"SYS_AUTOSTART": 8001}, "another: octorotor"),
-        ({"SYS_AUTOSTART": 5001}, "another: quadrotor in \\+"),
-        ({"CA_AIRFRAME": 3, "CA_ROTOR_COUNT": 4}, "another: tilt-rotor"),
-        ({"CA_AIRFRAME": 4, "CA_ROTOR_COUNT": 4, "MAV_TYPE": 20}, "another: tail-sitter"),
-    ],
-)
-def test_other_airframes_are_named_before_their_rate(
-    changes: dict[str, int], named: str, tmp_path: Path
-) -> None:
-    topics = made.topics_of(sensed())
-    del topics["actuator_motors"]
-    with pytest.raises(InputError, match=named):
-        read(tmp_path, topics, changes)
-
-
 def test_what_flies_counts_more_than_what_is_displayed(tmp_path: Path) -> None:
     parameters = made.placed() | {"CA_AIRFRAME": 0, "MAV_TYPE": 13}
     assert len(read(tmp_path, made.topics_of(sensed()), parameters).flights) == 1
@@ -241,41 +170,12 @@ def test_outputs_of_dshot_are_known(parameters: dict[str, int], tmp_path: Path) 
     assert any("(DShot)" in note for note in flights.notes)
 
 
-def test_raw_commands_of_a_can_bus_are_named(tmp_path: Path) -> None:
-    topics = made.topics_of(sensed())
-    control = topics.pop("actuator_motors")[1][2]
-    stamps = topics["sensor_combined"][0]
-    topics["actuator_outputs"] = [stamps, ("output", "float", 8191 * control)]
-    with pytest.raises(InputError, match="CAN bus"):
-        read(tmp_path, topics)
-
-
 def test_a_ulog_that_was_cut_off_is_a_note(tmp_path: Path) -> None:
     raw = made.ulog(made.topics_of(sensed()), made.placed())
     (tmp_path / "log.ulg").write_bytes(raw[:-5])
     assert any("cut off in its last message" in note for note in read_flights(tmp_path).notes)
     (tmp_path / "log.ulg").write_bytes(raw)
     assert not any("cut off" in note for note in read_flights(tmp_path).notes)
-
-
-def test_a_log_that_is_too_slow_says_what_it_holds(tmp_path: Path) -> None:
-    topics = made.topics_of(sensed())
-    topics["actuator_motors"] = [
-        (name, kind, values[::20]) for name, kind, values in topics["actuator_motors"]
-    ]
-    with pytest.raises(InputError, match=r"reboot.* It holds body rates 100 Hz, motors 5 Hz"):
-        read(tmp_path, topics)
-
-
-def test_outputs_beyond_their_bounds_are_refused(tmp_path: Path) -> None:
-    topics = made.topics_of(sensed())
-    control = topics.pop("actuator_motors")[1][2]
-    topics["actuator_outputs"] = [
-        topics["sensor_combined"][0],
-        ("output", "float", 3000 * control),
-    ]
-    with pytest.raises(InputError):
-        read(tmp_path, topics)
 
 
 def test_every_command_of_the_loop_is_averaged_over_the_rows(tmp_path: Path) -> None:
@@ -301,17 +201,74 @@ def test_a_mean_over_the_integration_time_belongs_to_its_middle(tmp_path: Path) 
     assert_allclose(found.command, sensed().command[-len(found) :], atol=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("topic", "every"), [("actuator_motors", 10), ("sensor_combined", 4), ("actuator_motors", 0)]
-)
-def test_too_slow_signals_are_refused(topic: str, every: int, tmp_path: Path) -> None:
-    topics = made.topics_of(sensed(), state=False)
-    if every:
-        topics[topic] = [(field, kind, values[::every]) for field, kind, values in topics[topic]]
-    else:
-        del topics[topic]
-    with pytest.raises(InputError, match="SDLOG_PROFILE"):
-        read(tmp_path, topics)
+TOPICS = made.topics_of(sensed())
+
+
+def changed(topic: str, change: Callable[[str, Any], Any], topics: Any = TOPICS) -> Any:
+    """Topics of which one's fields are changed, by name."""
+    return topics | {
+        topic: [(name, typed, change(name, rows)) for name, typed, rows in topics[topic]]
+    }
+
+
+def rarely(topic: str, every: int) -> Any:
+    return changed(topic, lambda _, rows: rows[::every], made.topics_of(sensed(), state=False))
+
+
+def without_motors(**outputs: Any) -> Any:
+    """Topics without motors, but perhaps with outputs."""
+    rest = {name: fields for name, fields in TOPICS.items() if name != "actuator_motors"}
+    stamps, (_, typed, control) = TOPICS["actuator_motors"]
+    sent = [stamps, ("output", typed, outputs.get("most", 1.0) * control)]
+    return rest | ({"actuator_outputs": sent} if outputs else {})
+
+
+def turned(name: str, rows: Any) -> Any:
+    return rows * np.array([1, -1, 1, 1])[: rows.shape[1]] if name in ("gyro_rad", "q") else rows
+
+
+PLACES = {"CA_ROTOR_COUNT": 4, "CA_ROTOR0_PX": 0.1, "CA_ROTOR1_PX": -0.1, "CA_ROTOR2_PY": 0.1}
+REFUSED: dict[str, tuple[Any, dict[str, Any] | None, str]] = {
+    "motors that contradict set-points": (
+        changed(
+            "actuator_motors",
+            lambda name, rows: rows[:, [1, 0, 2, 3]] if name == "control" else rows,
+            made.by_default_profile(made.topics_of(sensed(), state=False)),
+        ),
+        None,
+        "SDLOG_PROFILE",
+    ),
+    "motors in another order": (made.topics_of(sensed(), (0, 1, 2, 3)), None, "look permuted"),
+    "a gyro with a wrong sign": (changed("sensor_combined", turned), None, "opposite sign"),
+    "an attitude with a wrong sign": (changed("vehicle_attitude", turned), None, "opposite sign"),
+    "six rotors": (TOPICS, {"CA_ROTOR_COUNT": 6, "CA_ROTOR0_PX": 0.1}, "6 rotors at"),
+    "rotors in no X": (TOPICS, PLACES, "expected four in X"),
+    "hexarotor": (without_motors(), {"MAV_TYPE": 13, "SYS_AUTOSTART": 6001}, "hexarotor"),
+    "VTOL": (without_motors(), {"MAV_TYPE": 22}, "another: VTOL"),
+    "fixed wing": (without_motors(), {"MAV_TYPE": 1}, "another: fixed wing"),
+    "octorotor": (without_motors(), {"SYS_AUTOSTART": 8001}, "another: octorotor"),
+    "quadrotor in +": (without_motors(), {"SYS_AUTOSTART": 5001}, "another: quadrotor in +"),
+    "tilt-rotor": (without_motors(), {"CA_AIRFRAME": 3, "CA_ROTOR_COUNT": 4}, "tilt-rotor"),
+    "tail-sitter": (
+        without_motors(),
+        {"CA_AIRFRAME": 4, "CA_ROTOR_COUNT": 4, "MAV_TYPE": 20},
+        "another: tail-sitter",
+    ),
+    "raw commands of a CAN bus": (without_motors(most=8191), None, "CAN bus"),
+    "outputs beyond their bounds": (without_motors(most=3000), None, "do not lie between"),
+    "slow motors": (rarely("actuator_motors", 20), None, "It holds body rates 100 Hz, motors 5 Hz"),
+    "slower motors than needed": (rarely("actuator_motors", 10), None, "SDLOG_PROFILE"),
+    "slow sensors": (rarely("sensor_combined", 4), None, "SDLOG_PROFILE"),
+    "no motors": (without_motors(), None, "reboot"),
+}
+"""Topics, parameters and what is said of them."""
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_what_cannot_be_used_is_refused_with_its_reason(what: str, tmp_path: Path) -> None:
+    topics, parameters, says = REFUSED[what]
+    with pytest.raises(InputError, match=re.escape(says)):
+        read(tmp_path, topics, parameters)
 
 
 def test_a_slow_or_invalid_position_leaves_sensors_alone(tmp_path: Path) -> None:
@@ -409,21 +366,6 @@ def test_in_a_folder_it_stands_beside_others(tmp_path: Path) -> None:
     assert len(flights.refused) == 1
     with pytest.raises(InputError):
         read_flights(tmp_path / "one", battery_law="legacy propellers")
-
-
-def test_without_pyulog_it_is_said_how_to_get_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    real = builtins.__import__
-
-    def without(name: str, *rest: Any, **named: Any) -> Any:
-        if name.split(".")[0] == "pyulog":
-            raise ImportError(name=name)
-        return real(name, *rest, **named)
-
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(InputError, match=r"\[ulog\]"):
-        read(tmp_path, made.topics_of(sensed()))
 
 
 @pytest.mark.slow

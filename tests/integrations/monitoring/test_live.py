@@ -53,12 +53,6 @@ def sent(rerun):
     return [call.args[0] for call in rerun.RecordingStream.return_value.send_columns.call_args_list]
 
 
-def test_without_the_package_it_says_what_to_install(monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(InputError, match=r"pip install '.\[viewer\]'"):
-        live.show_flights([flight()], tmp_path / "flights.rrd")
-
-
 def test_a_flight_is_shown_as_it_was_flown(rerun, tmp_path):
     live.show_flights([flight()], tmp_path / "new" / "flights.rrd")
     pose = rerun.Transform3D.columns.call_args.kwargs

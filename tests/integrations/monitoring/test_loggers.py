@@ -192,19 +192,3 @@ def test_a_run_that_cannot_be_begun_gives_one_line_and_closes_the_others(
     ):
         pass
     assert [run.ended for run in fake.runs] == ["failed"]
-
-
-@pytest.mark.parametrize(
-    ("logger", "package"), [("tensorboard", "tensorboardX"), ("wandb", "wandb")]
-)
-def test_a_missing_package_is_said_before_anything_happens(
-    logger: str, package: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, package, None)
-    expected = rf"pip install '.\[{logger}\]'"
-    with (
-        pytest.raises(InputError, match=expected),
-        loggers.opened([logger], tmp_path / "policies", 1, {}),
-    ):
-        pass
-    assert not (tmp_path / "policies").exists()

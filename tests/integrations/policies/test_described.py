@@ -14,7 +14,7 @@ from maidenflight.flying.foreign_policy import foreign_policy
 from maidenflight.flying.pilots import ForeignPolicy
 from maidenflight.integrations.exporters.onnx import export_onnx
 from maidenflight.integrations.policies.described import INPUTS, DescribedPolicy, described
-from maidenflight.policy import untrained
+from maidenflight.policy import untrained_policy
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.tasks import tasks
 from maidenflight.simulator.tasks.look_ahead import LookAhead
@@ -28,7 +28,7 @@ OURS = OURS.replace("onnx_policy/", "")
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     pytest.importorskip("onnxruntime")
-    export_onnx(untrained(jax.random.key(3)), tmp_path)
+    export_onnx(untrained_policy(jax.random.key(3)), tmp_path)
     (tmp_path / "ours.toml").write_text(OURS)
     return tmp_path / "ours.toml"
 
@@ -40,14 +40,14 @@ def test_our_policy_flies_as_itself(file: Path) -> None:
     assert theirs.name == "ours"
     ours, flown = (
         transfer(one, NumpyDrone(), 1, duration=0.4).flights[0]
-        for one in (untrained(jax.random.key(3)), theirs)
+        for one in (untrained_policy(jax.random.key(3)), theirs)
     )
     np.testing.assert_allclose(flown.command, ours.command, atol=1e-5)
     np.testing.assert_allclose(flown.position, ours.position, atol=1e-5)
 
 
 def test_our_policy_that_looks_ahead_flies_as_itself(file: Path) -> None:
-    ahead = untrained(jax.random.key(3), spec=PolicySpec(look_ahead=LookAhead(2, 0.4)))
+    ahead = untrained_policy(jax.random.key(3), spec=PolicySpec(look_ahead=LookAhead(2, 0.4)))
     strong = ahead.observation_std.at[40:].mul(0.1)
     ahead = dataclasses.replace(ahead, observation_std=strong)
     export_onnx(ahead, file.parent)

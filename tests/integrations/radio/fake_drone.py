@@ -25,6 +25,7 @@ from typing import Any
 
 from plant import LEVEL, OFF, POSITION, STEP, Plant
 
+from maidenflight.integrations.radio.blocks import LIMITS
 from maidenflight.integrations.radio.crazyflie import Crazyflie
 
 CONSOLE, PARAM, COMMANDER, MEM, LOGGING, GENERIC, SUPERVISOR, PLATFORM, LINK = (
@@ -53,8 +54,13 @@ LOG_TABLE = (
     + [(f"ctrltarget.{name}", "float") for name in "xyz"]
     + [("controller.cmd_thrust", "float"), ("pm.vbatMV", "uint16"), ("supervisor.info", "uint16")]
     + [(f"kalman.varP{name}", "float") for name in "XYZ"]
+    + [("pm.state", "uint8"), ("health.motorPass", "uint8")]
 )
-UINT8, FLOAT = 0x08, 0x06
+UINT8, UINT16, UINT32, FLOAT = 0x08, 0x09, 0x0A, 0x06
+PACKED = {UINT8: "<B", UINT16: "<H", UINT32: "<L", FLOAT: "<f"}
+KINDS = {"mf.hash": UINT32, "firmware.revision0": UINT32, "firmware.revision1": UINT16}
+KINDS |= {f"cpu.id{number}": UINT32 for number in range(3)}
+KINDS |= dict.fromkeys(("mf.x", "mf.y", "mf.full", *LIMITS), FLOAT)
 
 
 def _force(motor_volts):
@@ -103,9 +109,15 @@ class FakeDrone:
         self.faults, self.off_at, self.sent, self.heard, self.said = [], 0.0, [], [], []
         self.parameters = {"deck.bcFlow2": int(deck), "kalman.resetEstimation": 0} | (
             {"mf.enable": 0, "mf.task": 1, "mf.x": 9.0, "mf.y": 9.0, "mf.full": 60000.0}
+            | dict.fromkeys(LIMITS, 9999.0)
+            | {"mf.hash": 0xDEADBEEF, "mf.propellers": 0}
             if policy
             else {}
         )
+        self.parameters |= {"cpu.id0": 0x12, "cpu.id1": 0xAB, "cpu.id2": 0xFFFFFFFF}
+        self.parameters |= {"firmware.revision0": 0x2A18FC29, "firmware.revision1": 0x9D7B}
+        self.parameters |= {"health.startPropTest": 0}
+        self.charge, self.unbalanced, self.spun_at, self.deaf = 0, 0, math.inf, ()
         self.log_table = (
             [*LOG_TABLE, ("mf.active", "uint8"), ("mf.why", "uint8")] if policy else LOG_TABLE
         )
@@ -268,6 +280,8 @@ class FakeDrone:
             "pm.vbatMV": 1000 * battery,
             "supervisor.info": info,
         }
+        spun = 0 if self.time < self.spun_at + 4.0 else 0x8F & ~self.unbalanced
+        values |= {"pm.state": self.charge, "health.motorPass": spun}
         waited = self.time - self._settled_at
         values |= {
             f"kalman.varP{name}": (math.exp(-5 * waited) if self._settles else noise(1, 0.1))
@@ -375,11 +389,7 @@ class FakeDrone:
             return self._toc(data, [(name, self._kind(name)) for name in names])
         if channel == 1:
             name = names[struct.unpack("<H", data[:2])[0]]
-            return (
-                data[:2]
-                + b"\0"
-                + struct.pack("<f" if self._kind(name) == FLOAT else "<B", self.parameters[name])
-            )
+            return data[:2] + b"\0" + struct.pack(PACKED[self._kind(name)], self.parameters[name])
         if channel == 3 and data[0] == 0:
             group, name, rest = data[1:].split(b"\0", 2)
             self._set(f"{group.decode()}.{name.decode()}", rest[0], rest[1:])
@@ -388,13 +398,17 @@ class FakeDrone:
 
     @staticmethod
     def _kind(name):
-        return FLOAT if name in ("mf.x", "mf.y", "mf.full") else UINT8
+        return KINDS.get(name, UINT8)
 
     def _set(self, name, kind, content):
         assert name in self.parameters
         assert kind == self._kind(name)
-        (value,) = struct.unpack("<f" if kind == FLOAT else "<B", content)
+        (value,) = struct.unpack(PACKED[kind], content)
+        if name in self.deaf:
+            return
         self.parameters[name] = value
+        if name == "health.startPropTest" and value:
+            self.spun_at = self.time
         if name == "kalman.resetEstimation" and value:
             self._settled_at = self.time
         if name == "mf.enable" and value:

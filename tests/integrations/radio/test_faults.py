@@ -20,7 +20,6 @@ from maidenflight.errors import InputError
 from maidenflight.flights import tables
 from maidenflight.integrations.radio import session
 from maidenflight.integrations.radio.flight import COMPLETE, FIRMWARE_STOPS, PROMISED, Plan
-from maidenflight.integrations.radio.watch import Limits
 from maidenflight.simulator.tasks import trajectories
 
 PATH = trajectories.circle(0.5, 3.0, 1.0)
@@ -162,7 +161,6 @@ class Flight:
                     [self.plan],
                     self.folder,
                     results.record(seed=0, inputs=[], settings={}),
-                    limits=Limits(),
                     clock=self.clock,
                     stops=stops,
                     say=say,

@@ -26,6 +26,7 @@ from maidenflight.flights.manoeuvres import Manoeuvre
 from maidenflight.flights.reading import read_flights
 from maidenflight.integrations.radio import flight, row_files, session
 from maidenflight.integrations.radio.blocks import (
+    LIMITS,
     MOTORS,
     PERIOD,
     ROOM,
@@ -35,6 +36,7 @@ from maidenflight.integrations.radio.blocks import (
 )
 from maidenflight.integrations.radio.crazyflie import Crazyflie
 from maidenflight.integrations.radio.flight import COMPLETE, PROMISED, Plan
+from maidenflight.integrations.radio.preflight import Expected
 from maidenflight.integrations.radio.watch import GUARDS, Limits
 from maidenflight.simulator.tasks import trajectories
 from run_listing import entries, unlisted
@@ -43,10 +45,11 @@ CIRCLE = trajectories.circle(0.5, 3.0, 1.0)
 
 
 def plan(seconds=1.0, height=0.5, steps=0.0, seed=0, policy=False):
-    return Plan(session.reference(CIRCLE, seconds, height, steps, seed), policy)
+    places = session.reference(CIRCLE, seconds, height, steps, seed)
+    return Plan(places, policy, on_board=LIMITS if policy else {})
 
 
-def flown(fake, folder, *plans, stops=lambda: 0, said=None, before=None):
+def flown(fake, folder, *plans, stops=lambda: 0, said=None, before=None, care=session.Care()):  # noqa: B008
     clock, said = Stepped(fake), [] if said is None else said
     with fake, contextlib.closing(clock.connect()) as link:
         if before:
@@ -56,10 +59,10 @@ def flown(fake, folder, *plans, stops=lambda: 0, said=None, before=None):
             list(plans),
             folder,
             results.record(seed=3, inputs=[], settings={"task": "circle"}),
-            limits=Limits(),
             clock=clock,
             stops=stops,
             say=said.append,
+            care=care,
         )
 
 
@@ -176,6 +179,12 @@ def test_the_log_holds_what_was_commanded(tmp_path):
         ({"tilted": True}, "tilted by 23 deg"),
         ({"policy": False}, "no policy on board"),
         ({"policy": True, "ahead": True}, "the policy on board looks ahead"),
+        ({"policy": True, "deaf": ("mf.tilt",)}, r"does not confirm mf\.tilt"),
+        ({"policy": True, "code": "12345678"}, "policy deadbeef is on board, not 12345678"),
+        ({"policy": True, "propellers": "legacy"}, "built for propellers 2.1\\+.* with legacy"),
+        ({"charge": 1}, "it is charging; unplug it"),
+        ({"lost_rows": 0.5}, "of rows come"),
+        ({"unbalanced": 0b0100}, "propeller test failed on M3"),
     ],
 )
 def test_an_unfit_drone_does_not_take_off(fake, why, tmp_path):
@@ -186,14 +195,16 @@ def test_an_unfit_drone_does_not_take_off(fake, why, tmp_path):
             if name in ("battery", "deck", "settles", "policy")
         }
     )
-    for name in ("tumbled", "locked", "spoiled"):
+    for name in ("tumbled", "locked", "spoiled", "deaf", "charge", "lost_rows", "unbalanced"):
         setattr(made, name, fake.get(name, getattr(made, name)))
     if "tilted" in fake:
         made.tilt = 0.4
     if "ahead" in fake:
         made.parameters["mf.ahead"] = 5
+    expected = Expected(code=fake.get("code", ""), propellers=fake.get("propellers", ""))
+    care = session.Care(expected, test_propellers="unbalanced" in fake)
     with pytest.raises(InputError, match=why):
-        flown(made, tmp_path, plan(policy="policy" in fake))
+        flown(made, tmp_path, plan(policy="policy" in fake), care=care)
     assert made.off_at == 0.0
     assert not list(tmp_path.iterdir())
 
@@ -234,6 +245,49 @@ def test_the_policy_flies_between_take_off_and_landing(tmp_path, given, counts):
     assert fake.parameters["mf.enable"] == 0
     assert (fake.parameters["mf.task"], fake.parameters["mf.full"]) == (2, counts)
     assert (fake.parameters["mf.x"], fake.parameters["mf.y"]) == pytest.approx((0.0, 0.0), abs=0.01)
+
+
+def test_limits_of_a_session_before_are_set_anew_and_recorded_with_the_drone(tmp_path):
+    fake, said = FakeDrone(policy=True), []
+    tighter = session.Course("hover", 0.5, 0.5, 0.0, policy=True, on_board={"mf.distance": 0.2})
+    care = session.Care(Expected(code="deadbeef"), test_propellers=True)
+    (flight,) = flown(fake, tmp_path, tighter.plan(0), said=said, care=care)
+    assert flight.ending.reason == COMPLETE
+    wanted = {**LIMITS, "mf.distance": 0.2, "mf.time": 2.5}
+    assert {name: fake.parameters[name] for name in wanted} == pytest.approx(wanted)
+    order = [body.split(b"\0")[2] for port, way, body in fake.heard if (port, way) == (2, 3)]
+    last = len(order) - order[::-1].index(b"enable") - 1
+    assert order.index(b"distance") < last
+    settings = results.read_record(flight.log)["settings"]
+    assert settings["drone"] == "00000012000000abffffffff"
+    assert (settings["firmware"], settings["on_board"]) == ("2a18fc299d7b", "deadbeef")
+    assert any(line.split()[:2] == ["propellers", "balanced"] for line in said)
+
+
+def test_a_limit_that_is_not_confirmed_in_flight_ends_it(tmp_path):
+    fake = FakeDrone(policy=True)
+    fake.at(4.0, lambda fake: setattr(fake, "deaf", ("mf.x",)))
+    (flight,) = flown(fake, tmp_path, plan(1.0, policy=True))
+    assert flight.ending.reason == "the drone does not confirm mf.x"
+    assert (fake.parameters["mf.enable"], fake.down) == (0, True)
+
+
+def test_no_limit_is_looser_than_the_app_s_own():
+    for looser in ({"mf.tilt": 31.0}, {"mf.distance": 0.0}):
+        with pytest.raises(InputError, match="the limit of the app on board"):
+            session.Course(policy=True, on_board=looser).plan(0)
+    with pytest.raises(InputError, match=r"mf\.time = 122"):
+        session.Course(duration=120.0, policy=True).plan(0)
+
+
+def test_nobody_takes_off_without_a_confirmation(tmp_path):
+    fake, said = FakeDrone(), []
+    assert (
+        flown(fake, tmp_path, plan(), said=said, care=session.Care(confirmed=lambda stops: False))
+        == []
+    )
+    assert said[-1] == "no flight: not confirmed"
+    assert (fake.off_at, list(tmp_path.iterdir())) == (0.0, [])
 
 
 def test_a_policy_whose_guards_hand_back_is_landed(tmp_path):
@@ -328,7 +382,13 @@ def test_a_whole_session(tmp_path, monkeypatch):
     assert entries(tmp_path) == {("fly", "flights"): {"logs"}}
     assert unlisted(tmp_path) == {f"flights/flight_0{number}.rows" for number in (1, 2)}
     assert all(flight.ending.height < 0.05 for flight in flights)
-    assert said[1:5] == ["armed", "taking off to 0.4 m", "flying for 0.5 s, the PID", "landing"]
+    began = said.index("armed")
+    assert said[began : began + 4] == [
+        "armed",
+        "taking off to 0.4 m",
+        "flying for 0.5 s, the PID",
+        "landing",
+    ]
 
 
 def test_blocks_of_different_instants_are_interpolated_over_no_more_than_one_packet(tmp_path):

@@ -13,13 +13,11 @@ from maidenflight.integrations.radio.blocks import (
     TUMBLED,
     reading,
 )
+from maidenflight.integrations.radio.preflight import PreflightState, findings, settled
 from maidenflight.integrations.radio.watch import (
     FlightStatus,
     Limits,
-    PreflightState,
     Watch,
-    preflight_failures,
-    settled,
 )
 
 VALUES = dict.fromkeys((*STATE.variables, *MOTORS.variables), 0.0) | {
@@ -118,14 +116,8 @@ def test_the_gravest_reason_is_told():
 
 def test_a_fit_drone_may_fly():
     still = ((0.01, 0.01, 0.02),) * 10
-    assert (
-        preflight_failures(
-            PreflightState(seen().reading, ("deck.bcFlow2",), still, False),
-            Limits(),
-            needs_policy=False,
-        )
-        == []
-    )
+    fit = PreflightState(seen().reading, ("deck.bcFlow2",), still)
+    assert not [one for one in findings(fit, Limits()) if one.problem]
     assert not settled(still[:9])
     assert not settled((*still[:9], (0.01, 0.02, 0.02)))
     assert not settled((*still[:9], (0.01, math.nan, 0.02)))

@@ -12,7 +12,7 @@ from maidenflight.experiments.transfer import transfer
 from maidenflight.flying.foreign_policy import foreign_policy, reference_velocity
 from maidenflight.flying.pilots import ForeignPolicy
 from maidenflight.integrations.raptor.foundation_policy import _network, observed
-from maidenflight.policy import untrained
+from maidenflight.policy import untrained_policy
 from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.realities.reality import reality
 from maidenflight.simulator.realities.virtual_drone import virtual_drone
@@ -90,7 +90,7 @@ def test_its_memory_advances_at_100_hz_while_it_commands_at_500() -> None:
 
 @pytest.mark.usefixtures("raptor")
 def test_it_flies_beside_ours_in_one_table() -> None:
-    policies = [untrained(jax.random.key(0)), foreign_policy("raptor:500hz")]
+    policies = [untrained_policy(jax.random.key(0)), foreign_policy("raptor:500hz")]
     flown = transfer(policies, [virtual_drone(7)], 1, duration=1.0, names=["ours", "raptor"])  # pyright: ignore
     assert flown.table["policy"].to_list() == ["ours", "raptor"]
     assert flown.table["duration"][1] == 1.0

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from maidenflight.errors import InputError
 from maidenflight.integrations.raptor import form as raptor_form
 from maidenflight.integrations.raptor.foundation_policy import observed as seen_by_raptor
-from maidenflight.policy import untrained
+from maidenflight.policy import untrained_policy
 from maidenflight.simulator.controllers import interface
 from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import PolicySpec
@@ -77,7 +77,7 @@ def test_every_slope_is_finite_where_motors_stop_or_saturate(action: float) -> N
 def test_another_interface_is_refused(other: interface.ControlInterface) -> None:
     raptor_form.check(interface.pwm())
     with pytest.raises(InputError, match=r"here: .* of the form raptor has pwm at 100 Hz"):
-        raptor_form.check(other, where="here")
+        raptor_form.check(other, place="here")
 
 
 @pytest.mark.parametrize(
@@ -102,14 +102,16 @@ def test_a_record_of_any_other_combination_is_refused(other: dict[str, Any]) -> 
 
 
 def test_a_policy_of_the_form_has_its_shape_whatever_the_arguments_say() -> None:
-    made = untrained(jax.random.key(0), spec=PolicySpec(history=2, hidden=(50, 50), form="raptor"))
+    made = untrained_policy(
+        jax.random.key(0), spec=PolicySpec(history=2, hidden=(50, 50), form="raptor")
+    )
     made.check()
     assert made.spec == PolicySpec(form="raptor")
     assert made.layer_sizes == (22, 16, 4)
     with pytest.raises(InputError, match="pwm at 100 Hz"):
-        untrained(jax.random.key(0), interface.attitude_rate(), PolicySpec(form="raptor"))
+        untrained_policy(jax.random.key(0), interface.attitude_rate(), PolicySpec(form="raptor"))
     with pytest.raises(InputError, match="form = 'foundation'"):
-        untrained(jax.random.key(0), spec=PolicySpec(form="foundation"))
+        untrained_policy(jax.random.key(0), spec=PolicySpec(form="foundation"))
 
 
 def test_full_thrust_may_be_any_number_of_counts() -> None:

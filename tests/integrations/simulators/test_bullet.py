@@ -19,7 +19,7 @@ from maidenflight.flying import recording
 from maidenflight.integrations.simulators import bullet
 from maidenflight.integrations.simulators.bullet import DAMPING, Bullet, bullet_drone
 from maidenflight.parameters import crazyflie, replace
-from maidenflight.policy import untrained
+from maidenflight.policy import untrained_policy
 from maidenflight.simulator import environment
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.physics import dynamics, rotations
@@ -118,60 +118,45 @@ def test_the_flight_of_the_comparison_is_wild(truth):
 def test_bullet_tends_to_our_equations_at_first_order_and_meets_them_at_a_tenth_of_a_millisecond(
     pybullet, truth
 ):
-    errors = {
-        steps: apart(Bullet().simulate(THROWN, *thrown(steps)), truth)
-        for steps in (250, 500, 1000, 2000, 10000)
+    flights = {
+        steps: Bullet().simulate(THROWN, *thrown(steps)) for steps in (250, 500, 1000, 2000, 10000)
     }
+    errors = {steps: apart(flight, truth) for steps, flight in flights.items()}
     orders = np.log2([errors[steps] / errors[2 * steps] for steps in (250, 500, 1000)])
     np.testing.assert_allclose(orders, 1, atol=0.05)
     assert errors[10000][0] < 0.002
     assert errors[10000][1] < 0.2
+    # Extrapolated to no step at all it is RK4.
+    one, half = (
+        flights[steps].position[steps // 250 - 1 :: steps // 250] for steps in (1000, 2000)
+    )
+    assert np.linalg.norm(2 * half - one - truth.position[39::40], axis=1).max() < 1e-4
 
 
-FURTHER = replace(
-    UNEQUAL,
-    flapping_moment=1e-4,
-    rotational_damping=2e-5,
-    rotor_momentum=3e-5,
-    torque_bias=(2e-5, -3e-5, 1e-5),
-)
+FURTHER = {
+    "flapping_moment": 1e-4,
+    "rotational_damping": 2e-5,
+    "rotor_momentum": 3e-5,
+    "torque_bias": (2e-5, -3e-5, 1e-5),
+}
 
 
-@pytest.mark.parametrize(
-    "alone",
-    [
-        {"flapping_moment": 1e-4, "wind": (1.0, -2.0, 0.5)},
-        {"rotational_damping": 2e-5},
-        {"rotor_momentum": 3e-5},
-        {"torque_bias": (2e-5, -3e-5, 1e-5)},
-        {
-            name: getattr(FURTHER, name)
-            for name in ("flapping_moment", "rotational_damping", "rotor_momentum", "torque_bias")
-        },
-    ],
-    ids=["flapping in wind", "damping", "rotor momentum", "bias", "all"],
-)
-def test_bullet_feels_the_torques_that_the_papers_model_lacks_as_our_equations_do(
-    pybullet, truth, alone
-):
-    def flown(fly, steps):
+def test_bullet_feels_the_torques_that_the_papers_model_lacks_as_our_equations_do(pybullet, truth):
+    """All at once, in wind, of which each alone would be missed."""
+
+    def flown(fly, steps, names=FURTHER):
         commands, parameters = thrown(steps)
-        return fly(THROWN, commands, replace(parameters, **alone))
+        further = {name: FURTHER[name] for name in names}
+        return fly(THROWN, commands, replace(parameters, **further, wind=(1.0, -2.0, 0.5)))
 
-    expected = flown(partial(ours, dynamics.rk4), 2000)
-    assert apart(expected, truth)[1] > 3, "it matters"
+    rk4 = partial(ours, dynamics.rk4)
+    expected = flown(rk4, 2000)
+    for name in FURTHER:
+        assert apart(flown(rk4, 2000, FURTHER.keys() - {name}), expected)[1] > 3, name
     errors = [apart(flown(Bullet().simulate, steps), expected) for steps in (1000, 2000)]
     np.testing.assert_allclose(errors[0] / errors[1], 2, atol=0.1)
     assert errors[1][0] < 0.01
     assert errors[1][1] < 1
-
-
-def test_bullet_extrapolated_to_no_step_at_all_is_rk4(pybullet, truth):
-    one, half = (
-        Bullet().simulate(THROWN, *thrown(steps)).position[steps // 250 - 1 :: steps // 250]
-        for steps in (1000, 2000)
-    )
-    assert np.linalg.norm(2 * half - one - truth.position[39::40], axis=1).max() < 1e-4
 
 
 def test_bullet_and_semi_implicit_euler_differ_at_second_order_by_how_they_turn(pybullet):
@@ -364,18 +349,12 @@ def test_the_firmwares_pid_flies_the_circle_in_pybullet(pybullet):
 
 
 def test_policies_transfer_to_pybullet(pybullet):
-    policies = [untrained(jax.random.key(number)) for number in range(2)]
+    policies = [untrained_policy(jax.random.key(number)) for number in range(2)]
     flown = transfer(
         policies, [find_reality("pybullet:3")], trials=2, key=jax.random.key(0), duration=0.3
     )
     assert flown.table["reality"].to_list() == ["pybullet-3"] * 4
     assert flown.table["position_error"].is_finite().all()
-
-
-def test_without_the_package_one_error_says_how_to_get_it(monkeypatch):
-    monkeypatch.setitem(sys.modules, "pybullet", None)
-    with pytest.raises(InputError, match=r"pybullet is not installed.*pip install '.\[pybullet\]'"):
-        find_reality("pybullet:7")
 
 
 def test_a_reality_in_pybullet_needs_a_seed():

@@ -39,12 +39,6 @@ def flown(drone: Any, command: np.ndarray, steps: int) -> Any:
     return drone.observe()
 
 
-def test_without_crazyflow_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(InputError, match="pip"):
-        reality("crazyflow:cf21B_500")
-
-
 @needed
 def test_an_unknown_drone_is_refused_and_those_that_are_are_named() -> None:
     with pytest.raises(InputError, match="cf2x_L250"):

@@ -5,7 +5,7 @@ import pytest
 
 from maidenflight.identification.drone_file import Estimate, GroupGain, Source
 from maidenflight.identification.outcome.estimates import Identification
-from maidenflight.identification.signals.motor_response import Look
+from maidenflight.identification.signals.motor_response import DelayEstimate
 from maidenflight.parameters import crazyflie
 from maidenflight.reporting.figures.identification import estimates, identification
 from maidenflight.reporting.figures.picture import svg
@@ -33,7 +33,10 @@ def found(**changes):
         "gains": (GroupGain("drag", 0.1, 0.01, True), GroupGain("inertia", -1e-5, None, False)),
         "noise": {},
         "notes": (),
-        "lag_looks": (Look("gyro x", 0.1, (0.09, 0.12)), Look("taken", 0.08, (0.07, 0.09))),
+        "delay_estimates": (
+            DelayEstimate("gyro x", 0.1, (0.09, 0.12)),
+            DelayEstimate("taken", 0.08, (0.07, 0.09)),
+        ),
     }
     return Identification(**values | changes)
 
@@ -46,7 +49,11 @@ def numbers(figure, panel=0):
 
 def test_intervals_looks_and_gains_lie_where_their_numbers_say():
     figure = identification(found(), crazyflie())
-    assert titles(figure) == ["", "Looks at the lag", "Log-likelihood gain of each group"]
+    assert titles(figure) == [
+        "",
+        "Motor lag and latency together",
+        "Log-likelihood gain of each group",
+    ]
     [bar], [value] = of(figure, kind="bar", row=0), of(figure, kind="value", row=0)
     share = (value["x"] - bar["x"]) / (bar["x2"] - bar["x"])
     assert share == pytest.approx((1.7 - 1.6) / (1.9 - 1.6), abs=1e-5)
@@ -59,28 +66,38 @@ def test_intervals_looks_and_gains_lie_where_their_numbers_say():
     assert not_kept["x"] == not_kept["x2"] == -1e-5, "no standard error"
     assert numbers(figure)[0] == ("thrust to weight", "1.70 [1.60, 1.90], start 1.73")
     assert numbers(figure, 1)[0] == ("gyro x", "100.0 [90.0, 120.0] ms")
-    assert numbers(figure, 2)[0] == ("drag", "+0.1 \N{PLUS-MINUS SIGN} 0.01, kept")
+    assert numbers(figure, 2)[0] == ("drag", "+0.1 \N{PLUS-MINUS SIGN} 0.01, in the model")
 
 
 def test_what_is_not_known_is_left_out():
-    figure = identification(found(gains=(), lag_looks=(), unidentified={}), crazyflie())
+    figure = identification(found(gains=(), delay_estimates=(), unidentified={}), crazyflie())
     assert len(figure.panels) == 1
     assert [entry.series for entry in figure.legend] == ["identified", "start"]
 
 
 def test_nothing_that_was_identified_makes_an_empty_picture():
-    nothing = found(gains=(), lag_looks=(), unidentified={}, estimates={})
+    nothing = found(gains=(), delay_estimates=(), unidentified={}, estimates={})
     assert svg(identification(nothing, crazyflie())).startswith("<svg")
 
 
 def test_what_is_known_besides_is_marked_on_the_same_scale():
     known = {"latency": Estimate(0.01, (0.008, 0.012), (0.01,), 0.0)}
     figure = estimates(
-        known, {}, {"truth": {"latency": [0.01, 0.014]}, "paper": {"latency": [0.018]}}
+        known,
+        {"drag_z": (0.0, 0.5)},
+        {"truth": {"latency": [0.01, 0.014]}, "paper": {"latency": [0.018]}},
+        crazyflie(),
     )
     [value] = of(figure, kind="value")
     first, last = of(figure, series="truth")
     assert (first["x"], first["value"]) == (value["x"], "10.0")
     [paper] = of(figure, series="paper")
     assert 0 < value["x"] < last["x"] < paper["x"] < 1
-    assert numbers(figure) == [("latency", "10.0 [8.0, 12.0], truth 10.0 .. 14.0 ms")]
+    # Latencies are plausible up to 30 ms.
+    assert (value["x"], last["x"]) == pytest.approx((1 / 3, 14 / 30))
+    assert numbers(figure) == [
+        ("latency", "10.0 [8.0, 12.0], truth 10.0 .. 14.0 ms"),
+        ("drag z", "not identified, 0.00 .. 0.50 1/s"),
+    ]
+    [unknown] = of(figure, series="unidentified")
+    assert (unknown["x"], unknown["x2"]) == (0.0, 1.0)

@@ -98,9 +98,9 @@ def pieces(
         else:
             short.append(stop - start)
     if short:
-        what = "a piece" if len(short) == 1 else f"{len(short)} pieces"
+        pieces_text = "a piece" if len(short) == 1 else f"{len(short)} pieces"
         notes.append(
-            f"{flight.name}: {sum(short)} rows dropped: {what} shorter than "
+            f"{flight.name}: {sum(short)} rows dropped: {pieces_text} shorter than "
             f"{shortest * flight.period:.3g} s"
         )
     pieces, constant = _without_constants(pieces, flight.name)
@@ -206,14 +206,17 @@ def _faults(flight: Flight, cuts: Bool[np.ndarray, "N"]) -> dict[str, Bool[np.nd
         twists = follows & _jumps(
             flight.attitude[:, :2], flight.body_rates[:, :2], flight.period, TWIST
         )
-    for jumps, what in ((leaps, "position and velocity"), (twists, "attitude and body rates")):
+    for jumps, signals in (
+        (leaps, "position and velocity"),
+        (twists, "attitude and body rates"),
+    ):
         if jumps.sum() > max(20, 0.05 * follows.sum()):
-            where = (
+            place = (
                 f"{int(jumps.sum())} of {int(follows.sum())} rows, first in row "
                 f"{int(jumps.argmax()) + 1}"
             )
             raise InputError(
-                f"{flight.name}: {what} contradict each other in {where}; expected SI units and "
+                f"{flight.name}: {signals} contradict each other in {place}; expected SI units and "
                 "rows in order. Convert one."
             )
     return faults | {
@@ -272,10 +275,10 @@ def _cuts(flight: Flight, time: Float[np.ndarray, "N"]) -> tuple[Bool[np.ndarray
         )
     step = np.diff(time)
     if len(step) and flight.period <= 0:
-        how = "stands still" if flight.period == 0 else "runs backwards"
+        fault = "stands still" if flight.period == 0 else "runs backwards"
         row = int(np.argmax(step <= 0)) + 2
         raise InputError(
-            f"{flight.name}: rows are not equally spaced in time, which {how} (from row {row}). "
+            f"{flight.name}: rows are not equally spaced in time, which {fault} (from row {row}). "
             "Log at a fixed rate."
         )
     if flight.period >= 1:
@@ -295,7 +298,8 @@ def _cuts(flight: Flight, time: Float[np.ndarray, "N"]) -> tuple[Bool[np.ndarray
         return cuts, []
     worst = int(np.argmax(np.abs(step - flight.period)))
     largest = f"largest {step[worst]:.3f} s at t = {time[worst]:.2f} s, row {worst + 2}"
-    return cuts, [f"{flight.name}: cut at {int(cuts.sum())} jumps of time ({largest})"]
+    jumps = "a jump" if cuts.sum() == 1 else f"{cuts.sum()} jumps"
+    return cuts, [f"{flight.name}: cut at {jumps} of time ({largest})"]
 
 
 def _without_constants(pieces: list[Flight], name: str) -> tuple[list[Flight], list[str]]:

@@ -206,8 +206,8 @@ def _check_by_velocity(pieces: Sequence[Flight]) -> CheckResult | None:
 
 def _check_frame(pieces: Sequence[Flight]) -> CheckResult:
     name = FRAME
-    if pieces[0].has_state and (known := _check_by_velocity(pieces)) is not None:
-        return known
+    if pieces[0].has_state and (velocity_check := _check_by_velocity(pieces)) is not None:
+        return velocity_check
     result = _responses(pieces)
     if result is None:
         return unknown(name, "no piece lasts 6 s, in which drag would show the axes")
@@ -238,10 +238,10 @@ def _check_frame(pieces: Sequence[Flight]) -> CheckResult:
         if share > EXPLAINED and answers[1] > 1.0 and share > others[axis] + 0.2
     ]
     if wrong:
-        which = " and ".join(wrong)
+        axes = " and ".join(wrong)
         sentence = (
-            f"the accelerometer's {which} and the drag that the gyro predicts have opposite signs "
-            f"(R2 {best:.2f}). Turn the sign of {which} of one of both: x forward, y left."
+            f"the accelerometer's {axes} and the drag that the gyro predicts have opposite signs "
+            f"(R2 {best:.2f}). Turn the sign of {axes} of one of both: x forward, y left."
         )
         return CheckResult(name, FAILS if len(wrong) == 2 else WARNS, sentence, best, threshold)
     if best < EXPLAINED:

@@ -224,16 +224,16 @@ def _check_reading(
     best = relations.best_reading(readings, least)
     if best is None:
         return unknown(name, f"{name} and {other} move too little, or for too short a time")
-    named = best.score > MATCH and best.score - best.logged > MARGIN
+    is_clear = best.score > MATCH and best.score - best.logged > MARGIN
     # Frames differ little where the yaw is; no sound log fits the other one better by so much.
     frame = best.name == _FROM_BODY and best.score - best.logged > FRAME_MARGIN
-    named |= best.score > CLOSE and 1 - best.logged > max(NEAR * (1 - best.score), 0.05)
+    is_clear |= best.score > CLOSE and 1 - best.logged > max(NEAR * (1 - best.score), 0.05)
     threshold = f"within {MARGIN:g} of the best reading"
-    if best.name and (named or frame):
+    if best.name and (is_clear or frame):
         pitch = _PITCH if name == "tilt" and best.name.startswith("pitch") else ""
         return CheckResult(
             name,
-            FAILS if named else WARNS,
+            FAILS if is_clear else WARNS,
             f"{name} and {other} match to {best.logged:.2f} as logged, and to {best.score:.2f} "
             f"with {best.name}. Expected x forward, y left, z up. Convert it.{pitch}",
             best.logged,
@@ -267,9 +267,9 @@ def _scale(
 
 def _check_scales(scales: Mapping[str, Float[np.ndarray, "2"] | None]) -> list[CheckResult]:
     """Checks scales of body rates and velocity, and of time, which scales both."""
-    known = {name: one for name, one in scales.items() if one is not None}
-    if len(known) == 2:
-        turns, moves = (float(np.sqrt(one.prod())) for one in known.values())
+    measured_scales = {name: one for name, one in scales.items() if one is not None}
+    if len(measured_scales) == 2:
+        turns, moves = (float(np.sqrt(one.prod())) for one in measured_scales.values())
         both = float(np.sqrt(turns * moves))
         same = abs(np.log(turns)) > np.log(1.1) and abs(np.log(moves)) > np.log(1.06)
         same &= (turns > 1) == (moves > 1) and abs(np.log(turns / moves)) < np.log(1.45)

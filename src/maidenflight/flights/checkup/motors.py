@@ -332,11 +332,11 @@ def _check_thrust(pieces: Sequence[Flight]) -> CheckResult:
     if not loads:
         return unknown(name, "neither accelerometer nor velocity shows the thrust")
     load, command = np.concatenate(loads), np.concatenate(commands)
-    known = np.isfinite(load) & np.isfinite(command)
-    mean = float(command[known].mean()) if known.any() else 0.0
+    is_finite = np.isfinite(load) & np.isfinite(command)
+    mean = float(command[is_finite].mean()) if is_finite.any() else 0.0
     if mean <= 1e-3:
         return unknown(name, "the motors are off")
-    ratio = float(load[known].mean()) / mean
+    ratio = float(load[is_finite].mean()) / mean
     low, high = THRUST_TO_WEIGHT
     threshold = f"{low:g} .. {high:g}"
     text = f"hovering takes u = {1 / ratio:.2f}: full thrust is {ratio:.2f} times the weight"

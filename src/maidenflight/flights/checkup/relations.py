@@ -153,9 +153,9 @@ def best_reading(readings: Mapping[str, Sequence[Samples]], least: float) -> Rea
     """
     scores: dict[str, float] = {}
     for name, samples in readings.items():
-        known = [score for one in samples if (score := _score(*one, least)) is not None]
-        if known:
-            scores[name] = max(known)
+        sample_scores = [score for one in samples if (score := _score(*one, least)) is not None]
+        if sample_scores:
+            scores[name] = max(sample_scores)
     logged = next(iter(readings))
     if logged not in scores:
         return None

@@ -42,8 +42,8 @@ def check_rotor_speeds(pieces: Sequence[Flight]) -> list[CheckResult]:
         ]  # fmt: skip
     silent = [place for place, share in zip(_PLACES, stopped, strict=True) if share > STOPPED]
     if silent:
-        whose = "all four read" if len(silent) == 4 else f"{', '.join(silent)} reads"
-        return [_pass_over(f"{whose} 0 while commanded to turn", max(stopped))]
+        rotors = "all four read" if len(silent) == 4 else f"{', '.join(silent)} reads"
+        return [_pass_over(f"{rotors} 0 while commanded to turn", max(stopped))]
     follows = _follow(pieces)
     if follows is None:
         return [unknown(NAME, "no piece lasts 4 s")]
@@ -68,8 +68,8 @@ def check_rotor_speeds(pieces: Sequence[Flight]) -> list[CheckResult]:
     return [CheckResult(NAME, PASSES, sentence, float(follows[worst]), f"{FOLLOWS:g} or more")]
 
 
-def _pass_over(what: str, statistic: float) -> CheckResult:
-    sentence = f"measured rotor speeds are not believed and passed over: {what}."
+def _pass_over(reading: str, statistic: float) -> CheckResult:
+    sentence = f"measured rotor speeds are not believed and passed over: {reading}."
     return CheckResult(NAME, WARNS, sentence, statistic, f"{FOLLOWS:g} or more")
 
 

@@ -116,8 +116,8 @@ def flight(table: Table, columns: ColumnMap) -> tuple[Flight, np.ndarray, list[s
     Raises:
         InputError: a column is missing or no number, or a signal is logged too rarely.
     """
-    known = {signal: values(table, source) for signal, source in columns.sources.items()}
-    time = known.pop(TIME)[:, 0]
+    signal_values = {signal: values(table, source) for signal, source in columns.sources.items()}
+    time = signal_values.pop(TIME)[:, 0]
     steps = np.diff(time[np.isfinite(time)])
     if not len(steps) or not FASTEST_S < np.median(steps) < np.inf:
         raise InputError(
@@ -125,7 +125,7 @@ def flight(table: Table, columns: ColumnMap) -> tuple[Flight, np.ndarray, list[s
             f"{np.median(steps) if len(steps) else 0.0:.3g} s a row, which no drone logs. Mend the "
             "time, or its unit in the map of columns."
         )
-    signals = {signal: _stream(time, rows) for signal, rows in known.items()}
+    signals = {signal: _stream(time, rows) for signal, rows in signal_values.items()}
     angles = signals.get("attitude")
     if angles is not None and angles.values.shape[1] == _ANGLES:
         turned = Rotation.from_euler("ZYX", angles.values[:, ::-1]).as_quat()
@@ -150,14 +150,14 @@ def _stream(time: np.ndarray, rows: np.ndarray) -> Stream:
 
 
 def _source(path: Path, signal: str, entry: Any) -> Source:
-    known = {"columns", "unit", *(MOTOR_KEYS if signal == "motors" else ())}
+    known_keys = {"columns", "unit", *(MOTOR_KEYS if signal == "motors" else ())}
     counts = {1} if signal == TIME else {COUNTS[signal]}
     counts |= {_ANGLES} if signal == "attitude" else set()
     columns = entry.get("columns") if isinstance(entry, dict) else None
     unit = entry.get("unit", "") if isinstance(entry, dict) else ""
     if (
         not isinstance(entry, dict)
-        or set(entry) - known
+        or set(entry) - known_keys
         or not isinstance(columns, list)
         or len(columns) not in counts
         or not all(isinstance(column, str) for column in columns)

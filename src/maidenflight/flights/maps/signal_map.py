@@ -134,5 +134,7 @@ def flight(
     )
     flight_rows, time, more = joining.flight(name, joined, remedy)
     thrust = THRUSTS[0] if scale.square else THRUSTS[1]
-    how = f"{name}: thrust by the {thrust} law of motors between {scale.low:g} and {scale.high:g}"
-    return flight_rows, time, [*state_notes, how, *more]
+    motor_note = (
+        f"{name}: thrust by the {thrust} law of motors between {scale.low:g} and {scale.high:g}"
+    )
+    return flight_rows, time, [*state_notes, motor_note, *more]

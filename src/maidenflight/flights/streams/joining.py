@@ -61,8 +61,8 @@ def state(name: str, place: Stream, quaternion: Stream) -> tuple[Stream | None, 
         quaternion: x, y, z, w, body to world.
     """
     angles = attitudes.of_quaternions(quaternion.values)
-    known = np.isfinite(angles).all(axis=1)
-    angle_stream = Stream(quaternion.time[known], np.unwrap(angles[known], axis=0))
+    is_finite = np.isfinite(angles).all(axis=1)
+    angle_stream = Stream(quaternion.time[is_finite], np.unwrap(angles[is_finite], axis=0))
     if min(place.rate, angle_stream.rate) < 0.97 * rates.LEAST_HZ:
         return None, [
             f"{name}: position logged at {place.rate:.3g} Hz and attitude at "
@@ -109,8 +109,8 @@ def flight(
         step = streams.period(motors.time)
         since = np.unique(np.round((motors.time - motors.time[0]) / step))
         at, sensed = motors.time[0] + step * since, _mean_about
-    wanted, notes = usable_rows(at)
-    at = at[wanted]
+    times, notes = usable_rows(at)
+    at = at[times]
     if len(at) < 2:
         raise InputError(f"{name}: never in the air with armed motors. Leave it out.")
     speed, means = _note_rows(at, motors, signals.whole)

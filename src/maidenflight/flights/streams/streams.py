@@ -40,9 +40,9 @@ def stream(time: Float[np.ndarray, "M"], values: np.ndarray) -> Stream:
     """
     values = np.asarray(values, float)
     values = values[:, None] if values.ndim == 1 else values
-    known = np.isfinite(time)
-    rows, first = np.unique(np.asarray(time, float)[known], return_index=True)
-    return Stream(rows, values[known][first])
+    is_finite = np.isfinite(time)
+    rows, first = np.unique(np.asarray(time, float)[is_finite], return_index=True)
+    return Stream(rows, values[is_finite][first])
 
 
 def _near(at: Float[np.ndarray, "N"], signal: Stream) -> np.ndarray:
@@ -94,14 +94,14 @@ def mean_until_next(at: Float[np.ndarray, "N"], signal: Stream) -> Float[np.ndar
     ends = at + np.minimum(np.append(steps, usual), 1.5 * usual)
     ends = np.minimum(ends, signal.time[-1])
     summed = [
-        np.stack([np.interp(when, signal.time, row) for row in integral.T], axis=1)
-        for when in (at, ends)
+        np.stack([np.interp(instants, signal.time, row) for row in integral.T], axis=1)
+        for instants in (at, ends)
     ]
     width = (ends - at)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         mean = (summed[1] - summed[0]) / width
-    known = _near(at, signal)[:, None] & (width > 0)
-    return np.where(known, mean, np.nan)
+    is_known = _near(at, signal)[:, None] & (width > 0)
+    return np.where(is_known, mean, np.nan)
 
 
 def period(time: Float[np.ndarray, "N"]) -> float:

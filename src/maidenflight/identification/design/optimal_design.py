@@ -117,11 +117,11 @@ def rounded(
     """
     order = np.argsort(-seconds, kind="stable")
     for count in range(min(most, int(np.sum(seconds > 0.0))), 0, -1):
-        chosen = order[:count]
+        support = order[:count]
         chunks = int((total - count * rest) / chunk + 1e-9)
         if chunks < count:
             continue
-        shares = seconds[chosen] / seconds[chosen].sum()
+        shares = seconds[support] / seconds[support].sum()
         if count > 1 and chunks * shares.min() < 0.5:
             continue
         numbers = np.ceil((chunks - count / 2) * shares).astype(int)
@@ -131,6 +131,6 @@ def rounded(
             else:
                 numbers[np.argmax((numbers - 1) / shares)] -= 1
         gain_values = np.zeros(len(seconds))
-        gain_values[chosen] = chunk * numbers
+        gain_values[support] = chunk * numbers
         return gain_values
     raise ValueError(f"{total} s hold no chunk of {chunk} s and a rest of {rest} s")

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 
 from maidenflight.errors import InputError
 from maidenflight.flights import flight_plan
-from maidenflight.flights.flight_plan import REST, Block, Expected, Extremes, FlightPlan
+from maidenflight.flights.flight_plan import REST, Block, ExpectedWidths, Extremes, FlightPlan
 from maidenflight.flights.log import Flight
 from maidenflight.flights.manoeuvres import HOVER, Manoeuvre, library
 from maidenflight.flying.extremes import extremes_of, worst_of
@@ -32,7 +32,7 @@ from maidenflight.identification.signals.flight_signals import stride
 from maidenflight.parameters import replace as changed
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone, virtual_drone
 
-LOOK = 9.0
+MANOEUVRE_DURATION = 9.0
 """Seconds for which each manoeuvre is simulated, the rest after it not counted."""
 CHUNK = 2.0
 """Manoeuvres last multiples of this [s]."""
@@ -57,7 +57,7 @@ LOWEST = 0.3
 
 
 @dataclass(frozen=True)
-class Allowed:
+class FlightLimits:
     """What no manoeuvre may exceed on any simulated drone."""
 
     tilt: float = np.radians(35.0)
@@ -86,7 +86,7 @@ class Allowed:
             (extremes_of.sunk > self.sunk, "distance below the set-point"),
             (extremes_of.at_limits > self.at_limits, "motors at their limits"),
         )
-        return next((what for wrong, what in sides if wrong), "")
+        return next((quantity for exceeds, quantity in sides if exceeds), "")
 
     def unrest(self, hover: Extremes, room: tuple[float, float, float]) -> str:
         """Returns what of a hover exceeds this or what a well-controlled drone does."""
@@ -94,7 +94,7 @@ class Allowed:
 
 
 @dataclass(frozen=True)
-class Planned:
+class PlanResult:
     """A plan and how it was chosen."""
 
     plan: FlightPlan
@@ -128,7 +128,7 @@ class Request:
     is_named: bool = False
     """Whether the drone's latency is a guess, to be lowered if the firmware's PID could not hold
     the drone with it."""
-    allowed: Allowed = Allowed()
+    allowed: FlightLimits = FlightLimits()
     """Limits of the flight."""
 
 
@@ -136,8 +136,8 @@ def plan(
     drone: VirtualDrone,
     request: Request,
     key: Array,
-    on_stage: Callable[[int, int, str], None] = lambda done, of, what: None,
-) -> Planned:
+    on_stage: Callable[[int, int, str], None] = lambda stages_done, stage_count, next_stage: None,
+) -> PlanResult:
     """Proposes the flight that tells most of a drone.
 
     Args:
@@ -161,7 +161,7 @@ def plan(
     half_height = min(room[2] - MARGIN - height, height - LOWEST)
     half_width = min(room[:2]) / 2 - MARGIN
     library_plans = {
-        one: FlightPlan((Block(one, LOOK),), room, height, request.seed)
+        one: FlightPlan((Block(one, MANOEUVRE_DURATION),), room, height, request.seed)
         for one in library(half_width, half_height, request.motors)
     }
     keys = jax.random.split(key, len(library_plans) + 2)
@@ -169,20 +169,25 @@ def plan(
         drone, request, library_plans, keys, on_stage
     )
     left_out = {
-        one.name: why for one in library_plans if (why := allowed.excess(result[one], room))
+        one.name: excess_quantity
+        for one in library_plans
+        if (excess_quantity := allowed.excess(result[one], room))
     }
-    chosen = [number for number, one in enumerate(library_plans) if one.name not in left_out]
+    fitting_indices = [
+        number for number, one in enumerate(library_plans) if one.name not in left_out
+    ]
     on_stage(OTHERS + 1, OTHERS + 3, "information of each manoeuvre")
     names = _names(request.interest, flights[0])
-    parts = _information(drone, [flights[number] for number in chosen], names)
-    of = [names.index(name) for name in request.interest or names]
+    parts = _information(drone, [flights[number] for number in fitting_indices], names)
+    stage_count = [names.index(name) for name in request.interest or names]
     fitting = {
-        list(library_plans)[number]: part for number, part in zip(chosen, parts, strict=True)
+        list(library_plans)[number]: part
+        for number, part in zip(fitting_indices, parts, strict=True)
     }
     on_stage(OTHERS + 2, OTHERS + 3, "flying the plan and a hover")
     while True:
         rounds = ROUNDS if seconds >= ROUNDS * SHORTEST_ROUND else 1
-        blocks, excess = _blocks(fitting, seconds, of, rounds)
+        blocks, excess = _blocks(fitting, seconds, stage_count, rounds)
         blocks = sorted(blocks, key=lambda block: _agility(result[block.manoeuvre]))
         proposal = FlightPlan(tuple(blocks) * rounds, room, height, request.seed)
         rows = [fly_plans(one, [proposal], keys[-1:], request.firmware)[0].rows for one in drones]
@@ -192,12 +197,12 @@ def plan(
         wrong.pop(Manoeuvre(HOVER), None)
         if not wrong:
             break
-        left_out |= {one.name: why for one, why in wrong.items()}
+        left_out |= {one.name: excess_quantity for one, excess_quantity in wrong.items()}
         fitting = {one: part for one, part in fitting.items() if one not in wrong}
     proposal, unidentifiable = _expecting(
         drone, replace(proposal, extremes=extremes), keys[-2:], request
     )
-    return Planned(proposal, left_out, unidentifiable, excess, tuple(notes))
+    return PlanResult(proposal, left_out, unidentifiable, excess, tuple(notes))
 
 
 def _find_calm_drone(
@@ -212,23 +217,23 @@ def _find_calm_drone(
     Raises:
         InputError: it does not hover within the limits.
     """
-    why = ""
+    excess_quantity = ""
     for share in (1.0, *(LESS_LATENCY if request.is_named else ())):
-        believed = _with_latency(drone, share)
+        drone_model = _with_latency(drone, share)
         drones, extremes, flights = _simulate_library(
-            believed, request, library_plans, keys, on_stage
+            drone_model, request, library_plans, keys, on_stage
         )
-        why = request.allowed.unrest(extremes[Manoeuvre(HOVER)], request.room)
-        if why:
+        excess_quantity = request.allowed.unrest(extremes[Manoeuvre(HOVER)], request.room)
+        if excess_quantity:
             continue
         note = (
             f"the firmware's PID does not hold {drone.name} with a latency of "
             f"{1e3 * float(drone.parameters.latency):.3g} ms; planned with "
-            f"{1e3 * float(believed.parameters.latency):.3g} ms, since yours is held"
+            f"{1e3 * float(drone_model.parameters.latency):.3g} ms, since yours is held"
         )
-        return believed, drones, extremes, flights, [note] if share < 1.0 else []
+        return drone_model, drones, extremes, flights, [note] if share < 1.0 else []
     raise InputError(
-        f"{drone.name}: in simulation hover already exceeds a limit ({why}). Give "
+        f"{drone.name}: in simulation hover already exceeds a limit ({excess_quantity}). Give "
         "a larger --room, or check the drone's parameters."
     )
 
@@ -242,16 +247,16 @@ def _blocks(
     """Manoeuvres of a round, and the excess of the design before it was rounded."""
     parts = np.stack(list(fitting.values()))
     before = UNIFORM * np.eye(parts.shape[1])
-    wanted = optimal_design.optimal(parts, before, seconds, of)
-    lasting = optimal_design.rounded(wanted, CHUNK, REST, seconds / rounds, MOST)
+    design = optimal_design.optimal(parts, before, seconds, of)
+    lasting = optimal_design.rounded(design, CHUNK, REST, seconds / rounds, MOST)
     blocks = [
         Block(one, float(each)) for one, each in zip(fitting, lasting, strict=True) if each > 0
     ]
-    return blocks, optimal_design.excess(parts, before, wanted, of)
+    return blocks, optimal_design.excess(parts, before, design, of)
 
 
 def _beyond(
-    proposal: FlightPlan, rollouts: Sequence[Rows], allowed: Allowed
+    proposal: FlightPlan, rollouts: Sequence[Rows], allowed: FlightLimits
 ) -> dict[Manoeuvre, str]:
     """The manoeuvres of a plan during which, or in the rest after which, it exceeds a limit."""
     result, first = {}, 0
@@ -261,8 +266,8 @@ def _beyond(
             jax.tree.map(lambda part, some=slice(first, end): part[some], rows) for rows in rollouts
         ]
         worst = worst_of([extremes_of(part) for part in parts])
-        if why := allowed.excess(worst, proposal.room):
-            result[block.manoeuvre] = why
+        if excess_quantity := allowed.excess(worst, proposal.room):
+            result[block.manoeuvre] = excess_quantity
         first = end
     return result
 
@@ -346,10 +351,10 @@ def _names(interest: Sequence[str] | None, flight: Flight | None) -> tuple[str, 
     Raises:
         InputError: one of interest is not among them.
     """
-    offered = (selection.WITH_KNOWN_LAG, selection.GROUPS)
+    parameter_groups = (selection.WITH_KNOWN_LAG, selection.GROUPS)
     if flight is not None:
-        offered = offered[flight.accelerometer is None :][:1]
-    groups = (names for some in offered for group in some.values() for names in group)
+        parameter_groups = parameter_groups[flight.accelerometer is None :][:1]
+    groups = (names for some in parameter_groups for group in some.values() for names in group)
     names = tuple(dict.fromkeys((*selection.FIRST, *groups)))
     for name in interest or ():
         if name not in names:
@@ -398,9 +403,11 @@ def _expecting(
         logs = record_plan(drone, each, key, rate=request.rate, firmware=request.firmware)
         of.append(expected_intervals(logs, start=drone.parameters))
     names = [name for name in of[0] if request.interest is None or name in request.interest]
-    expected = {
-        name: Expected(*map(_half, (of[0][name].interval, of[1][name].interval, of[0][name].prior)))
+    expected_widths = {
+        name: ExpectedWidths(
+            *map(_half, (of[0][name].interval, of[1][name].interval, of[0][name].prior))
+        )
         for name in names
     }
     unidentifiable = tuple(name for name in names if not of[0][name].identifiable)
-    return replace(proposal, expected=expected), unidentifiable
+    return replace(proposal, expected=expected_widths), unidentifiable

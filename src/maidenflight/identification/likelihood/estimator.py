@@ -108,19 +108,24 @@ class Answer:
         """The best point of each trial, in the unit cube."""
         return np.array([one.points[int(np.argmin(one.values))] for one in self.fits])
 
-    def without(self, lost: Ranges, start: Parameters, generator: np.random.Generator) -> "Answer":
+    def without(
+        self, removed_ranges: Ranges, start: Parameters, generator: np.random.Generator
+    ) -> "Answer":
         """Returns the same without some parameters.
 
         They have the start's values, and samples anywhere in the ranges that are plausible.
         """
-        values = {name: np.float32(component(start, name)) for name in lost}
+        values = {name: np.float32(component(start, name)) for name in removed_ranges}
         drone = replace_values(self.best.drone, **values)
-        others = {**self.posterior.others, **Others.from_ranges(lost, drone, generator).samples}
+        others = {
+            **self.posterior.others,
+            **Others.from_ranges(removed_ranges, drone, generator).samples,
+        }
         return replace(
             self,
             best=replace(self.best, drone=drone),
             posterior=replace(self.posterior, others=others),
-            unidentifiable={**self.unidentifiable, **lost},
+            unidentifiable={**self.unidentifiable, **removed_ranges},
         )
 
 
@@ -144,7 +149,7 @@ def answer_question(problem: Problem, settings: Likelihood, question: Question) 
         for way, (model, some) in question.ways(names).items()
     }
     tell(INTERVALS, 1, 2)
-    drawn = posterior(
+    posterior_samples = posterior(
         fit_result,
         question.samples,
         question.others(fit_result.drone),
@@ -153,7 +158,7 @@ def answer_question(problem: Problem, settings: Likelihood, question: Question) 
         at_least_laplace=question.at_least_laplace,
     )
     tell(INTERVALS, 2, 2)
-    return Answer(tuple(fits), fit_result, others, drawn, tuple(gains))
+    return Answer(tuple(fits), fit_result, others, posterior_samples, tuple(gains))
 
 
 def _choose(

@@ -21,7 +21,7 @@ from maidenflight.identification.outcome.plausible import (
     NEXT_FLIGHT,
     OTHER_DAY,
     UNIFORM,
-    Expected,
+    ExpectedInterval,
     Ranges,
     is_identifiable,
 )
@@ -29,13 +29,13 @@ from maidenflight.identification.signals.lag import LAG
 from maidenflight.parameters import Parameters, component
 
 
-def expected(
+def expected_intervals(
     model: ObservationModel,
     start: Parameters,
     names: Sequence[str],
     priors: Ranges,
     measured_delays: Mapping[str, Float[np.ndarray, "N"]] | None = None,
-) -> dict[str, Expected]:
+) -> dict[str, ExpectedInterval]:
     """Returns what flights can tell of some parameters together.
 
     Args:
@@ -70,7 +70,7 @@ def expected(
         here = float(np.clip(component(start, name), low, high))
         other_day = OTHER_DAY * here if name == HOVERING else 0.0
         reach = 1.96 * float(np.hypot(deviation, other_day))
-        result[name] = Expected(
+        result[name] = ExpectedInterval(
             (low, high),
             (max(low, here - reach), min(high, here + reach)),
             is_identifiable(float(deviation), (low, high)),

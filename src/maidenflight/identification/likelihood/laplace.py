@@ -132,33 +132,35 @@ def posterior(
         name: samples for name, samples in measured_delays.items() if name in box.names
     }
     hovers = box.names.index(HOVERING) if model.thrust and HOVERING in box.names else None
-    moved = [place for place in range(len(names)) if place != hovers]
-    along, noise = np.eye(len(names))[:, moved], np.zeros((RESAMPLES, 1))
+    indices = [place for place in range(len(names)) if place != hovers]
+    along, noise = np.eye(len(names))[:, indices], np.zeros((RESAMPLES, 1))
     if model.thrust and hovers is not None:
         climbs = model.thrust.climbs(fit.drone, names) * slope
-        along[hovers] = -climbs[moved] / climbs[hovers]
+        along[hovers] = -climbs[indices] / climbs[hovers]
         spread[hovers] = float(np.std(model.thrust.hovering(fit.drone)[1]))
         error = spread[hovers] * np.sqrt(1 / model.segments + 1 / NEXT_FLIGHT)
         error = np.hypot(error / slope[hovers], np.sqrt(doubt[hovers, hovers]))
         noise = generator.normal(0.0, error, (RESAMPLES, 1))
     along = along @ _fixed_mean_lag(
-        [names[place] for place in moved], fit, measured_delays, slope[moved]
+        [names[place] for place in indices], fit, measured_delays, slope[indices]
     )
     curvature = curvatures.sum(axis=0) * np.outer(slope, slope)
-    known = np.array([names[place] in {*measured_delays, *others.samples} for place in moved], bool)
-    moves = np.zeros((RESAMPLES, len(moved)))
-    for number, place in enumerate(moved):
+    is_measured = np.array(
+        [names[place] in {*measured_delays, *others.samples} for place in indices], bool
+    )
+    moves = np.zeros((RESAMPLES, len(indices)))
+    for number, place in enumerate(indices):
         if place >= size:
             moves[:, number] = others.moves[:, place - size]
-        elif known[number]:
+        elif is_measured[number]:
             moves[:, number] = _with_measured_delays(fit, place, measured_delays, generator)
             spread[place] = 0.0
-    if not known.all():
-        own = [place for place, is_known in zip(moved, known, strict=True) if not is_known]
+    if not is_measured.all():
+        own = [place for place, is_known in zip(indices, is_measured, strict=True) if not is_known]
         reduced = along.T @ curvature @ along
-        inner = reduced[np.ix_(~known, ~known)]
+        inner = reduced[np.ix_(~is_measured, ~is_measured)]
         follow = inverse(inner)
-        covariance = sandwich(((scores * slope) @ along)[:, ~known], inner)
+        covariance = sandwich(((scores * slope) @ along)[:, ~is_measured], inner)
         if at_least_laplace:
             least = np.diag(follow) / model.rows
             covariance += np.diag(np.maximum(least - np.diag(covariance), 0.0))
@@ -167,10 +169,10 @@ def posterior(
         free = generator.multivariate_normal(
             np.zeros(len(own)), covariance, RESAMPLES, method="eigh"
         )
-        free -= moves[:, known] @ (follow @ reduced[np.ix_(~known, known)]).T
+        free -= moves[:, is_measured] @ (follow @ reduced[np.ix_(~is_measured, is_measured)]).T
         if hovers is not None:
-            free -= noise @ (follow @ (along.T @ curvature[:, [hovers]])[~known]).T
-        moves[:, ~known] += free
+            free -= noise @ (follow @ (along.T @ curvature[:, [hovers]])[~is_measured]).T
+        moves[:, ~is_measured] += free
     moves = (moves @ along.T)[:, :size]
     if hovers is not None:
         moves[:, hovers] += noise[:, 0]
@@ -195,12 +197,12 @@ def _fixed_mean_lag(
     The lag that is seen is the mean of speeding up and slowing down, T_m (1 + ratio) / 2. With
     another ratio it stays the same, and T_m does not.
     """
-    moved = np.eye(len(names))
+    unit_steps = np.eye(len(names))
     if LAG in measured_delays and LAG in names and SLOWING_DOWN in names:
         lag, ratio = names.index(LAG), names.index(SLOWING_DOWN)
         change = -float(fit.drone.motor_time_constant) / (1 + float(fit.drone.spin_down_ratio))
-        moved[lag, ratio] = change * slope[ratio] / slope[lag]
-    return moved
+        unit_steps[lag, ratio] = change * slope[ratio] / slope[lag]
+    return unit_steps
 
 
 def _with_measured_delays(

@@ -41,7 +41,7 @@ from maidenflight.identification.likelihood.one_step_errors import (
 )
 from maidenflight.identification.methods import Likelihood
 from maidenflight.identification.replay.open_loop import in_chunks, on_all_cores
-from maidenflight.identification.signals.flight_signals import sharp, stride
+from maidenflight.identification.signals.flight_signals import stride, undo_filter_delay
 from maidenflight.parameters import Parameters, replace
 
 LENGTH = 100
@@ -293,7 +293,7 @@ def coarse_objective(flights: Sequence[Flight], settings: Likelihood | None = No
     """
     settings = Likelihood() if settings is None else settings
     if all(one.accelerometer is not None or one.rotor_speed is not None for one in flights):
-        flights = [sharp(flight) for flight in flights]
+        flights = [undo_filter_delay(flight) for flight in flights]
     return one_step_objective(flights, settings, settings.coarse_physics_step)
 
 

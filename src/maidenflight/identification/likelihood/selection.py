@@ -60,12 +60,12 @@ def groups(flights: Sequence[Flight], has_measured_lag: bool) -> dict[str, tuple
     square = np.mean(np.concatenate([flight.velocity for flight in flights]) ** 2, axis=0)
     still = {"drag_x", "drag_y", "flapping_moment"} if square[0] + square[1] < MOVING**2 else set()
     still |= {"drag_z"} if square[2] < MOVING**2 else set()
-    offered = WITH_KNOWN_LAG if has_measured_lag else GROUPS
-    left = {
+    parameter_groups = WITH_KNOWN_LAG if has_measured_lag else GROUPS
+    remaining = {
         group: tuple(name for name in names if name not in still)
-        for group, names in offered.items()
+        for group, names in parameter_groups.items()
     }
-    return {group: names for group, names in left.items() if names}
+    return {group: names for group, names in remaining.items() if names}
 
 
 class Parts(NamedTuple):
@@ -112,20 +112,20 @@ def choose(
     Source: Rao 1948 (score test); forward selection judged by held-out likelihood.
     """
     training, held_out, sample = parts
-    names, left, gains = tuple(first), dict(offered), []
+    names, remaining, gains = tuple(first), dict(offered), []
     drone = fit(names, start)
     value = held_out.per_segment(drone, training.noise_model(drone))
-    while left:
-        everything = (*names, *(name for group in left.values() for name in group))
+    while remaining:
+        everything = (*names, *(name for group in remaining.values() for name in group))
         equations = sample.normal_equations(drone, everything)
         promised = {
             group: _promise(
-                equations.gradient, equations.curvature, everything, (*names, *left[group])
+                equations.gradient, equations.curvature, everything, (*names, *remaining[group])
             )
-            for group in left
+            for group in remaining
         }
         group = max(promised, key=lambda one: promised[one])
-        wider = (*names, *left.pop(group))
+        wider = (*names, *remaining.pop(group))
         ahead = fit(wider, drone)
         value_ahead = held_out.per_segment(ahead, training.noise_model(ahead))
         gain, error = _mean_gain(value - value_ahead, held_out.rows_per_segment)
@@ -208,8 +208,8 @@ def split(flights: Sequence[Flight]) -> tuple[list[Flight], list[Flight]]:
             ends = [len(flight) * part // 3 for part in range(4)]
             for first, end in zip(ends[:-1], ends[1:], strict=True):
                 whole.append([flight.part(first, end)])
-    judged = whole[HELD_OUT - 1 :: HELD_OUT]
+    held_out = whole[HELD_OUT - 1 :: HELD_OUT]
     fitted = [parts for number, parts in enumerate(whole) if number % HELD_OUT != HELD_OUT - 1]
     return [part for parts in fitted for part in parts], [
-        part for parts in judged for part in parts
+        part for parts in held_out for part in parts
     ]

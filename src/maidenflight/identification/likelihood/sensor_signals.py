@@ -19,7 +19,12 @@ from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import SEGMENT_SECONDS, must_have_one_rate
 from maidenflight.identification.likelihood.selection import HELD_OUT
-from maidenflight.identification.signals.flight_signals import delayed, force_along_z, gyro, means
+from maidenflight.identification.signals.flight_signals import (
+    delay_command,
+    force_along_z,
+    gyro,
+    means,
+)
 from maidenflight.identification.signals.saturation import beyond
 from maidenflight.parameters import Parameters
 from maidenflight.parameters import replace as with_values
@@ -141,16 +146,18 @@ class Signals:
             return None
         names = list(dict.fromkeys(self.flights))
         if len(names) < HELD_OUT:
-            judged = np.arange(len(self.flights)) % HELD_OUT == HELD_OUT - 1
+            is_held_out = np.arange(len(self.flights)) % HELD_OUT == HELD_OUT - 1
         else:
-            judged = np.isin(self.flights, names[HELD_OUT - 1 :: HELD_OUT])
-        return self.some(~judged), self.some(judged)
+            is_held_out = np.isin(self.flights, names[HELD_OUT - 1 :: HELD_OUT])
+        return self.some(~is_held_out), self.some(is_held_out)
 
     def rotors(self, drone: Parameters) -> Rotors:
         """Returns what the rotors of a drone did, by the simulator's motors."""
         substeps = max(1, int(np.ceil(self.period / SLOWEST_STEP - 1e-6)))
         count = self.command.shape[1]
-        commands = delayed(self.command, float(drone.latency) / self.period).astype(np.float32)
+        commands = delay_command(self.command, float(drone.latency) / self.period).astype(
+            np.float32
+        )
         commands = np.pad(commands, ((0, 0), (0, -count % CHUNK), (0, 0)))
         commands = commands.reshape(-1, self.rows, *commands.shape[1:])
         drone = with_values(drone, time_step=np.float32(self.period / substeps))
@@ -195,7 +202,7 @@ def signals(flights: Sequence[Flight], sensor: Sensor, limit: float = np.inf) ->
     left = delay if is_slow(flights[0]) and sensor.measured is mean_force else 0.0
     hot = beyond(command.mean(axis=2), limit, period).reshape(len(used), rows, -1).any(axis=1)
     result = Signals(command, measured, rates, climb, used & ~hot, names, period, rows, left, limit)
-    return result if np.isinf(limit) else result.some(result.used.any(axis=0))
+    return result if np.isinf(limit) else result.some(np.asarray(result.used.any(axis=0)))
 
 
 def _segments(

@@ -38,7 +38,7 @@ from maidenflight.identification.outcome.estimates import (
 )
 from maidenflight.identification.outcome.plausible import (
     VARIANCE_SHARE,
-    Expected,
+    ExpectedInterval,
     Ranges,
     is_identifiable,
     prior_ranges,
@@ -46,9 +46,12 @@ from maidenflight.identification.outcome.plausible import (
 from maidenflight.identification.outcome.problem import Problem, must_tell
 from maidenflight.identification.outcome.progress import EXPECTING, MOTOR_LAG
 from maidenflight.identification.signals import lag
-from maidenflight.identification.signals.flight_signals import sharp, stride
+from maidenflight.identification.signals.flight_signals import stride, undo_filter_delay
 from maidenflight.identification.signals.lag import DELAYS, LAG
-from maidenflight.identification.signals.motor_response import MotorResponse, motor_response
+from maidenflight.identification.signals.motor_response import (
+    MotorResponse,
+    estimate_motor_response,
+)
 from maidenflight.parameters import Parameters, check, replace
 
 _TURNING = (*selection.FIRST, "spin_down_ratio", "inertia_x", "inertia_y")
@@ -77,11 +80,11 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         problem.reporter.stage(EXPECTING, 0, 1)
         compiled.result()
     if motors:
-        problem = replace_(problem, flights=[sharp(one) for one in problem.flights])
+        problem = replace_(problem, flights=[undo_filter_delay(one) for one in problem.flights])
         coarse = _coarse(problem, settings)
     flights = problem.flights
     fine = one_step_objective(flights, settings, settings.physics_step)
-    expected = _expected(problem, coarse, motors)
+    expected = _expected_intervals(problem, coarse, motors)
     problem.reporter.expected(expected)
     unidentifiable = {name: one.prior for name, one in expected.items() if not one.identifiable}
     while True:
@@ -132,11 +135,11 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
             *map(str, differences(flights, coarse, drone, motors)),
             *lag.notes(delay_estimates, motors),
         ),
-        lag_looks=delay_estimates,
+        delay_estimates=delay_estimates,
     )
 
 
-def expected_intervals(problem: Problem, settings: Likelihood) -> dict[str, Expected]:
+def expected_intervals(problem: Problem, settings: Likelihood) -> dict[str, ExpectedInterval]:
     """Returns what flights can determine of the requested parameters, or that may be chosen.
 
     Raises:
@@ -144,8 +147,8 @@ def expected_intervals(problem: Problem, settings: Likelihood) -> dict[str, Expe
     """
     motors = _motors(problem)
     if motors:
-        problem = replace_(problem, flights=[sharp(one) for one in problem.flights])
-    return _expected(problem, _coarse(problem, settings), motors)
+        problem = replace_(problem, flights=[undo_filter_delay(one) for one in problem.flights])
+    return _expected_intervals(problem, _coarse(problem, settings), motors)
 
 
 def _coarse(problem: Problem, settings: Likelihood) -> OneStep:
@@ -153,18 +156,18 @@ def _coarse(problem: Problem, settings: Likelihood) -> OneStep:
     return one_step_objective(problem.flights, settings, settings.coarse_physics_step)
 
 
-def _expected(
+def _expected_intervals(
     problem: Problem, coarse: OneStep, motors: MotorResponse | None
-) -> dict[str, Expected]:
-    names, offered = problem.over, problem.over
-    if names is None or offered is None:
+) -> dict[str, ExpectedInterval]:
+    names, parameter_groups = problem.over, problem.over
+    if names is None or parameter_groups is None:
         every = selection.WITH_KNOWN_LAG if motors else selection.GROUPS
-        names, offered = (
+        names, parameter_groups = (
             (*selection.FIRST, *(name for group in some.values() for name in group))
             for some in (every, _groups(problem, motors))
         )
     priors = prior_ranges(problem.start, box_of(problem, names).limits)
-    fit_result = information.expected(
+    fit_result = information.expected_intervals(
         coarse, problem.start, names, priors, _measured_delays(motors)
     )
     # What is not even looked for in such flights cannot be told by them either.
@@ -172,7 +175,8 @@ def _expected(
     measured_delays = {} if motors is None else {LAG: motors.is_identifiable, "latency": True}
     return {
         name: replace_(
-            one, identifiable=measured_delays.get(name, one.identifiable) and name in offered
+            one,
+            identifiable=measured_delays.get(name, one.identifiable) and name in parameter_groups,
         )
         for name, one in fit_result.items()
     }
@@ -186,7 +190,7 @@ def _groups(problem: Problem, motors: MotorResponse | None) -> Mapping[str, Sequ
 def _too_wide(
     draws: Mapping[str, np.ndarray],
     names: Sequence[str],
-    expected: Mapping[str, Expected],
+    expected: Mapping[str, ExpectedInterval],
     groups: Mapping[str, Sequence[str]],
 ) -> list[str]:
     """The parameter that flights tell least beyond its plausible range, and those of its group.
@@ -260,7 +264,7 @@ def _motors(problem: Problem) -> MotorResponse | None:
         problem.reporter.stage(MOTOR_LAG, done, of)
 
     report_stage(0, 0)
-    return motor_response(problem.flights, problem.generator, problem.start, report_stage)
+    return estimate_motor_response(problem.flights, problem.generator, problem.start, report_stage)
 
 
 def _measured_delays(motors: MotorResponse | None) -> dict[str, Float[np.ndarray, "N"]]:
@@ -270,12 +274,12 @@ def _measured_delays(motors: MotorResponse | None) -> dict[str, Float[np.ndarray
 
 def _parts(flights: Sequence[Flight], settings: Likelihood) -> Parts:
     """The objectives on flights to fit and to judge by."""
-    fitted, judged = selection.split(flights)
+    fitting_flights, held_out_flights = selection.split(flights)
     training, held_out = (
         one_step_objective(part, settings, settings.coarse_physics_step)
-        for part in (fitted, judged)
+        for part in (fitting_flights, held_out_flights)
     )
-    return Parts(training, held_out, _pilot(fitted, settings, training))
+    return Parts(training, held_out, _pilot(fitting_flights, settings, training))
 
 
 def _optimum_near(

@@ -49,7 +49,7 @@ from maidenflight.identification.signals import lag
 from maidenflight.identification.signals.lag import DELAYS, LAG
 from maidenflight.identification.signals.motor_response import (
     MotorResponse,
-    motor_response,
+    estimate_motor_response,
 )
 from maidenflight.identification.signals.saturation import note_saturation, saturation
 from maidenflight.parameters import Parameters, check, component, replace
@@ -107,7 +107,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     _require_signals(problem.over)
     problem = replace_(problem, bounds={**BOUNDS, **problem.bounds})
     settings = replace_(settings, evaluations=min(settings.evaluations, _MOST))
-    motors = motor_response(problem.flights, problem.generator.spawn(1)[0], problem.start)
+    motors = estimate_motor_response(problem.flights, problem.generator.spawn(1)[0], problem.start)
     limit = saturation(problem.flights, float(problem.start.motor_time_constant))
     force = _force(problem, settings, motors, limit)
     torque = _torque(problem, settings, force, limit)
@@ -153,18 +153,18 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
             *notes,
             *lag.notes(delay_estimates, motors),
         ),
-        lag_looks=delay_estimates,
+        delay_estimates=delay_estimates,
     )
 
 
 def _require_signals(over: Sequence[str] | None) -> None:
     if over is None:
         return
-    hidden = [name for name in over if name not in (*OF_ACCELEROMETER, *OF_GYRO)]
-    if hidden:
+    insensitive_names = [name for name in over if name not in (*OF_ACCELEROMETER, *OF_GYRO)]
+    if insensitive_names:
         raise InputError(
-            f"{', '.join(hidden)}: not told by accelerometer, gyro and commands alone, which tell "
-            f"{', '.join((*OF_ACCELEROMETER, *OF_GYRO))}."
+            f"{', '.join(insensitive_names)}: not identifiable from accelerometer, gyro and "
+            f"commands alone; these are: {', '.join((*OF_ACCELEROMETER, *OF_GYRO))}."
         )
     if {"inertia_z", "torque_to_thrust"} <= set(over):
         raise InputError(
@@ -185,7 +185,7 @@ def _names_of(
 def _force(
     problem: Problem, settings: Likelihood, motors: MotorResponse | None, limit: float
 ) -> Answer | None:
-    """What the accelerometer tells, given the lag of measured speeds, or else perhaps the gyro's."""
+    """What the accelerometer tells, given the lag of measured speeds or perhaps of the gyro."""
     names, start = _names_of(problem, FORCE, OF_ACCELEROMETER), problem.start
     if not names:
         return None
@@ -193,16 +193,16 @@ def _force(
     model = AccelerometerErrors.of(problem.flights, priors, limit)
     groups = FORCE_GROUPS if problem.over is None else {}
     measured = all(one.rotor_speed is not None for one in problem.flights)
-    lost: list[str] = [*DELAYS]
+    removed_names: list[str] = [*DELAYS]
     answer, plausible = None, {}
     if not (measured and motors and motors.is_identifiable and set(DELAYS) < set(names)):
         answer = _ask_sensor(problem, settings, model, names, groups, start)
         plausible = _plausible(problem, tuple(answer.samples), priors)
         identifiable = _lag_is_identifiable(answer, plausible)
-        lost = [name for name in DELAYS if name in names and not identifiable]
-    if lost and motors and motors.is_identifiable and set(DELAYS) < set(names):
-        chosen = problem.generator.integers(len(motors.lag), size=RESAMPLES)
-        measured_delays = {LAG: motors.lag[chosen], "latency": motors.latency[chosen]}
+        removed_names = [name for name in DELAYS if name in names and not identifiable]
+    if removed_names and motors and motors.is_identifiable and set(DELAYS) < set(names):
+        resampled = problem.generator.integers(len(motors.lag), size=RESAMPLES)
+        measured_delays = {LAG: motors.lag[resampled], "latency": motors.latency[resampled]}
         drone = replace(
             start, **{name: np.float32(np.median(measured_delays[name])) for name in DELAYS}
         )
@@ -212,23 +212,25 @@ def _force(
         return again if usual is None else replace_(again, unidentifiable={"latency": usual})
     if answer is None:
         return None
-    if lost:
-        lost = [name for name in answer.samples if name in MOTORS]
+    if removed_names:
+        removed_names = [name for name in answer.samples if name in MOTORS]
     if "thrust_linear" in names and not is_identifiable(
         answer.posterior.error["thrust_linear"], plausible["thrust_linear"]
     ):
-        lost.append("thrust_linear")
-    if not lost:
+        removed_names.append("thrust_linear")
+    if not removed_names:
         return answer
-    less = answer.without({name: plausible[name] for name in lost}, start, problem.generator)
-    names_left = tuple(name for name in answer.samples if name not in lost)
+    less = answer.without(
+        {name: plausible[name] for name in removed_names}, start, problem.generator
+    )
+    names_left = tuple(name for name in answer.samples if name not in removed_names)
     if not names_left:
         return less
-    known = {name: less.samples[name] for name in lost}
+    known = {name: less.samples[name] for name in removed_names}
     again = _ask_sensor(problem, settings, model, names_left, {}, less.best.drone, known)
     gains = tuple(
-        replace_(gain, kept=False, reason="not identifiable")
-        if gain.kept and set(groups[gain.group]) & set(lost)
+        replace_(gain, is_in_model=False, reason="not identifiable")
+        if gain.is_in_model and set(groups[gain.group]) & set(removed_names)
         else gain
         for gain in answer.gains
     )
@@ -324,10 +326,10 @@ def _torque(
     answer = _ask_sensor(problem, settings, model, names, groups, drone, known)
     plausible = _plausible(problem, names, {})
     error = answer.posterior.error
-    lost = {
+    removed_ranges = {
         name: plausible[name] for name in names if not is_identifiable(error[name], plausible[name])
     }
-    return answer.without(lost, problem.start, problem.generator)
+    return answer.without(removed_ranges, problem.start, problem.generator)
 
 
 def _with_inertia_z(

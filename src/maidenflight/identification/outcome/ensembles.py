@@ -31,26 +31,26 @@ it is 0.3 to 0.5."""
 
 
 def posterior_ensemble(
-    drone: Parameters, samples: Mapping[str, Float[np.ndarray, "N"]], where: str
+    drone: Parameters, samples: Mapping[str, Float[np.ndarray, "N"]], place: str
 ) -> Ensemble:
     """Returns drones with the values of posterior samples in place.
 
     Args:
         drone: the identified drone.
         samples: see `DroneFile.posterior`.
-        where: the drone's file, for errors.
+        place: the drone's file, for errors.
 
     Raises:
         InputError: there are no samples, or one is outside its physical range.
     """
     if not samples:
         raise InputError(
-            f"{where}: no [posterior] to draw drones from. Make the file with: maidenflight "
-            f"identify LOGS -o {where}."
+            f"{place}: no [posterior] to draw drones from. Make the file with: maidenflight "
+            f"identify LOGS -o {place}."
         )
     rows = np.stack(list(samples.values()), axis=1).astype(np.float32)
     drones = [
-        check(replace(drone, **dict(zip(samples, row, strict=True))), f"{where} [posterior] {i}")
+        check(replace(drone, **dict(zip(samples, row, strict=True))), f"{place} [posterior] {i}")
         for i, row in enumerate(rows, 1)
     ]
     return ensemble(drones)
@@ -83,7 +83,7 @@ def as_flights_differ(
 
 
 def drone_of_the_day(
-    drone: Parameters, estimates: Mapping[str, Estimate], flights: Sequence[Flight], where: str
+    drone: Parameters, estimates: Mapping[str, Estimate], flights: Sequence[Flight], place: str
 ) -> tuple[Parameters, dict[str, Estimate]]:
     """Returns the drone with the constant torques and the thrust that flights of the day show.
 
@@ -95,7 +95,7 @@ def drone_of_the_day(
         drone: the identified drone.
         estimates: see `DroneFile.estimates`.
         flights: of the day, by any policy or controller; those of one name are pieces of one.
-        where: the drone's file, for errors.
+        place: the drone's file, for errors.
 
     Returns:
         The drone, and its estimates: the SD between flights of what the day tells is what its
@@ -105,48 +105,48 @@ def drone_of_the_day(
         InputError: no constant torque was identified, or no flight is long enough to tell one.
     """
     if not set(TRIM) & set(estimates):
-        raise InputError(_DAY_EFFECTS.format(where=where))
+        raise InputError(_DAY_EFFECTS.format(place=place))
     # Pieces of one flight have its trim: they are no flights of their own.
     rows = [trim(pieces, drone) for pieces in by_log(flights).values()]
-    known, errors = trims.with_standard_errors(rows)
-    if not len(known):
+    fitted_rows, errors = trims.with_standard_errors(rows)
+    if not len(fitted_rows):
         raise InputError(
             f"none of {len(rows)} flights of the day tells a constant torque. Give one of "
             f"{2 * SEGMENT_S:g} s or more with the motors' commands."
         )
     text, values = dict(estimates), {}
-    for place, name in enumerate(_IN_A_TRIM):
+    for column, name in enumerate(_IN_A_TRIM):
         old = estimates.get(name)
         if old is None or not old.between_sd > 0.0:
             continue
         within = WITHIN_A_DAY * old.between_sd
-        weights = 1.0 / (errors[:, place] ** 2 + within**2)
+        weights = 1.0 / (errors[:, column] ** 2 + within**2)
         before = old.between_sd**-2
         total = before + weights.sum()
-        value = float((before * old.value + weights @ known[:, place]) / total)
+        value = float((before * old.value + weights @ fitted_rows[:, column]) / total)
         deviation = float(np.sqrt(1.0 / total + within**2))
         ends = value - 1.96 * deviation, value + 1.96 * deviation
         text[name] = Estimate(value, ends, (value,), deviation)
         values[name] = np.float32(value)
-    return check(replace(drone, **values), where), text
+    return check(replace(drone, **values), place), text
 
 
 _DAY_EFFECTS = (
-    "{where}: none of torque_bias_x, torque_bias_y, torque_bias_z was identified, so it is not "
+    "{place}: none of torque_bias_x, torque_bias_y, torque_bias_z was identified, so it is not "
     "known how trims differ from flight to flight. Identify it from flights by likelihood, or "
     "choose another randomization."
 )
 
 
 def trim_ensemble(
-    drone: Parameters, estimates: Mapping[str, Estimate], where: str, count: int = 256
+    drone: Parameters, estimates: Mapping[str, Estimate], place: str, count: int = 256
 ) -> Ensemble:
     """Returns drones whose constant torques and thrust differ as those of identified flights did.
 
     Args:
         drone: the identified drone.
         estimates: see `DroneFile.estimates`.
-        where: the drone's file, for errors.
+        place: the drone's file, for errors.
         count: of drones, always the same ones.
 
     Raises:
@@ -154,7 +154,7 @@ def trim_ensemble(
     """
     names = [name for name in BETWEEN_FLIGHTS if name in estimates]
     if not set(TRIM) & set(names):
-        raise InputError(_DAY_EFFECTS.format(where=where))
+        raise InputError(_DAY_EFFECTS.format(place=place))
     deviations = np.array([estimates[name].between_sd for name in names])
     # A low-discrepancy sequence represents the distribution better than as many random points.
     sobol = scipy.stats.qmc.Sobol(len(names), rng=np.random.default_rng(0)).random(count)
@@ -162,5 +162,5 @@ def trim_ensemble(
     for row in deviations * scipy.stats.norm.ppf(sobol.clip(1e-6, 1 - 1e-6)):
         changes = zip(names, row, strict=True)
         values = {name: np.float32(component(drone, name) + change) for name, change in changes}
-        drones.append(check(replace(drone, **values), where))
+        drones.append(check(replace(drone, **values), place))
     return ensemble(drones)

@@ -24,9 +24,9 @@ from maidenflight.identification.drone_file import (
 )
 from maidenflight.identification.outcome import posterior
 from maidenflight.identification.outcome.bounds import at_bounds, cut_off
-from maidenflight.identification.outcome.plausible import Expected
+from maidenflight.identification.outcome.plausible import ExpectedInterval
 from maidenflight.identification.search.box import Box
-from maidenflight.identification.signals.motor_response import Look
+from maidenflight.identification.signals.motor_response import DelayEstimate
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import Parameters, replace
 from maidenflight.simulator.randomization import Ensemble
@@ -99,7 +99,7 @@ class Identification:
     unidentified: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Plausible range of each parameter that the flights cannot tell, by name: it keeps the
     start's value, and posterior samples are anywhere in the range."""
-    expected: Mapping[str, Expected] = field(default_factory=dict)
+    expected: Mapping[str, ExpectedInterval] = field(default_factory=dict)
     """What the flights could tell, before anything was fitted; nothing of a replay."""
     gains: tuple[GroupGain, ...] = ()
     """Log-likelihood gain of each group of parameters, where the flights chose them."""
@@ -107,7 +107,7 @@ class Identification:
     """Noise found in the flights, as fields of `parameters`; none of a replay."""
     seconds: float = 0.0
     """Wall time [s]."""
-    lag_looks: tuple[Look, ...] = ()
+    delay_estimates: tuple[DelayEstimate, ...] = ()
     """Motor lag and latency together as different signals show them, and last as taken."""
 
     def __str__(self) -> str:

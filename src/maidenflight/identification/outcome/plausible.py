@@ -28,7 +28,7 @@ Ranges = Mapping[str, tuple[float, float]]
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedInterval:
     """What flights can tell of one parameter, in its SI unit."""
 
     prior: tuple[float, float]

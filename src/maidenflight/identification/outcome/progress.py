@@ -5,7 +5,7 @@ from itertools import count
 from typing import NamedTuple
 
 from maidenflight.identification.drone_file import GroupGain
-from maidenflight.identification.outcome.plausible import Expected
+from maidenflight.identification.outcome.plausible import ExpectedInterval
 
 MOTOR_LAG, EXPECTING = "motor lag", "what flights can tell"
 CHOICE, FITTING, INTERVALS = "choosing parameters", "fitting", "intervals"
@@ -25,7 +25,7 @@ class Progress(NamedTuple):
     """How many there are; 0 where that is not known."""
     evaluations: int
     """Evaluations of the objective so far."""
-    expected: Mapping[str, Expected] | None = None
+    expected: Mapping[str, ExpectedInterval] | None = None
     """What the flights can tell, just found; see `identify.expected_intervals`."""
     gain: GroupGain | None = None
     """Of the group of parameters that was tried last, while others are."""
@@ -65,7 +65,7 @@ class Reporter:
         self.stage(CHOICE, 0, of)
         return lambda gain: self.stage(CHOICE, next(tried), of, gain)
 
-    def expected(self, expectations: Mapping[str, Expected]) -> None:
+    def expected(self, expectations: Mapping[str, ExpectedInterval]) -> None:
         """Tells what the flights can tell."""
         self._tell(
             self._now._replace(stage=EXPECTING, done=1, of=1, expected=expectations, gain=None)

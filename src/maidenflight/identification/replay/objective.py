@@ -149,10 +149,10 @@ class Objective:
             )
             return tuple(part[first:end] for part in equations)
 
-        used = -(-self.size // every)
+        segment_count = -(-self.size // every)
         loss, *derivatives = (
-            part.sum(axis=0, dtype=np.float64) / used
-            for part in on_all_cores(sums, -(-used // _FEW))
+            part.sum(axis=0, dtype=np.float64) / segment_count
+            for part in on_all_cores(sums, -(-segment_count // _FEW))
         )
         return NormalEquations(float(loss), *derivatives)
 
@@ -255,9 +255,9 @@ def _normal_equations(
         )
 
     def fill(number: Array, sums: tuple[Array, ...]) -> tuple[Array, ...]:
-        chosen = (number * _FEW + jnp.arange(_FEW)) * every
-        chunk = jax.tree.map(lambda array: array[chosen // CHUNK, chosen % CHUNK], windows)
-        counts = jnp.where(chosen < count, 1.0, 0.0)
+        indices = (number * _FEW + jnp.arange(_FEW)) * every
+        chunk = jax.tree.map(lambda array: array[indices // CHUNK, indices % CHUNK], windows)
+        counts = jnp.where(indices < count, 1.0, 0.0)
         return jax.tree.map(
             lambda rows, part: rows.at[number].set(jnp.tensordot(counts, part, 1)),
             sums,

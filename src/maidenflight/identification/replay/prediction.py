@@ -91,9 +91,11 @@ def prediction_error(
         )
     period = flights[0].period
     rows = _rows(horizons, period)
-    cut = windows(flights, int(rows[-1]), lead_in=lead_in)
-    start = _start(cut)
-    predictions = {name: predict(cut, drone, period)[:, rows - 1] for name, drone in models.items()}
+    window_set = windows(flights, int(rows[-1]), lead_in=lead_in)
+    start = _start(window_set)
+    predictions = {
+        name: predict(window_set, drone, period)[:, rows - 1] for name, drone in models.items()
+    }
     for name, rows_ahead in predictions.items():
         if not np.all(np.isfinite(rows_ahead)):
             raise InputError(
@@ -102,9 +104,10 @@ def prediction_error(
             )
     predictions[PERSISTENCE] = np.broadcast_to(start[:, None], (len(start), len(rows), 12))
     squares = np.stack(
-        [_errors(each, cut.measured[:, rows - 1]) ** 2 for each in predictions.values()], axis=1
+        [_errors(each, window_set.measured[:, rows - 1]) ** 2 for each in predictions.values()],
+        axis=1,
     )
-    numbers, segment = np.unique(cut.segment, return_inverse=True)
+    numbers, segment = np.unique(window_set.segment, return_inverse=True)
     low, high = _interval(squares, segment, key)
     value = np.sqrt(squares.mean(axis=0))
     table = []
@@ -174,21 +177,23 @@ def predicted_windows(
     repeats = np.bincount(np.resize(generator.permutation(len(long)), count), minlength=len(long))
     parts, places = [], []
     for number in np.flatnonzero(repeats):
-        cut = windows([long[number]], length, lead_in=lead_in)
+        window_set = windows([long[number]], length, lead_in=lead_in)
         rows = np.sort(
             generator.choice(
-                len(cut.segment), min(repeats[number], len(cut.segment)), replace=False
+                len(window_set.segment),
+                min(repeats[number], len(window_set.segment)),
+                replace=False,
             )
         )
-        parts.append(jax.tree.map(lambda each, rows=rows: each[rows], cut))
+        parts.append(jax.tree.map(lambda each, rows=rows: each[rows], window_set))
         places += [
             (long[number].name, first_start(long[number]) + EVERY * int(row)) for row in rows
         ]
-    cut = jax.tree.map(lambda *pieces: np.concatenate(pieces), *parts)
-    start = _start(cut)[:, None]
+    window_set = jax.tree.map(lambda *pieces: np.concatenate(pieces), *parts)
+    start = _start(window_set)[:, None]
     ahead = {
-        LOGGED: cut.measured,
-        **{name: predict(cut, drone, period) for name, drone in models.items()},
+        LOGGED: window_set.measured,
+        **{name: predict(window_set, drone, period) for name, drone in models.items()},
     }
     joined = {name: np.concatenate([start, rows], axis=1) for name, rows in ahead.items()}
     return _window_rows(places, period, joined)
@@ -221,11 +226,13 @@ def _window_rows(
     return polars.concat(parts)
 
 
-def predict(cut: Windows, parameters: Parameters, period: float) -> Float[np.ndarray, "W T 12"]:
+def predict(
+    window_set: Windows, parameters: Parameters, period: float
+) -> Float[np.ndarray, "W T 12"]:
     """Simulates windows open loop.
 
     Args:
-        cut: W windows of T rows.
+        window_set: W windows of T rows.
         parameters: the drone; its time step is set to fit the rows.
         period: time between rows [s].
 
@@ -234,8 +241,8 @@ def predict(cut: Windows, parameters: Parameters, period: float) -> Float[np.nda
     """
     steps, time_step = physics_steps(period)
     drone = jax.tree.map(jnp.asarray, replace(parameters, time_step=time_step))
-    simulated = np.asarray(_simulate(in_chunks(cut), drone, steps))
-    return simulated.reshape(-1, *simulated.shape[2:])[: len(cut.segment)]
+    simulated = np.asarray(_simulate(in_chunks(window_set), drone, steps))
+    return simulated.reshape(-1, *simulated.shape[2:])[: len(window_set.segment)]
 
 
 @partial(jax.jit, static_argnums=2)
@@ -269,10 +276,12 @@ def _rows(horizons: Sequence[float], period: float) -> Int[np.ndarray, "K"]:
     return rows
 
 
-def _start(cut: Windows) -> Float[np.ndarray, "W 12"]:
+def _start(window_set: Windows) -> Float[np.ndarray, "W 12"]:
     """Position, velocity, attitude and body rates at the start of each window."""
-    attitude = Rotation.from_quat(cut.quaternion).as_euler("ZYX")[:, ::-1]
-    return np.concatenate([cut.position, cut.velocity, attitude, cut.body_rates], axis=1)
+    attitude = Rotation.from_quat(window_set.quaternion).as_euler("ZYX")[:, ::-1]
+    return np.concatenate(
+        [window_set.position, window_set.velocity, attitude, window_set.body_rates], axis=1
+    )
 
 
 def _errors(

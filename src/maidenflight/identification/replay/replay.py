@@ -38,13 +38,13 @@ def identified(problem: Problem, settings: Replay) -> Identification:
     box = search_box(over, {**PAPER_BOUNDS, **problem.bounds})
     d, start = len(box.names), problem.start
     flights = [averaged(flight, stride(flight)) for flight in problem.flights]
-    cut = windows(flights, settings.length, lead_in=settings.lead_in)
-    objective = Objective(cut, flights[0].period, settings.discount)
+    window_set = windows(flights, settings.length, lead_in=settings.lead_in)
+    objective = Objective(window_set, flights[0].period, settings.discount)
     runs = _searched(problem, settings, box, objective)
     planned = sum(len(losses) for _, losses in runs) + _drawn(box)
     optima = np.array([points[int(np.argmin(losses))] for points, losses in runs])
     best = int(np.argmin([losses.min() for _, losses in runs]))
-    drawn = posterior.bootstrap(
+    bootstrap = posterior.bootstrap(
         lambda unit: objective.per_segment(box.drone(start, unit)),
         objective.windows_per_segment,
         optima[best],
@@ -53,13 +53,13 @@ def identified(problem: Problem, settings: Replay) -> Identification:
         problem.generator,
         lambda: problem.reporter.evaluated(planned),
     )
-    everything = [*runs, (drawn.points, drawn.losses)]
+    everything = [*runs, (bootstrap.points, bootstrap.losses)]
     points, losses = (np.concatenate(parts) for parts in zip(*everything, strict=True))
     optimum = points[int(np.argmin(losses))]
     drone = check(box.drone(start, optimum), "identified parameters")
     valley = _valley(box, optimum, objective, drone)
     estimates = estimates_of(
-        box, optimum, optima, drawn.interval(), _between_segment_sd(box, drawn), valley
+        box, optimum, optima, bootstrap.interval(), _between_segment_sd(box, bootstrap), valley
     )
     return Identification(
         parameters=drone,
@@ -70,8 +70,8 @@ def identified(problem: Problem, settings: Replay) -> Identification:
         source=problem.source,
         windows=objective.size,
         evaluations=len(losses),
-        search=evaluations_table(box, runs, drawn),
-        posterior=dict(zip(box.names, box.values(drawn.optima).T, strict=True)),
+        search=evaluations_table(box, runs, bootstrap),
+        posterior=dict(zip(box.names, box.values(bootstrap.optima).T, strict=True)),
         notes=tuple(notes_on(estimates, objective.segments)),
     )
 
@@ -120,9 +120,9 @@ def _drawn(box: Box) -> int:
     return 3 * posterior.design_points(len(box.names))
 
 
-def _between_segment_sd(box: Box, drawn: posterior.Bootstrap) -> np.ndarray:
+def _between_segment_sd(box: Box, bootstrap: posterior.Bootstrap) -> np.ndarray:
     """Standard deviation between the optima of single segments, from their quartiles (robust)."""
-    quartiles = np.quantile(box.values(drawn.separate), [0.25, 0.75], axis=0)
+    quartiles = np.quantile(box.values(bootstrap.separate), [0.25, 0.75], axis=0)
     return (quartiles[1] - quartiles[0]) / 1.349
 
 

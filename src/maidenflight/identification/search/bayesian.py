@@ -60,9 +60,9 @@ def minimise(
     while len(values) < evaluations:
         fits = len(values) >= _GROWTH * fitted_to
         fitted_to = len(values) if fits else fitted_to
-        chosen, kernel = _ask(points, np.array(values), kernel, fits, generator)
-        points = np.concatenate([points, chosen[None]])
-        values.append(objective(chosen))
+        candidate, kernel = _ask(points, np.array(values), kernel, fits, generator)
+        points = np.concatenate([points, candidate[None]])
+        values.append(objective(candidate))
         if on_evaluation is not None:
             on_evaluation()
     return points, np.array(values)

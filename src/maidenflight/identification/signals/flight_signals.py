@@ -44,13 +44,13 @@ def gyro(flight: Flight) -> Float[np.ndarray, "N 3"]:
     return np.stack([np.interp(later, places, column) for column in rates.T], axis=1)
 
 
-def sharp(flight: Flight) -> Flight:
-    """Returns the flight with the delay of the gyro's filter undone."""
+def undo_filter_delay(flight: Flight) -> Flight:
+    """Returns the flight without the delay of the gyro's filter."""
     return replace(flight, body_rates=gyro(flight).astype(np.float32))
 
 
-def delayed(command: Float[np.ndarray, "N ..."], rows: float) -> Float[np.ndarray, "N ..."]:
+def delay_command(command: Float[np.ndarray, "N ..."], rows: float) -> Float[np.ndarray, "N ..."]:
     """Returns the mean command of each row where all come so many rows late."""
     whole, share = divmod(rows, 1.0)
-    late = np.concatenate([np.repeat(command[:1], int(whole) + 1, axis=0), command])
-    return (1 - share) * late[1 : len(command) + 1] + share * late[: len(command)]
+    extended = np.concatenate([np.repeat(command[:1], int(whole) + 1, axis=0), command])
+    return (1 - share) * extended[1 : len(command) + 1] + share * extended[: len(command)]

@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from maidenflight.identification.signals.motor_response import Look, MotorResponse
+from maidenflight.identification.signals.motor_response import DelayEstimate, MotorResponse
 from maidenflight.parameters import Parameters
 
 LAG = "motor_time_constant"
@@ -19,7 +19,7 @@ def delay_estimates(
     draws: Mapping[str, np.ndarray],
     unidentifiable: Collection[str],
     drone: Parameters,
-) -> tuple[Look, ...]:
+) -> tuple[DelayEstimate, ...]:
     """Returns what each signal shows, and last what is taken.
 
     Nothing where neither delay is identified.
@@ -40,26 +40,19 @@ def delay_estimates(
     origin = "plausible" if LAG in unidentifiable else "taken" if motors else "likelihood"
     return (
         *(motors.delay_estimates if motors else ()),
-        Look(origin, float(value), (float(low), float(high))),
+        DelayEstimate(origin, float(value), (float(low), float(high))),
     )
 
 
-def notes(estimates: Sequence[Look], motors: MotorResponse | None) -> list[str]:
-    """Returns the estimates in words, and those that disagree."""
+def notes(estimates: Sequence[DelayEstimate], motors: MotorResponse | None) -> list[str]:
+    """Returns which estimates disagree, and what the logs show of the motors."""
     if not estimates:
         return []
-    intervals = ", ".join(
-        f"{one.signal} {1e3 * one.value:.0f} [{1e3 * one.interval[0]:.0f},"
-        f" {1e3 * one.interval[1]:.0f}]"
-        for one in estimates
-    )
     outliers = [
         f"{one.signal} and {other.signal}"
         for number, one in enumerate(estimates)
         for other in estimates[number + 1 :]
         if one.interval[1] < other.interval[0] or other.interval[1] < one.interval[0]
     ]
-    lines = [f"motor lag and latency together, in ms with 95 % interval: {intervals}"]
-    if outliers:
-        lines.append(f"these disagree about the motors' lag: {'; '.join(outliers)}")
-    return [*lines, *(motors.notes if motors else ())]
+    lines = [f"these disagree about the motors' lag: {'; '.join(outliers)}"]
+    return [*(lines if outliers else []), *(motors.notes if motors else ())]

@@ -112,27 +112,29 @@ def spectra(
     """
     rows = min(round(WINDOW / period), len(drive))
     frequencies = np.fft.rfftfreq(rows, period)
-    used = (frequencies >= LOWEST) & (frequencies <= HIGHEST)
-    s = 2j * np.pi * frequencies[used]
+    in_band = (frequencies >= LOWEST) & (frequencies <= HIGHEST)
+    s = 2j * np.pi * frequencies[in_band]
     count = int(np.ceil((len(drive) - rows) / (rows / 2))) + 1
     begins = np.unique(np.round(np.linspace(0, len(drive) - rows, count)).astype(int))
     window = scipy.signal.windows.hann(rows, sym=False)
 
-    def lines(values: Float[np.ndarray, "N c"], chosen: np.ndarray) -> Complex[np.ndarray, "S F"]:
+    def lines(
+        values: Float[np.ndarray, "N c"], frequency_mask: np.ndarray
+    ) -> Complex[np.ndarray, "S F"]:
         pieces = np.concatenate([values[begin : begin + rows].T for begin in begins])
-        return np.fft.rfft(scipy.signal.detrend(pieces) * window)[:, chosen]
+        return np.fft.rfft(scipy.signal.detrend(pieces) * window)[:, frequency_mask]
 
-    u = lines(drive, used) * (np.exp(-s * period / 2) if zero_order_hold else 1.0)
-    y = lines(motion, used) * (s if differentiate else 1.0)
+    u = lines(drive, in_band) * (np.exp(-s * period / 2) if zero_order_hold else 1.0)
+    y = lines(motion, in_band) * (s if differentiate else 1.0)
     scale = np.sqrt(np.mean(np.abs(y) ** 2) / max(float(np.mean(np.abs(u) ** 2)), 1e-30))
     u = u * scale
     edges = np.geomspace(0.999 * LOWEST, 1.001 * HIGHEST, BANDS + 1)
-    _, band = np.unique(np.digitize(frequencies[used], edges), return_inverse=True)
+    _, band = np.unique(np.digitize(frequencies[in_band], edges), return_inverse=True)
     drives, moves = (np.sum(np.abs(one) ** 2, axis=0) for one in (u, y))
     averages = drive.shape[1] * len(drive) / rows
     fast = frequencies > 0.7 * frequencies[-1]
     noise = np.mean(np.abs(lines(drive, fast)) ** 2) * scale**2 * len(u) + 1e-30
-    slow = np.bincount(band, drives / noise)[: band[frequencies[used] < SLOW][-1]]
+    slow = np.bincount(band, drives / noise)[: band[frequencies[in_band] < SLOW][-1]]
     clear = slow / np.bincount(band)[: len(slow)]
     cross = np.sum(y * u.conj(), axis=0)
     return Spectra(s, drives, moves, cross, band, averages, float(clear.min()))
@@ -249,16 +251,16 @@ class _Model:
 
     def sound(self, value: float, x: Float[np.ndarray, "d"]) -> bool:
         """Returns whether this is a loop that can have flown, of a lag that shows."""
-        known = np.isfinite(value) and np.isfinite(x).all()
-        in_range = known and _SEARCHED[0] < np.exp(x[0]) < _SEARCHED[1] and abs(x[1]) < 4.5
+        is_finite = np.isfinite(value) and np.isfinite(x).all()
+        in_range = is_finite and _SEARCHED[0] < np.exp(x[0]) < _SEARCHED[1] and abs(x[1]) < 4.5
         return bool(in_range and self.stable(x))
 
     def deviation(self, value: float, x: Float[np.ndarray, "d"]) -> float:
         """Returns the standard error of the logarithm of the lag, from the loss of two others."""
         rises = []
         for change in (-_STEP, _STEP):
-            moved = x + change * (np.arange(len(x)) == 0)
-            nearby, there = self.best(moved, (moved[0],))
+            perturbed = x + change * (np.arange(len(x)) == 0)
+            nearby, there = self.best(perturbed, (perturbed[0],))
             known = np.isfinite(nearby) and np.isfinite(there).all() and self.stable(there)
             rises.append(max(nearby - value, 0.0) if known else _REACH)
         return float(1 / np.sqrt(2 * np.mean(rises) / _STEP**2 + 1.0))

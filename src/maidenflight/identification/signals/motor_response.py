@@ -57,7 +57,7 @@ _GYRO = ("gyro x", "gyro y")
 _ROTORS = "rotor speed"
 
 
-class Look(NamedTuple):
+class DelayEstimate(NamedTuple):
     """Lag and latency together as one signal shows them [s]."""
 
     signal: str
@@ -76,7 +76,7 @@ class MotorResponse:
     """Likewise."""
     usual_latency: tuple[float, float] | None
     """What 95 % of latencies are before and after these flights [s], if they do not narrow it."""
-    delay_estimates: tuple[Look, ...]
+    delay_estimates: tuple[DelayEstimate, ...]
     notes: tuple[str, ...]
     per_flight: Mapping[str, tuple[float, float]]
     """Mean and variance of the logarithm of lag and latency together [s], by flight."""
@@ -109,11 +109,11 @@ class _Joined(NamedTuple):
         mean = float(self.weight @ self.log_total)
         return mean, float(self.weight @ ((self.log_total - mean) ** 2 + self.error**2))
 
-    def look(self, signal: str) -> Look:
+    def delay_estimate(self, signal: str) -> DelayEstimate:
         """Returns what a signal says by itself."""
         mean, variance = self.moments
         value, low, high = np.exp(mean + 1.96 * np.sqrt(variance) * np.array([0.0, -1.0, 1.0]))
-        return Look(signal, float(value), (float(low), float(high)))
+        return DelayEstimate(signal, float(value), (float(low), float(high)))
 
     def draw(
         self, generator: np.random.Generator
@@ -127,7 +127,7 @@ class _Joined(NamedTuple):
         return lag, latency
 
 
-def motor_response(
+def estimate_motor_response(
     flights: Sequence[Flight],
     generator: np.random.Generator,
     drone: Parameters,
@@ -176,7 +176,7 @@ def motor_response(
         lag,
         latency,
         _usual(before, latency, flights),
-        tuple(joined_by("signal", one).look(one) for one in signals),
+        tuple(joined_by("signal", one).delay_estimate(one) for one in signals),
         (note,) if left_out else (),
         {one: joined_by("flight", one).moments for one in names},
     )

@@ -1,10 +1,9 @@
 """The engine of Ray: one machine, a cluster, Kubernetes or a cloud."""
 
 from collections.abc import Sequence
-from importlib import import_module
 from typing import Any
 
-from maidenflight.errors import InputError, optional
+from maidenflight.errors import InputError, imported
 from maidenflight.studies import worker
 from maidenflight.studies.engine import Resources
 from maidenflight.studies.worker import FAILED, LOST, Order, TaskResult
@@ -27,17 +26,15 @@ class OnRay:
         Raises:
             InputError: Ray is not installed, or the cluster cannot be reached.
         """
-        with optional("ray", "ray", "--on ray"):
-            ray: Any = import_module("ray")
-        self._ray = ray
+        self._ray = ray = imported("ray", "ray", "--on ray")
         self._own = not ray.is_initialized()
         if self._own:
             try:
                 ray.init(address or None, log_to_driver=False, configure_logging=False)
             except (ConnectionError, RuntimeError, ValueError) as error:
-                where = address or "this machine"
+                place = address or "this machine"
                 raise InputError(
-                    f"no Ray cluster at {where} ({error}). Start one (ray start --head), or give "
+                    f"no Ray cluster at {place} ({error}). Start one (ray start --head), or give "
                     "its address: --on ray:HOST:6379."
                 ) from error
         # What is lost is submitted again by the study, which also counts it.

@@ -5,10 +5,9 @@ import subprocess
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from importlib import import_module
 from typing import Any
 
-from maidenflight.errors import InputError, optional
+from maidenflight.errors import InputError, imported
 from maidenflight.studies import worker
 from maidenflight.studies.engine import Resources
 from maidenflight.studies.worker import FAILED, LOST, Order, TaskResult
@@ -49,9 +48,7 @@ class Slurm:
         Raises:
             InputError: submitit is not installed, there is no SLURM here, or an option is unknown.
         """
-        with optional("submitit", "slurm", "--on slurm"):
-            submitit: Any = import_module("submitit")
-        self._submitit = submitit
+        self._submitit = submitit = imported("submitit", "slurm", "--on slurm")
         try:
             self._executor = submitit.AutoExecutor(folder=resources.logs, cluster=cluster)
         except RuntimeError as error:
@@ -100,11 +97,11 @@ class Slurm:
         """See `Engine`."""
         until = time.monotonic() + timeout
         while True:
-            lost = self._lost()
+            lost_jobs = self._lost()
             endings = [
                 self._ending(key, job)
                 for key, job in list(self._busy.items())
-                if key in lost or self._over(job)
+                if key in lost_jobs or self._over(job)
             ]
             if endings or time.monotonic() >= until:
                 return endings

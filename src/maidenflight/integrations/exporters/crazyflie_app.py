@@ -98,6 +98,8 @@ def export_crazyflie(
         **in_app(policy.spec),
         "version": __version__,
         "hash": digest(policy),
+        "code": digest(policy)[:8],
+        "propeller_number": list(PROPELLERS).index(propellers),
         "control": interface.name,
         "rate": interface.rate,
         "full": f"{np.float32(interface.full_scale_counts)!s}f",

@@ -64,8 +64,8 @@ def to_onnx(
 
     graph = helper.make_graph(
         [
-            helper.make_node(operator, input_names.split(), output_names.split(), **how)
-            for operator, input_names, output_names, how in _steps(
+            helper.make_node(operator, input_names.split(), output_names.split(), **attributes)
+            for operator, input_names, output_names, attributes in _steps(
                 len(policy.weights), policy.gru is not None
             )
         ],

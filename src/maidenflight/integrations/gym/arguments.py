@@ -59,9 +59,11 @@ def world(
         raise InputError(f"spec: {beyond}, which a learner's own network would have to have.")
     controller = _controller(control, firmware)
     drones = _drones(parameters, controller)
-    chosen = _task(task, options)
-    chosen = rewards.shaped(chosen) if rewards.check_reward(reward) == "shaped" else chosen
-    return Environment.matching(drones.centre, chosen, controller, spec=spec), drones
+    chosen_task = _task(task, options)
+    chosen_task = (
+        rewards.shaped(chosen_task) if rewards.check_reward(reward) == "shaped" else chosen_task
+    )
+    return Environment.matching(drones.centre, chosen_task, controller, spec=spec), drones
 
 
 def checked_render_mode(mode: str | None) -> str | None:
@@ -143,14 +145,14 @@ _TASKS: dict[str, Callable[..., Task]] = {
 def _task(name: str, options: dict[str, Any]) -> Task:
     if name not in _TASKS:
         raise InputError(f"task = {name!r}: no such task. Give one of {', '.join(_TASKS)}.")
-    known = signature(_TASKS[name]).parameters
+    task_parameters = signature(_TASKS[name]).parameters
     for option, value in options.items():
-        if option not in known:
+        if option not in task_parameters:
             raise InputError(
                 f"{option} = {value!r}: the task {name} has no such option. It has "
-                f"{', '.join(known)}."
+                f"{', '.join(task_parameters)}."
             )
-        if isinstance(known[option].default, float) or option == "duration":
+        if isinstance(task_parameters[option].default, float) or option == "duration":
             least = 0.0 if option in ("latest_start", "diameter") else 1e-3
             if (
                 isinstance(value, bool)

@@ -161,8 +161,8 @@ def _as_float(leaf: Array) -> Float[Array, "..."]:
     )
 
 
-def _choose(whose: Bool[Array, "n"], new: Groups, old: Groups) -> Groups:
-    return tree.map(lambda new, old: jnp.where(whose[:, None], new, old), new, old)
+def _choose(is_reset: Bool[Array, "n"], new: Groups, old: Groups) -> Groups:
+    return tree.map(lambda new, old: jnp.where(is_reset[:, None], new, old), new, old)
 
 
 def _grouped(sizes: list[int]) -> list[list[int]]:

@@ -79,12 +79,12 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             InputError: an argument is not what it should be.
         """
         self.render_mode = arguments.checked_render_mode(render_mode)
-        self._env, self._drones = arguments.world(
+        self._env, self.drones = arguments.world(
             task, control, parameters, firmware, spec, reward, options
         )
         self.metadata = {**self.metadata, "render_fps": self._env.controller.interface.rate}
         self.observation_space, self.action_space = spaces(self._env.controller.interface, spec)
-        self._program = flying.program(self._env)
+        self.program = flying.program(self._env)
         self._key: np.ndarray | None = None
         self._number = 0
         self._ahead: tuple[Any, np.ndarray] = ((), np.empty(0))
@@ -111,7 +111,7 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             numbers = np.arange(self._number, self._number + AHEAD, dtype=np.uint32)
             keys = np.broadcast_to(self._key, (AHEAD, 2))
             self._ahead = jax.tree.map(
-                np.asarray, self._program.launch_all(self._drones, keys, numbers)
+                np.asarray, self.program.launch_all(self.drones, keys, numbers)
             )
         groups, observations = self._ahead
         self._groups = tuple(jax.device_put(group[turn]) for group in groups)
@@ -134,18 +134,14 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         command = np.asarray(action, np.float32)
         if self._groups is None or command.shape != (ACTION_SIZE,):
-            wrong = (
-                "no episode has begun. Call reset() first"
-                if self._groups is None
-                else f"an action of shape {command.shape}, expected (4,)"
-            )
+            wrong = f"an action of shape {command.shape}, expected (4,)"
+            if self._groups is None:
+                wrong = "no episode has begun. Call reset() first"
             raise InputError(f"step: {wrong}.")
-        self._groups, row = self._program.step(self._groups, command)
+        self._groups, row = self.program.step(self._groups, command)
         numbers = np.array(row)
-        observation, (reward, reason, error, duration) = (
-            numbers[: -flying.STATISTICS],
-            numbers[-flying.STATISTICS :].tolist(),
-        )
+        observation = numbers[: -flying.STATISTICS]
+        reward, reason, error, duration = numbers[-flying.STATISTICS :].tolist()
         if reward != reward and not np.isfinite(command).all():
             raise InputError(
                 f"step: the action is {command}, expected four finite numbers. Has the policy "
@@ -153,14 +149,8 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             )
         if not reason:
             return observation, reward, False, False, {}
-        truncated = reason == TIME_LIMIT
-        return (
-            observation,
-            reward,
-            not truncated,
-            truncated,
-            flying.statistics(reason, error, duration),
-        )
+        truncated, episode = reason == TIME_LIMIT, flying.statistics(reason, error, duration)
+        return observation, reward, not truncated, truncated, episode
 
     def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Returns a picture of the drone and its reference, (480, 640, 3) uint8.
@@ -172,5 +162,9 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if self._groups is None:
             raise InputError("render: no episode has begun. Call reset() first.")
         if self._scene is None:
-            self._scene = Scene(self._env.task, self._drones.centre)
-        return self._scene.draw(View(*map(np.asarray, self._program.view(self._groups))))
+            self._scene = self.make_scene()
+        return self._scene.draw(View(*map(np.asarray, self.program.view(self._groups))))
+
+    def make_scene(self) -> Scene:
+        """Returns the task before a camera, for the pictures of a drone."""
+        return Scene(self._env.task, self.drones.centre)

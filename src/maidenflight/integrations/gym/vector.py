@@ -11,10 +11,9 @@ from gymnasium.vector.utils import batch_space
 from jaxtyping import Bool, Float
 
 from maidenflight.errors import InputError
-from maidenflight.integrations.gym import arguments, flying
+from maidenflight.integrations.gym import flying
 from maidenflight.integrations.gym.drawing import Scene, View
-from maidenflight.integrations.gym.single import spaces
-from maidenflight.simulator.policy_spec import PolicySpec
+from maidenflight.integrations.gym.single import QuadrotorEnv
 from maidenflight.simulator.tasks.failures import TIME_LIMIT
 
 Steps = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
@@ -28,24 +27,9 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     ignored and its reward is 0.
     """
 
-    metadata = {
-        "render_modes": ["rgb_array"],
-        "render_fps": 100,
-        "autoreset_mode": AutoresetMode.NEXT_STEP,
-    }
+    metadata = {**QuadrotorEnv.metadata, "autoreset_mode": AutoresetMode.NEXT_STEP}
 
-    def __init__(
-        self,
-        num_envs: int = 1,
-        task: str = "circle",
-        control: str = "pwm",
-        parameters: arguments.Drones = None,
-        firmware: str = "2026.08",
-        spec: PolicySpec = PolicySpec(),
-        reward: str = "task",
-        render_mode: str | None = None,
-        **options: Any,
-    ) -> None:
+    def __init__(self, num_envs: int = 1, **arguments: Any) -> None:
         """Checks the arguments, which besides `num_envs` are those of `QuadrotorEnv`.
 
         Raises:
@@ -55,18 +39,14 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise InputError(
                 f"num_envs = {num_envs!r}; expected a whole number of drones, 1 or more."
             )
-        self.render_mode = arguments.checked_render_mode(render_mode)
-        self._env, self._drones = arguments.world(
-            task, control, parameters, firmware, spec, reward, options
-        )
-        self.metadata = {**self.metadata, "render_fps": self._env.controller.interface.rate}
-        self.num_envs = num_envs
-        self.single_observation_space, self.single_action_space = spaces(
-            self._env.controller.interface, spec
-        )
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self._program = flying.program(self._env)
+        one = QuadrotorEnv(**arguments)
+        self.num_envs, self.render_mode = num_envs, one.render_mode
+        self.metadata = {**self.metadata, **one.metadata}
+        self.single_observation_space = one.observation_space
+        self.single_action_space = one.action_space
+        self.observation_space = batch_space(one.observation_space, num_envs)
+        self.action_space = batch_space(one.action_space, num_envs)
+        self._make_scene, self._program, self._drones = one.make_scene, one.program, one.drones
         self._keys = np.zeros((num_envs, 2), np.uint32)
         self._ready = np.zeros(num_envs, bool)
         self._ahead: tuple[Any, Any] = ((), ())
@@ -101,11 +81,8 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         for i, one in enumerate(seeds):
             if one is not None or self._groups is None:
                 generator = self.np_random if one is None else seeding.np_random(one)[0]
-                self._keys[i], self._numbers[i], self._ready[i] = (
-                    flying.first_key(generator),
-                    0,
-                    False,
-                )
+                self._keys[i] = flying.first_key(generator)
+                self._numbers[i], self._ready[i] = 0, False
         self._over = np.zeros(self.num_envs, bool)
         return self._begin(np.ones(self.num_envs, bool), self._groups), {}
 
@@ -119,12 +96,9 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """
         commands = np.asarray(actions, np.float32)
         if self._groups is None or commands.shape != self.action_space.shape:
-            wrong = "no episode has begun. Call reset() first"
-            wrong = (
-                wrong
-                if self._groups is None
-                else f"actions of shape {commands.shape}, expected {self.action_space.shape}"
-            )
+            wrong = f"actions of shape {commands.shape}, expected {self.action_space.shape}"
+            if self._groups is None:
+                wrong = "no episode has begun. Call reset() first"
             raise InputError(f"step: {wrong}.")
         self._groups, rows = self._program.step_all(self._groups, commands)
         rows = np.array(rows)
@@ -138,43 +112,37 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             )
         if self._over.any():
             first = self._begin(self._over, self._groups)
-            observations[self._over], rewards[self._over], reasons[self._over] = (
-                first[self._over],
-                0.0,
-                0.0,
-            )
+            observations[self._over] = first[self._over]
+            rewards[self._over] = reasons[self._over] = 0.0
         self._over, truncated = reasons > 0, reasons == TIME_LIMIT
         infos: dict[str, Any] = {}
         for i in np.flatnonzero(self._over):
-            infos = self._add_info(
-                infos, flying.statistics(reasons[i], errors[i], durations[i]), int(i)
-            )
+            episode = flying.statistics(reasons[i], errors[i], durations[i])
+            infos = self._add_info(infos, episode, int(i))
         return observations, rewards.astype(np.float64), self._over & ~truncated, truncated, infos
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """Returns a picture of each drone and its reference, (480, 640, 3) uint8.
 
-        `None` where no `render_mode` was commands.
+        `None` without a `render_mode`.
         """
         if self.render_mode is None:
             return None
         if self._groups is None:
             raise InputError("render: no episode has begun. Call reset() first.")
         if not self._scenes:
-            self._scenes = [
-                Scene(self._env.task, self._drones.centre) for _ in range(self.num_envs)
-            ]
+            self._scenes = [self._make_scene() for _ in range(self.num_envs)]
         parts = [np.asarray(part) for part in self._program.view_all(self._groups)]
         return tuple(
             scene.draw(View(*(part[i] for part in parts))) for i, scene in enumerate(self._scenes)
         )
 
-    def _begin(self, whose: Bool[np.ndarray, "n"], groups: flying.Groups | None) -> np.ndarray:
+    def _begin(self, is_reset: Bool[np.ndarray, "n"], groups: flying.Groups | None) -> np.ndarray:
         """Begins the next, already prepared episode of some drones.
 
         Returns first observations of all drones.
         """
-        if np.any(whose & ~self._ready):
+        if np.any(is_reset & ~self._ready):
             # Copies, since JAX may read its arguments after it has returned.
             self._ahead = self._program.launch_all(
                 self._drones, self._keys.copy(), self._numbers.copy()
@@ -183,9 +151,9 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         new, observations = self._ahead
         # Prepared ones stay, since a step takes over its arguments' arrays.
         old = jax.tree.map(jnp.copy, new) if groups is None else groups
-        self._groups = self._program.choose(whose, new, old)
-        self._numbers += whose
-        self._ready &= ~whose
-        for i in np.flatnonzero(whose) if self._scenes else ():
+        self._groups = self._program.choose(is_reset, new, old)
+        self._numbers += is_reset
+        self._ready &= ~is_reset
+        for i in np.flatnonzero(is_reset) if self._scenes else ():
             self._scenes[i].begin()
         return np.array(observations)

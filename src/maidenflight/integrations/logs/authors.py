@@ -46,11 +46,6 @@ GAP = 0.1
 ms."""
 
 
-def from_csv(text: str, name: str) -> list[Flight]:
-    """Reads the flights in the text of one file; see `flights`."""
-    return [flight for flight, _ in flights(tables.from_text(text, name))[0]]
-
-
 def recognises(table: Table) -> bool:
     """Returns whether most of the columns are there."""
     return table.share(COLUMNS) >= 0.6
@@ -77,9 +72,9 @@ def flights(table: Table) -> LoggedFlights:
         part = {name: values[start:stop] for name, values in column.items()}
         flight = _flight(part, table.name if len(parts) == 1 else f"{table.name} part {number}")
         logs.append((flight, np.arange(len(flight)) * PERIOD))
-    where = ", ".join(table.place(start) for start, _ in parts[1:4])
+    place = ", ".join(table.place(start) for start, _ in parts[1:4])
     notes = (
-        [f"{table.name}: {len(parts)} flights in one file; time runs backwards or leaps at {where}"]
+        [f"{table.name}: {len(parts)} flights in one file; time runs backwards or leaps at {place}"]
         if len(parts) > 1
         else []
     )

@@ -80,8 +80,8 @@ def flights(path: Path, name: str) -> LoggedFlights:
 
 
 def _unreadable(error: Exception) -> str:
-    why = " ".join(str(error).split())[:100] or type(error).__name__
-    return f"not a readable blackbox log ({why}). Copy it again."
+    reason = " ".join(str(error).split())[:100] or type(error).__name__
+    return f"not a readable blackbox log ({reason}). Copy it again."
 
 
 def _of_log(
@@ -129,7 +129,7 @@ def _groups(name: str, fields: list[str]) -> dict[str, list[str]]:
     Raises:
         InputError: one that is needed is missing.
     """
-    wanted = {
+    setpoints = {
         "gyroUnfilt": 3,
         "gyroADC": 3,
         "accSmooth": 3,
@@ -139,7 +139,7 @@ def _groups(name: str, fields: list[str]) -> dict[str, list[str]]:
         "omegaUnfiltered": 4,
     }
     logs = {"time": ["time"]} if "time" in fields else {}
-    for signal, count in wanted.items():
+    for signal, count in setpoints.items():
         columns = [f"{signal}[{number}]" for number in range(count)]
         if set(columns) <= set(fields):
             logs[signal] = columns

@@ -41,10 +41,14 @@ def check_airframe(name: str, headers: Mapping[str, Any]) -> None:
         )
     keys = ("mixer", "mixerMode", "mixer_mode", "mixer_type", "mixerConfiguration")
     mixer = next((headers[key] for key in keys if key in headers), 3)
-    what = _MIXERS.get(mixer) if isinstance(mixer, int) else str(mixer)
-    if mixer != 3 and what is not None and what.strip().lower() not in ("quadx", "quad x", "0"):
+    mixer_name = _MIXERS.get(mixer) if isinstance(mixer, int) else str(mixer)
+    if (
+        mixer != 3
+        and mixer_name is not None
+        and mixer_name.strip().lower() not in ("quadx", "quad x", "0")
+    ):
         raise InputError(
-            f"{name}: its mixer is of another airframe ({what}); expected a quadrotor in X."
+            f"{name}: its mixer is of another airframe ({mixer_name}); expected a quadrotor in X."
         )
     features = headers.get("features")
     if isinstance(features, int) and features & _FEATURE_3D:

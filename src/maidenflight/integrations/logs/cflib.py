@@ -140,21 +140,21 @@ def flights(table: Table) -> LoggedFlights:
             f"{table.name}: missing the column of time; expected {', '.join(CLOCKS)}, in "
             "milliseconds or seconds."
         )
-    chosen = _chosen(table)
+    spellings = _chosen(table)
     read = tables.numbers(
-        table, [clock, *(name for way in chosen.values() for name in way.columns)]
+        table, [clock, *(name for way in spellings.values() for name in way.columns)]
     )
     read = _together(read, clock)
     values = {
         signal: way.si(np.stack([read[column] for column in way.columns], axis=-1))
-        for signal, way in chosen.items()
+        for signal, way in spellings.items()
     }
     rows = len(read[clock])
     volts = _hold_last(values["battery"][:, 0]) if "battery" in values else np.full(rows, np.nan)
     needed = {signal: values[signal] for signal in SPELLINGS if signal in values}
     _refuse_gaps(table.name, {name: result for name, result in needed.items() if name != "battery"})
     thrust = values["thrust"][:, 0] if "thrust" in values else None
-    law, how = compensation.choose_law(table, values["PWM"], volts, thrust)
+    law, law_choice = compensation.choose_law(table, values["PWM"], volts, thrust)
     stamps = read[clock][np.isfinite(read[clock])]
     step = np.median(np.diff(stamps)) if len(stamps) > 1 else 10.0
     unit = 1e-6 if abs(step) >= _LEAST_US else 1e-3 if abs(step) >= 1 else 1.0
@@ -171,10 +171,10 @@ def flights(table: Table) -> LoggedFlights:
         zero_order_hold=period < _LOOP,
         full_scale_counts=MOST_COUNTS,
         assumed=period >= _LOOP,
-        assumed_law=law if how == compensation.BY_VOLTAGE else None,
+        assumed_law=law if law_choice == compensation.BY_VOLTAGE else None,
         rotor_speed=values.get("rotor speed"),
     )
-    notes = [compensation.note(table.name, law, how)]
+    notes = [compensation.note(table.name, law, law_choice)]
     if unit == 1e-6:
         notes.append(f"{table.name}: {clock} taken as microseconds, its step is {step:g}")
     return [(flight, time)], notes
@@ -188,25 +188,25 @@ def _chosen(table: Table) -> dict[str, Spelling]:
     """
     present = set(table.frame.columns)
     ways = SPELLINGS | OPTIONAL
-    chosen = {
+    spellings = {
         signal: next(way for way in some if present >= set(way.columns))
         for signal, some in ways.items()
         if any(present >= set(way.columns) for way in some)
     }
     needed = set(SPELLINGS)
-    if "accelerometer" in chosen and not {"position", "velocity", "attitude"} & set(chosen):
+    if "accelerometer" in spellings and not {"position", "velocity", "attitude"} & set(spellings):
         needed = {"body_rates", "PWM"}
     lacking = [
         f"{signal} ({' or '.join(', '.join(way.columns) for way in SPELLINGS[signal])})"
         for signal in SPELLINGS
-        if signal in needed and signal not in chosen
+        if signal in needed and signal not in spellings
     ]
     if lacking:
-        what = f"{table.head['what']}, " if "what" in table.head else ""
+        prefix = f"{table.head['what']}, " if "what" in table.head else ""
         raise InputError(
-            f"{table.name}: {what}missing {'; '.join(lacking)}. Add them to the log's variables."
+            f"{table.name}: {prefix}missing {'; '.join(lacking)}. Add them to the log's variables."
         )
-    return chosen
+    return spellings
 
 
 def _together(read: dict[str, np.ndarray], clock: str) -> dict[str, np.ndarray]:

@@ -68,7 +68,7 @@ def flights(table: Table) -> LoggedFlights:
 
     rates, volts, pwm = columns(*GYRO), column["pwr_pm_vbat"], columns(*MOTORS)
     thrust = column["pid_controller_cmd_thrust"]
-    law, how = compensation.choose_law(table, pwm, volts, thrust, compensation.PLUS)
+    law, law_choice = compensation.choose_law(table, pwm, volts, thrust, compensation.PLUS)
     vicon = columns(*VICON)
     vicon[np.isinf(vicon)] = np.nan
     vicon[:, 6:] = np.unwrap(vicon[:, 6:], axis=0)
@@ -88,11 +88,11 @@ def flights(table: Table) -> LoggedFlights:
         setpoint=columns(*SETPOINT),
         zero_order_hold=False,
         full_scale_counts=MOST_COUNTS,
-        assumed_law=law if how == compensation.BY_VOLTAGE else None,
+        assumed_law=law if law_choice == compensation.BY_VOLTAGE else None,
     )
     with np.errstate(invalid="ignore"):  # what is not finite is refused by checking
         time = column["t"] - column["t"][0]
-    return [(flight, time)], [compensation.note(table.name, law, how)]
+    return [(flight, time)], [compensation.note(table.name, law, law_choice)]
 
 
 def lag(

@@ -127,8 +127,8 @@ def _force(topics: Topics, parameters: Parameters) -> tuple[Stream | None, float
     if raw is not None:
         relative = topics["sensor_combined"].get("accelerometer_timestamp_relative")
         late = np.zeros(len(raw[0])) if relative is None else relative.astype(float)
-        known = late != _INVALID
-        return _centred(np.where(known, raw[0] + late * 1e-6, np.nan), raw[1]), 0.0
+        is_valid = late != _INVALID
+        return _centred(np.where(is_valid, raw[0] + late * 1e-6, np.nan), raw[1]), 0.0
     filtered = columns(topics, "vehicle_acceleration", *vector("xyz", 3), clock="timestamp_sample")
     if filtered is None:
         return None, 0.0
@@ -159,9 +159,9 @@ def _state(name: str, topics: Topics) -> tuple[Stream | None, list[str]]:
         share = 100 * (1 - valid.mean())
         return None, [f"{name}: PX4 has no valid position in {share:.0f} %: {joining.ALONE}"]
     moved = np.concatenate([place[1][:, :3] * _TURN, place[1][:, 3:] * _TURN], axis=1)
-    where = streams.stream(place[0], np.where(valid[:, None], moved, np.nan))
+    place_stream = streams.stream(place[0], np.where(valid[:, None], moved, np.nan))
     quaternion = turned[1][:, [1, 2, 3, 0]] * [1.0, -1.0, -1.0, 1.0]
-    series, notes = joining.state(name, where, streams.stream(turned[0], quaternion))
+    series, notes = joining.state(name, place_stream, streams.stream(turned[0], quaternion))
     if series is not None:
         notes = [f"{name}: position, velocity and attitude of PX4's estimator, x north, z up"]
     return series, notes

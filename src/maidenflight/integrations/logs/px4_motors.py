@@ -66,16 +66,17 @@ def check_airframe(name: str, parameters: Parameters) -> None:
         return int(parameters.get(key, 0))
 
     rotors = whole_number("CA_ROTOR_COUNT")
-    what = _AIRFRAMES.get(whole_number("CA_AIRFRAME")), "CA_AIRFRAME"
-    if what[0] is None and "CA_AIRFRAME" in parameters and rotors == 4:
+    vehicle = _AIRFRAMES.get(whole_number("CA_AIRFRAME")), "CA_AIRFRAME"
+    if vehicle[0] is None and "CA_AIRFRAME" in parameters and rotors == 4:
         return  # The allocation of the motors is what flies; the others are for display.
-    if what[0] is None and whole_number("MAV_TYPE") not in _QUADROTORS:
-        what = _VEHICLES.get(whole_number("MAV_TYPE"), "another vehicle"), "MAV_TYPE"
-    if what[0] is None and not rotors:
-        what = _FRAMES.get(whole_number("SYS_AUTOSTART") // 1000), "SYS_AUTOSTART"
-    if what[0] is not None:
+    if vehicle[0] is None and whole_number("MAV_TYPE") not in _QUADROTORS:
+        vehicle = _VEHICLES.get(whole_number("MAV_TYPE"), "another vehicle"), "MAV_TYPE"
+    if vehicle[0] is None and not rotors:
+        vehicle = _FRAMES.get(whole_number("SYS_AUTOSTART") // 1000), "SYS_AUTOSTART"
+    if vehicle[0] is not None:
         raise InputError(
-            f"{name}: its airframe is another: {what[0]} ({what[1]} {whole_number(what[1])}); "
+            f"{name}: its airframe is another: {vehicle[0]} "
+            f"({vehicle[1]} {whole_number(vehicle[1])}); "
             "expected a quadrotor in X, which is what maidenflight simulates."
         )
 
@@ -104,16 +105,18 @@ def rotors(name: str, parameters: Parameters) -> Rotors:
             (f"{name}: motors in PX4's default order; the log has no places of the rotors",),
         )
     corners = [(True, False), (False, False), (False, True), (True, True)]
-    where = {number: (forward > 0, left > 0) for number, (forward, left) in placed.items()}
+    quadrants = {number: (forward > 0, left > 0) for number, (forward, left) in placed.items()}
     size = max(np.hypot(*place) for place in placed.values())
     diagonal = all(min(abs(one), abs(other)) > 0.2 * size for one, other in placed.values())
-    if len(placed) != 4 or set(where.values()) != set(corners) or not diagonal:
+    if len(placed) != 4 or set(quadrants.values()) != set(corners) or not diagonal:
         places = "; ".join(f"{forward:g}, {left:g}" for forward, left in placed.values())
         raise InputError(
             f"{name}: {len(placed)} rotors at {places} m forward, left (CA_ROTORn_PX, PY); "
             "expected four in X, which is what maidenflight simulates."
         )
-    order = tuple(next(number for number in where if where[number] == corner) for corner in corners)
+    order = tuple(
+        next(number for number in quadrants if quadrants[number] == corner) for corner in corners
+    )
     text = ", ".join(f"({placed[number][0]:.3g}, {placed[number][1]:.3g})" for number in order)
     notes = [f"{name}: rotors at {text} m forward, left; PX4's motors {_numbered(order)}"]
     turns = [parameters.get(f"CA_ROTOR{number}_KM", 0.0) for number in order]
@@ -136,17 +139,17 @@ def motors(
     """Returns the commanded rotor speeds, sqrt(u) of our motors, and how topics give them."""
     factor = float(parameters.get("THR_MDL_FAC", 0.0))
     factor = factor if 0.0 < factor <= 1.0 else 0.0
-    shares, where = _shares(name, topics, parameters, factor)
+    shares, origin = _shares(name, topics, parameters, factor)
     rebuilt = px4_setpoints.motors(name, topics, parameters, shares)
-    shares, where = (shares, where) if rebuilt is None else rebuilt
+    shares, origin = (shares, origin) if rebuilt is None else rebuilt
     ours = Stream(shares.time, shares.values[:, list(order)])
-    how = (
+    thrust_law = (
         f"the curve of THR_MDL_FAC = {factor:g}"
         if factor
         else "the square of the command, as without THR_MDL_FAC speed follows it"
     )
     speed = ours._replace(values=np.sqrt(ours.values)) if factor else ours
-    return speed, [f"{where}; thrust by {how}"]
+    return speed, [f"{origin}; thrust by {thrust_law}"]
 
 
 def _shares(name: str, topics: Topics, parameters: Parameters, factor: float) -> tuple[Stream, str]:
@@ -251,5 +254,5 @@ def rotor_speed(topics: Topics, order: tuple[int, ...]) -> Stream | None:
 def _by_function(fields: Mapping[str, np.ndarray]) -> Int[np.ndarray, "4"]:
     """Which ESC drives motors 1 to 4: by their function, 101 to 104, or their number."""
     functions = [fields.get(f"esc[{number}].actuator_function") for number in range(4)]
-    known = [int(one[-1]) - 101 for one in functions if one is not None and len(one)]
-    return np.argsort(known) if sorted(known) == [0, 1, 2, 3] else np.arange(4)
+    motor_numbers = [int(one[-1]) - 101 for one in functions if one is not None and len(one)]
+    return np.argsort(motor_numbers) if sorted(motor_numbers) == [0, 1, 2, 3] else np.arange(4)

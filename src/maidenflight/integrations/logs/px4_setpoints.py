@@ -62,19 +62,19 @@ def motors(
     )
     rebuilt = Stream(setpoints.time, commands)
     share = _explained(logged, rebuilt)
-    how = "the logged allocation (CA_ROTORn)" if rotors else "PX4's mixer of a quadrotor in X"
+    mixer = "the logged allocation (CA_ROTORn)" if rotors else "PX4's mixer of a quadrotor in X"
     if share is None:
         if not rotors:
             return None
-        return rebuilt, f"{name}: motors of {topic} by {how}, which no logged motors check"
+        return rebuilt, f"{name}: motors of {topic} by {mixer}, which no logged motors check"
     if share < LEAST_SHARE:
         raise InputError(
             f"{name}: motors are logged at {logged.rate:.3g} Hz, too rarely, "
-            f"and {topic} by {how} explains {100 * share:.3g} % of their variance; at least "
+            f"and {topic} by {mixer} explains {100 * share:.3g} % of their variance; at least "
             f"{100 * LEAST_SHARE:g} % are needed. {REMEDY}"
         )
     return rebuilt, (
-        f"{name}: motors of {topic}, {rebuilt.rate:.0f} Hz, by {how}; they explain "
+        f"{name}: motors of {topic}, {rebuilt.rate:.0f} Hz, by {mixer}; they explain "
         f"{np.floor(1e4 * share) / 100:.2f} % of the variance of the logged motors "
         f"({logged.rate:.3g} Hz)"
     )
@@ -86,8 +86,8 @@ def _setpoints(topics: Topics) -> tuple[Stream | None, str]:
     thrust = columns(topics, TOPICS[1], "xyz[2]", clock="timestamp_sample")
     if torque is not None and thrust is not None:
         turning, pushing = streams.stream(*torque), streams.stream(*thrust)
-        known = np.isfinite(pushing.values[:, 0])
-        pushed = streams.between(turning.time, pushing.part(known))
+        is_finite = np.isfinite(pushing.values[:, 0])
+        pushed = streams.between(turning.time, pushing.part(is_finite))
         rows = np.concatenate([turning.values, pushed], axis=1)
         finite = np.isfinite(rows).all(axis=1)
         return Stream(turning.time[finite], rows[finite]), " and ".join(TOPICS[:2])
@@ -122,11 +122,13 @@ def _explained(logged: Stream, rebuilt: Stream) -> float | None:
         return None
     near = np.searchsorted(rebuilt.time, logged.time - _TOGETHER)
     near = np.minimum(near, len(rebuilt.time) - 1)
-    known = np.abs(rebuilt.time[near] - logged.time) <= _TOGETHER
-    known &= np.isfinite(logged.values).all(axis=1) & (np.nan_to_num(logged.values) > 0).all(axis=1)
-    if known.sum() < _LEAST_ROWS:
+    is_comparable = np.abs(rebuilt.time[near] - logged.time) <= _TOGETHER
+    is_comparable &= np.isfinite(logged.values).all(axis=1) & (
+        np.nan_to_num(logged.values) > 0
+    ).all(axis=1)
+    if is_comparable.sum() < _LEAST_ROWS:
         return None
-    logged_rows, rebuilt_rows = logged.values[known], rebuilt.values[near[known]]
+    logged_rows, rebuilt_rows = logged.values[is_comparable], rebuilt.values[near[is_comparable]]
     shares = [
         _share(of(logged_rows), of(rebuilt_rows)) for of in (_mean, lambda rows: rows - _mean(rows))
     ]

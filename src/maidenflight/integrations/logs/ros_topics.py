@@ -129,11 +129,11 @@ def _variables(path: Path, content: dict[str, Any]) -> Variables:
 
 
 def _source(path: Path, signal: str, table: Any) -> Source:
-    known = {"topic", "fields", "scale", *(MOTOR_KEYS if signal == "motors" else ())}
+    known_keys = {"topic", "fields", "scale", *(MOTOR_KEYS if signal == "motors" else ())}
     count = COUNTS[signal]
     if (
         not isinstance(table, dict)
-        or set(table) - known
+        or set(table) - known_keys
         or not isinstance(table.get("topic"), str)
         or not isinstance(table.get("fields"), list)
         or len(table["fields"]) != count
@@ -141,7 +141,7 @@ def _source(path: Path, signal: str, table: Any) -> Source:
     ):
         raise InputError(
             f"{path}: [{signal}] needs topic, a name, and fields, {count} of them, and may have "
-            f"{', '.join(sorted(known - {'topic', 'fields'}))}."
+            f"{', '.join(sorted(known_keys - {'topic', 'fields'}))}."
         )
     scale = signal_map.number(path, signal, "scale", table.get("scale", 1.0))
     return Source(table["topic"], tuple(table["fields"]), scale)

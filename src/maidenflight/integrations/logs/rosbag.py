@@ -131,14 +131,14 @@ def _opened(path: Path, name: str) -> Iterator[Bag]:
     except Exception as error:
         with suppress(Exception):
             storage.close()
-        why = " ".join(str(error).split())[:120] or type(error).__name__
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
         raise InputError(
-            f"{name}: not a readable ROS 2 recording ({why}). {_REPAIR[kind]}"
+            f"{name}: not a readable ROS 2 recording ({reason}). {_REPAIR[kind]}"
         ) from error
 
     def messages(topics: list[str]) -> Iterator[tuple[str, int, Any]]:
-        wanted = [one for one in storage.connections if one.topic in topics]
-        for connection, stamp, raw in storage.messages(wanted) if wanted else ():
+        connections = [one for one in storage.connections if one.topic in topics]
+        for connection, stamp, raw in storage.messages(connections) if connections else ():
             try:
                 plain = _decompress(raw) if bytes(raw[:4]) == _ZSTD else raw
                 message = store.deserialize_cdr(plain, connection.msgtype)
@@ -258,10 +258,10 @@ def _of_px4(bag: Bag) -> list[tuple[Flight, np.ndarray, list[str]]]:
         if kind.startswith(_PX4_TYPE) and parts and parts[3] in _PX4_FIELDS:
             drones.setdefault(parts[1], {})[topic] = parts[3]
     logs = []
-    for mark, known in drones.items():
+    for mark, drone_types in drones.items():
         wanted = {
             topic: ("timestamp", "timestamp_sample", *_PX4_FIELDS[kind])
-            for topic, kind in known.items()
+            for topic, kind in drone_types.items()
         }
         _refuse_undefined(bag, wanted)
         read, notes = _collected(bag, wanted)
@@ -272,7 +272,7 @@ def _of_px4(bag: Bag) -> list[tuple[Flight, np.ndarray, list[str]]]:
             for lacking in fields.lacking:
                 del columns[lacking]
             if len(rows):
-                topics[known[topic]] = columns
+                topics[drone_types[topic]] = columns
         name = bag.name if len(drones) == 1 else f"{bag.name}, {mark}"
         flight, time, layout_notes = px4.flight(name, topics, {})
         logs.append((flight, time, [*notes, *layout_notes]))
@@ -286,8 +286,8 @@ def _of_mavros(bag: Bag) -> list[tuple[Flight, np.ndarray, list[str]]]:
         name = bag.name if len(layouts) == 1 else f"{bag.name}, {mark}"
         flight, time, notes = _of_layout(bag, name, layout)
         low, high, _ = layout.motors
-        what = f"{name}: motors of rc/out between {low:g} and {high:g}, as in an X"
-        logs.append((flight, time, [*notes, what]))
+        motor_note = f"{name}: motors of rc/out between {low:g} and {high:g}, as in an X"
+        logs.append((flight, time, [*notes, motor_note]))
     return logs
 
 
@@ -333,11 +333,11 @@ def _of_variables(bag: Bag, layout_notes: Variables) -> LoggedFlights:
         raise InputError(
             f"{bag.name}: no topic {', '.join(missing)}; it has {', '.join(bag.types)[:600]}."
         )
-    wanted = {
+    fields = {
         topic: ("timestamp", *(f"values[{place}]" for place in range(len(names))))
         for topic, names in layout_notes.names.items()
     }
-    read, notes = _collected(bag, wanted)
+    read, notes = _collected(bag, fields)
     frames = []
     for topic, names in layout_notes.names.items():
         if read[topic].lacking:

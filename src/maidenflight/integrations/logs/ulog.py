@@ -40,8 +40,8 @@ def flights(path: Path, name: str) -> LoggedFlights:
             read = ULog(file, list(px4.TOPICS))
             topics = _topics(read.data_list)
     except Exception as error:
-        why = " ".join(str(error).split())[:100] or type(error).__name__
-        raise InputError(f"{name}: not a readable ULog ({why}). Copy it again.") from error
+        reason = " ".join(str(error).split())[:100] or type(error).__name__
+        raise InputError(f"{name}: not a readable ULog ({reason}). Copy it again.") from error
     if not topics:
         px4_motors.check_airframe(name, _numbers(read.initial_parameters))
         raise InputError(

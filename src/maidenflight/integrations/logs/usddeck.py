@@ -105,8 +105,10 @@ def _described(raw: bytes, name: str) -> tuple[int, dict[int, _Event], int]:
             layout = np.dtype([(CLOCK, f"<{_CLOCKS[version][0]}"), *fields])
             events[identifier] = _Event(title, tuple(columns), layout)
     except (struct.error, ValueError) as error:
-        why = f"its description of the records is damaged at byte {at}: {error}"
-        raise InputError(f"{name}: not a readable micro-SD log ({why}). Copy it again.") from error
+        reason = f"its description of the records is damaged at byte {at}: {error}"
+        raise InputError(
+            f"{name}: not a readable micro-SD log ({reason}). Copy it again."
+        ) from error
     return version, events, at
 
 
@@ -213,8 +215,8 @@ def table_2019(raw: bytes, name: str) -> Table:
         if not all(bracket and kind[:1] in _LETTERS for _, bracket, kind in entries):
             raise ValueError("a variable has no known type")
     except ValueError as error:
-        why = f"not a readable micro-SD log of 2019's format ({error})"
-        raise InputError(f"{name}: {why}. Copy it again.") from error
+        reason = f"not a readable micro-SD log of 2019's format ({error})"
+        raise InputError(f"{name}: {reason}. Copy it again.") from error
     record = np.dtype([(f"f{place}", f"<{kind[0]}") for place, (_, _, kind) in enumerate(entries)])
     at, sets = at + 4, []
     while at < len(raw):

@@ -8,7 +8,6 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from maidenflight.errors import InputError, WriteError, optional
+from maidenflight.errors import InputError, WriteError, imported
 from maidenflight.flights.log import Flight
 from maidenflight.reporting.run import usable
 from maidenflight.simulator.physics import geometry
@@ -174,8 +173,9 @@ def _best(progress: "Progress") -> "Policy":
 
 
 def _packages() -> tuple[Any, Any]:
-    with optional("rerun", "viewer", "the viewer"):
-        return import_module("rerun"), import_module("rerun.blueprint")
+    names = ("rerun", "rerun.blueprint")
+    rerun, blueprint = (imported(name, "viewer", "the viewer") for name in names)
+    return rerun, blueprint
 
 
 @contextmanager

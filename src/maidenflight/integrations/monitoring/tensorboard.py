@@ -12,7 +12,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from maidenflight.errors import WriteError, optional
+from maidenflight.errors import WriteError, imported
 from maidenflight.training.loggers import Listener, scores_of
 
 if TYPE_CHECKING:
@@ -38,8 +38,7 @@ def tensorboard(
         InputError: tensorboardX is not installed.
         WriteError: at a score, the folder cannot be written.
     """
-    with optional("tensorboardX", "tensorboard", "--log tensorboard"):
-        import_module("tensorboardX")
+    imported("tensorboardX", "tensorboard", "--log tensorboard")
     runs = Path(folder) / "tensorboard"
     with ExitStack() as stack:
         writers: list[_Events] = []

@@ -2,12 +2,11 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from importlib import import_module
 from os import PathLike, environ
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from maidenflight.errors import InputError, optional
+from maidenflight.errors import InputError, imported
 from maidenflight.training.loggers import Listener, scores_of
 
 if TYPE_CHECKING:
@@ -35,8 +34,7 @@ def wandb(
     Raises:
         InputError: wandb is not installed, or a run cannot be begun, as without an account.
     """
-    with optional("wandb", "wandb", "--log wandb"):
-        package = import_module("wandb")
+    package = imported("wandb", "wandb", "--log wandb")
     # Its arguments would win over its environment variables, and where the folder is missing it
     # would write elsewhere.
     Path(folder).mkdir(parents=True, exist_ok=True)

@@ -158,9 +158,9 @@ def by_udp(
 
 
 def _bound(address: tuple[str, int]) -> socket.socket:
-    where = f"{address[0]}:{address[1]}"
+    place = f"{address[0]}:{address[1]}"
     advice = "Give another with --udp HOST:PORT."
-    line = datagrams.listening(address, f"cannot listen at {where}", advice)
+    line = datagrams.listening(address, f"cannot listen at {place}", advice)
     line.settimeout(ANSWER_TIMEOUT_S)
     return line
 

@@ -348,8 +348,8 @@ def find_plant(drone: str, seed: int, compensated: bool = True) -> Callable[[], 
         InputError: no such drone, or a reality that is no virtual drone or changes in the course of
             a flight.
     """
-    known = find_reality(drone, accept_bounds=True)
-    virtual = must_be_virtual(known, "Give a drone's TOML file, or virtual:SEED.")
+    reality = find_reality(drone, accept_bounds=True)
+    virtual = must_be_virtual(reality, "Give a drone's TOML file, or virtual:SEED.")
     virtual.must_not_change()
     law = battery.PLUS if compensated and virtual.thrust_law is not None else None
     own = drone_of(drone)

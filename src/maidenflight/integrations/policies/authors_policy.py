@@ -45,31 +45,31 @@ class Network(NamedTuple):
     deviation: Float[np.ndarray, "inputs"]
 
 
-def read_authors_policy(content: Mapping[str, Any], where: str, control: str | None) -> Policy:
+def read_authors_policy(content: Mapping[str, Any], place: str, control: str | None) -> Policy:
     """Reads the policy of a file of the authors.
 
     Args:
         content: the object in the file, with all of `MARKS`.
-        where: what errors name, usually the file.
-        control: what it commands; what `where` says by default.
+        place: what errors name, usually the file.
+        control: what it commands; what `place` says by default.
 
     Raises:
         InputError: it is damaged, or what it commands is not known.
     """
-    control = control or control_of(Path(where))
+    control = control or control_of(Path(place))
     if control is None:
         raise UnknownControl(
-            f"{where}: one of the authors' policies, which do not say what they command. Begin its "
+            f"{place}: one of the authors' policies, which do not say what they command. Begin its "
             f"name, or call its folder, with one of {', '.join(CONTROLS)}, or give --control."
         )
     if control not in CONTROLS:
-        raise InputError(f"{where}: control = {control!r}, expected one of {', '.join(CONTROLS)}.")
-    network = _network(content, where)
+        raise InputError(f"{place}: control = {control!r}, expected one of {', '.join(CONTROLS)}.")
+    network = _network(content, place)
     hidden = tuple(bias.size for bias in network.biases[:-1])
     try:
         spec = PolicySpec(history=len(network.mean) // OBSERVATION_SIZE, hidden=hidden)
     except InputError as error:
-        raise InputError(f"{where}: {error}") from error
+        raise InputError(f"{place}: {error}") from error
     return Policy(
         weights=tuple(map(jnp.asarray, network.weights)),
         biases=tuple(map(jnp.asarray, network.biases)),
@@ -80,14 +80,14 @@ def read_authors_policy(content: Mapping[str, Any], where: str, control: str | N
     )
 
 
-def _network(content: Mapping[str, Any], where: str) -> Network:
+def _network(content: Mapping[str, Any], place: str) -> Network:
     """The network of one of the authors' policies.
 
     Raises:
         InputError: it is damaged, or its check sum does not hold.
     """
     if content["activation"] != "relu":
-        raise InputError(f"{where}: activation = {content['activation']!r}, expected 'relu'.")
+        raise InputError(f"{place}: activation = {content['activation']!r}, expected 'relu'.")
     try:
         layers = [content[str(number)] for number in range(sum(key.isdecimal() for key in content))]
         if any(layer["type"] != "standard" for layer in layers):
@@ -97,10 +97,10 @@ def _network(content: Mapping[str, Any], where: str) -> Network:
         )
         mean, deviation = _numbers(content["scaling_parameters"])
         expected = float(content["check_sum"])
-        _verify(weights, biases, expected, where)
+        _verify(weights, biases, expected, place)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputError(
-            f"{where}: damaged policy ({type(error).__name__}: {error}). Export it again."
+            f"{place}: damaged policy ({type(error).__name__}: {error}). Export it again."
         ) from error
     return Network(weights, biases, mean, deviation + np.float32(EPSILON))
 
@@ -139,7 +139,7 @@ def _numbers(nested: Any) -> np.ndarray:
 
 
 def _verify(
-    weights: list[np.ndarray], biases: list[np.ndarray], expected: float, where: str
+    weights: list[np.ndarray], biases: list[np.ndarray], expected: float, place: str
 ) -> None:
     """Compares the check sum with that of the layers, in float64."""
     for number, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
@@ -151,7 +151,7 @@ def _verify(
         check, size = check_sum(weights, biases)
     if not math.isfinite(expected) or not abs(check - expected) <= TOLERANCE * max(1.0, size):
         raise InputError(
-            f"{where}: check sum {check:.7g}, but the file says {expected:.7g}: a weight was "
+            f"{place}: check sum {check:.7g}, but the file says {expected:.7g}: a weight was "
             "changed. Export it again."
         )
 

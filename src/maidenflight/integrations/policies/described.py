@@ -92,17 +92,17 @@ class DescribedPolicy:
     """A network and what its numbers are; follows the `ForeignPolicy` protocol."""
 
     def __init__(
-        self, name: str, where: str, description: Mapping[str, Any], network: Network
+        self, name: str, place: str, description: Mapping[str, Any], network: Network
     ) -> None:
         """Puts them together.
 
         Args:
             name: what tables call it.
-            where: the file that messages name.
+            place: the file that messages name.
             description: what `checked` gives.
             network: the network.
         """
-        self.name, self._where = name, where
+        self.name, self._place = name, place
         self.rate = self.command_rate = description["rate"]
         self._parts = [INPUTS[name] for name in description["inputs"]]
         self._lowest, self._highest = description["range"]
@@ -142,12 +142,12 @@ class DescribedPolicy:
             output_values = self._network(numbers)
         except ValueError as error:
             raise InputError(
-                f"{self._where}: the network takes no {len(numbers)} inputs "
+                f"{self._place}: the network takes no {len(numbers)} inputs "
                 f"({str(error).splitlines()[0]:.120}). Check inputs, history and look_ahead."
             ) from error
         output = np.ravel(output_values).astype(np.float64)
         if output.shape != (4,) or not np.isfinite(output).all():
-            raise InputError(f"{self._where}: outputs {output}; expected four finite numbers.")
+            raise InputError(f"{self._place}: outputs {output}; expected four finite numbers.")
         return output
 
 
@@ -217,12 +217,12 @@ def complete_description(path: StrPath, content: Mapping[str, Any]) -> dict[str,
         InputError: something is lacking or unknown, or a value makes no sense.
     """
     zipped = str(content["network"]).endswith(".zip")
-    known = _KEYS - {"output"} if zipped else _KEYS - {"normalization"}
+    known_keys = _KEYS - {"output"} if zipped else _KEYS - {"normalization"}
     lacking = {"network", "rate", "inputs", "range", "commands"} - content.keys()
-    if lacking or content.keys() - known:
+    if lacking or content.keys() - known_keys:
         raise InputError(
             f"{path}: {', '.join(sorted(lacking)) or 'nothing'} is lacking and "
-            f"{', '.join(sorted(content.keys() - known)) or 'nothing'} is unknown; expected "
+            f"{', '.join(sorted(content.keys() - known_keys)) or 'nothing'} is unknown; expected "
             f"network, rate, inputs, range, commands, and perhaps motors, {', '.join(OBSERVED)}, "
             f"mean, std, {'normalization' if zipped else 'output'}."
         )
@@ -251,7 +251,7 @@ def complete_description(path: StrPath, content: Mapping[str, Any]) -> dict[str,
             inputs.is_number(one) and one > 0 for one in description["std"]
         ),
     }
-    if problems := [what for what, is_wrong in wrong.items() if is_wrong]:
+    if problems := [problem for problem, is_wrong in wrong.items() if is_wrong]:
         raise InputError(f"{path}: expected {'; '.join(problems)}.")
     try:
         spec = PolicySpec.from_dict(

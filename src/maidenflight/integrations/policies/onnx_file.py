@@ -13,26 +13,26 @@ Network = Callable[[Float[np.ndarray, "N"]], Float[np.ndarray, "..."]]
 """Inputs to outputs; raises `ValueError` where there are more or fewer inputs than it takes."""
 
 
-def network(path: Path, output: str | None, where: str) -> Network:
+def network(path: Path, output: str | None, place: str) -> Network:
     """Returns the network of a file.
 
     Args:
         path: the ONNX file.
         output: name of the output that commands the motors; the first one by default.
-        where: the file that named the output.
+        place: the file that named the output.
 
     Raises:
         InputError: onnxruntime is not installed, the file is no network, or it lacks the output.
     """
     session = _session(path)
     names = [one.name for one in session.get_outputs()]
-    wanted, input_name = output or names[0], session.get_inputs()[0].name
-    if wanted not in names:
-        raise InputError(f"{where}: output = {wanted!r}; the network has {', '.join(names)}.")
+    output_name, input_name = output or names[0], session.get_inputs()[0].name
+    if output_name not in names:
+        raise InputError(f"{place}: output = {output_name!r}; the network has {', '.join(names)}.")
 
     def run(numbers: np.ndarray) -> np.ndarray:
         try:
-            (result,) = session.run([wanted], {input_name: numbers[None].astype(np.float32)})
+            (result,) = session.run([output_name], {input_name: numbers[None].astype(np.float32)})
         except Exception as error:  # onnxruntime's errors share no class but this
             raise ValueError(str(error)) from error
         return result

@@ -2,7 +2,8 @@
 
 `model.zip`, as `model.save` writes it, of PPO, A2C, SAC, TD3 and DDPG with an `MlpPolicy`; the
 action is `model.predict(..., deterministic=True)`, of observations scaled by `VecNormalize` if its
-file is named. These files hold pickled Python objects, which may run any code when they are read.
+file is named. These files hold pickled Python objects, which could run any code when they are read:
+`unpickling` reads numbers and known classes only, and refuses others.
 
 What trained in `maidenflight.integrations.gym` needs no description: the environment notes in its
 space of observations, which the file holds, what an observation is (`interface.NOTE`).
@@ -10,7 +11,6 @@ space of observations, which the file holds, what an observation is (`interface.
 
 import importlib
 import json
-import pickle
 import zipfile
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,13 +18,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from maidenflight import inputs
 from maidenflight.errors import InputError, optional
 from maidenflight.inputs import StrPath
+from maidenflight.integrations.policies.unpickling import objects_of, unpickled
 from maidenflight.simulator.controllers.interface import NOTE
 from maidenflight.simulator.policy_spec import PolicySpec
 
 SCALING = "vecnormalize.pkl"
 """Name of the file of `VecNormalize` that is looked for beside a policy of our environments."""
+_UNREAD = ("ep_info_buffer", "ep_success_buffer", "_last_obs", "_last_episode_starts")
+"""Objects of `model.zip` that only a training needs."""
 INSTANT = [
     "position",
     "quaternion_xyzw",
@@ -64,9 +68,9 @@ class Model(NamedTuple):
         Raises:
             ValueError: it takes another number of inputs.
         """
-        wanted = self.algorithm.observation_space.shape
-        if numbers.shape != wanted:
-            raise ValueError(f"it takes {wanted}")
+        shape = self.algorithm.observation_space.shape
+        if numbers.shape != shape:
+            raise ValueError(f"it takes {shape}")
         observation = numbers.astype(np.float32)
         if self.scaling is not None:
             observation = self.scaling.normalize_obs(observation)
@@ -90,10 +94,10 @@ def read_model(path: StrPath, scaling: StrPath | None = None) -> Model:
     # Schedules of training are pickled code, often of another version; flying needs none, nor a
     # replay buffer.
     unused: Any = {"learning_rate": 0.0, "lr_schedule": _no_rate, "clip_range": _no_rate}
+    unused |= dict.fromkeys(_UNREAD)
+    objects = {**objects_of(path, unused), **unused, "buffer_size": 1}
     try:
-        algorithm = getattr(package, name).load(
-            path, device="cpu", custom_objects={**unused, "buffer_size": 1}
-        )
+        algorithm = getattr(package, name).load(path, device="cpu", custom_objects=objects)
     except Exception as error:  # whatever unpickling raises
         raise InputError(
             f"{path}: Stable-Baselines3 cannot read it as {name} ({error!s:.120}). Is it of "
@@ -170,8 +174,7 @@ def _scaling(path: StrPath, algorithm: Any) -> Any:
         InputError: it cannot be read, or is of other observations.
     """
     try:
-        with Path(path).open("rb") as file:
-            scaling = pickle.load(file)
+        scaling = unpickled(inputs.content(path))
         fits = scaling.observation_space.shape == algorithm.observation_space.shape
         assert callable(scaling.normalize_obs)
     except Exception as error:  # whatever unpickling raises

@@ -50,10 +50,19 @@ MOTORS = Block(
     | {f"ctrltarget.{name}": "FP16" for name in _XYZ}
     | {"controller.cmd_thrust": "FP16", "pm.vbatMV": "uint16_t", "supervisor.info": "uint16_t"},
 )
+CHARGE, PROPELLERS_PASSED = "pm.state", "health.motorPass"
 VARIANCE = Block(
-    "variance", {f"kalman.varP{name}": "float" for name in ("X", "Y", "Z")}, period=0.1
+    "variance",
+    {f"kalman.varP{name}": "float" for name in ("X", "Y", "Z")}
+    | {CHARGE: "uint8_t", PROPELLERS_PASSED: "uint8_t"},
+    period=0.1,
 )
-"""How sure the estimator is of its position [m2]."""
+"""How sure the estimator is of its position [m2], and what else matters before take-off."""
+CHARGING = {1: "charging", 2: "charged, on its charger"}
+"""By `CHARGE`. Source: firmware 2026.08, pm.h, PMStates."""
+PROPELLER_TEST, TESTED = "health.startPropTest", 1 << 7
+"""Parameter that spins each motor a moment, and the bit of `PROPELLERS_PASSED` that ends it; the
+lower four tell which passed. Source: firmware 2026.08, health.c."""
 
 ENABLE = "mf.enable"
 """Parameter of the controller on board: 1 lets the policy fly, 0 hands back to the firmware's
@@ -76,11 +85,33 @@ REASONS = (
     "self-test",
     "another controller was chosen",
     "set-points without a future",
+    "battery",
+    "fence",
+    "ceiling",
+    "time",
+    "estimate against accelerometer",
+    "another drone than the policy's",
 )
 """Source: integrations/exporters/crazyflie/src/maidenflight.c.template, enum why."""
 TASK, START_X, START_Y, FULL = "mf.task", "mf.x", "mf.y", "mf.full"
 """Parameters of the controller on board: what the policy follows, where that starts [m], and what a
 thrust command of 1 is [counts]."""
+HASH, PROPELLERS = "mf.hash", "mf.propellers"
+"""Parameters of the controller on board: first 32 bits of the policy's SHA-256, and a number of
+`names.PROPELLERS`."""
+LONGEST = "mf.time"
+LIMITS: Mapping[str, float] = {
+    "mf.tilt": 30.0,
+    "mf.rate": 800.0,
+    "mf.distance": 0.6,
+    "mf.battery": 2.8,
+    "mf.fence": 1.5,
+    "mf.ceiling": 1.8,
+    LONGEST: 120.0,
+    "mf.drift": 0.75,
+    "mf.hover": 0.25,
+}
+"""Of the controller on board, as it is built; a session before may have left others."""
 COMMANDER = 2
 """Value of `TASK`: the policy follows the position set-points that come by radio."""
 

@@ -12,12 +12,18 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from maidenflight import names
 from maidenflight.errors import InputError, optional
 from maidenflight.integrations.radio.blocks import (
     ACTIVE,
     AHEAD,
+    CHARGE,
     ENABLE,
+    HASH,
     MOTORS,
+    PERIOD,
+    PROPELLERS,
+    PROPELLERS_PASSED,
     STATE,
     VARIANCE,
     WHY,
@@ -49,6 +55,10 @@ class Crazyflie:
     """What came last."""
     variance: list[Vector]
     """Of the estimated position, all that came [m2]."""
+    charge: int
+    """State of the charger, a key of `CHARGING` or another."""
+    propellers_passed: int
+    """Bits of the propeller test."""
 
     def __init__(
         self,
@@ -77,6 +87,9 @@ class Crazyflie:
             from cflib.crazyflie.param import ParamTocElement
         self.uri, self.clock = uri, clock
         self.lost, self.received, self.latest, self.variance = "", 0, None, []
+        self.charge, self.propellers_passed = 0, 0
+        self._echoes: dict[str, float] = {}
+        self._seen: set[int] = set()
         self._rows: RowFile | None = None
         self._writing = threading.Lock()
         self._values: dict[str, float] = {}
@@ -101,6 +114,9 @@ class Crazyflie:
                 self._has_log(ACTIVE) and self._has_log(WHY) and self.parameter(ENABLE) is not None
             )
             self.has_look_ahead = self.parameter(AHEAD) is not None
+            self._cf.param.add_update_callback(
+                "mf", cb=lambda name, value: self._echoes.update({name: float(value)})
+            )
             self.decks = tuple(deck for deck in DECKS if self.parameter(deck) == 1)
             self.blocks = (STATE, with_policy(MOTORS) if self.has_policy else MOTORS)
             self._start_blocks()
@@ -109,10 +125,10 @@ class Crazyflie:
             raise
 
     def _open(self, patience: float) -> None:
-        ready, why = threading.Event(), []
+        ready, reasons = threading.Event(), []
 
         def failed(_: str, message: str) -> None:
-            why.append(message.strip().splitlines()[0] if message.strip() else "no reason")
+            reasons.append(message.strip().splitlines()[0] if message.strip() else "no reason")
             ready.set()
 
         def lost(_: str, message: str) -> None:
@@ -128,13 +144,12 @@ class Crazyflie:
         except BaseException:
             self.close()
             raise
-        if why or not answered:
+        if reasons or not answered:
             self.close()
             raise InputError(
                 f"{self.uri}: no connection "
-                f"({why[0] if why else f'no answer in {patience:g} s'}). Is the drone on, the "
-                "radio plugged in,"
-                " the address right? cfclient finds drones near you."
+                f"({reasons[0] if reasons else f'no answer in {patience:g} s'}). Is the drone on, "
+                "the radio plugged in, the address right? cfclient finds drones near you."
             )
 
     def _has_log(self, name: str) -> bool:
@@ -200,21 +215,25 @@ class Crazyflie:
     def _take(self, block: str, stamp: int, values: Mapping[str, float]) -> None:
         now = self.clock.now()
         if block == VARIANCE.name:
-            x, y, z = values.values()
+            x, y, z, *_ = values.values()
             self.variance.append((x, y, z))
+            self.charge = int(values[CHARGE])
+            self.propellers_passed = int(values[PROPELLERS_PASSED])
         else:
             with self._writing:
                 if self._rows is not None:
                     self._rows.append(stamp, now, values)
             self._values |= values
             self._stamps[block] = stamp
+            if block == STATE.name:
+                self._seen.add(stamp)
             received = now if block == STATE.name or self.latest is None else self.latest.received
             if len(self._stamps) > 1:
                 self.latest = reading(self._values, received)
         self.received += 1
 
     def write_to(self, rows: RowFile | None) -> None:
-        """Returns where rows go from now on; nowhere, where there is nothing."""
+        """Writes rows to a file from now on; nowhere where there is none."""
         with self._writing:
             self._rows = rows
 
@@ -227,8 +246,58 @@ class Crazyflie:
             return None
         return float(self._cf.param.get_value(name))
 
+    @property
+    def identity(self) -> dict[str, str]:
+        """Identifier of the processor, firmware's commit, policy and propellers of the app.
+
+        Empty where the firmware does not tell. Source: firmware 2026.08, system.c and version.c.
+        """
+        words = [self.parameter(f"cpu.id{number}") for number in range(3)]
+        commit = [self.parameter(f"firmware.revision{number}") for number in (0, 1)]
+        hashed, propellers = self.parameter(HASH), self.parameter(PROPELLERS)
+        return {
+            "drone": "".join(f"{int(word):08x}" for word in words if word is not None),
+            "firmware": "".join(
+                f"{int(part):0{digits}x}"
+                for part, digits in zip(commit, (8, 4), strict=True)
+                if part is not None
+            ),
+            "on_board": "" if hashed is None else f"{int(hashed):08x}",
+            "propellers": ""
+            if propellers is None
+            else dict(enumerate(names.PROPELLERS)).get(int(propellers), "unknown"),
+        }
+
+    def count_rows(self) -> None:
+        """Begins to count anew the rows that `link_quality` judges."""
+        self._seen = set()
+
+    @property
+    def link_quality(self) -> float:
+        """Share of the rows since `count_rows` that came, 0 to 1."""
+        seen = sorted(self._seen)
+        if len(seen) < 2:
+            return 0.0
+        return min(len(seen) / (1 + (seen[-1] - seen[0]) % (1 << 24) / (1000 * PERIOD)), 1.0)
+
+    def confirm(self, values: Mapping[str, float]) -> None:
+        """Sets parameters of the app and asks for them; `unconfirmed` tells what came back."""
+        for name, value in values.items():
+            self.set(name, value)
+            if not self.lost and self._cf.param.toc.get_element(*name.split(".")) is not None:
+                self._cf.param.request_param_update(name)
+
+    def unconfirmed(self, values: Mapping[str, float]) -> list[str]:
+        """Lists parameters of the app that the drone has not echoed as they were set."""
+        return [
+            name
+            for name, value in values.items()
+            if not math.isclose(self._echoes.get(name, math.nan), value, rel_tol=1e-6)
+        ]
+
     def set(self, name: str, value: float) -> None:
         """Sets a parameter, at once and without waiting for the answer."""
+        self._echoes.pop(name, None)
         element = self._cf.param.toc.get_element(*name.split("."))
         # A lost link has taken the table with it.
         if element is not None:
@@ -260,7 +329,7 @@ class Crazyflie:
             self._cf.supervisor.send_arming_request(armed)
 
     def close(self) -> None:
-        """Returns ends the connection."""
+        """Ends the connection."""
         if not self._closed:
             self._closed = True
             self._cf.incoming.stop()

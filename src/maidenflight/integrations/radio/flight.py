@@ -5,8 +5,8 @@ commander: that one flies on when the link is lost, while set-points that no lon
 firmware level the drone after 0.5 s and stop its motors after 2 s.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -37,6 +37,8 @@ HOVER = 1.0
 """Time at rest before the reference, and stays after it [s]."""
 NEAR, SLOW = 0.1, 0.15
 """Distance [m] and speed [m/s] that count as being there and at rest."""
+ECHO, AGAIN = 1.0, 20
+"""Longest wait for parameters to come back [s], and set-points after which they are sent again."""
 HANDOVER = 0.3
 """Time that the policy on board has to take over [s]."""
 FRESH = 0.1
@@ -74,6 +76,14 @@ class Drone(Protocol):
         """Sets a parameter."""
         ...
 
+    def confirm(self, values: Mapping[str, float]) -> None:
+        """Sets parameters and asks for them."""
+        ...
+
+    def unconfirmed(self, values: Mapping[str, float]) -> list[str]:
+        """Lists those that have not come back as they were set."""
+        ...
+
     def arm(self, armed: bool) -> None:
         """Arms or disarms."""
         ...
@@ -96,6 +106,8 @@ class Plan:
     has from its export."""
     yaw: Float[np.ndarray, "N"] | None = None
     """Yaw, one each 10 ms [rad]; zero by default. The policy on board has none."""
+    on_board: Mapping[str, float] = field(default_factory=dict)
+    """Limits of the policy on board, by parameter, which are set and read back before it flies."""
 
 
 class Ending(NamedTuple):
@@ -239,8 +251,18 @@ def _lead(
     if plan.policy:
         counts = () if plan.full_scale_counts is None else ((FULL, plan.full_scale_counts),)
         start_values = ((TASK, COMMANDER), (START_X, start[0]), (START_Y, start[1]))
-        for name, value in (*start_values, *counts, (ENABLE, 1)):
-            drone.set(name, value)
+        values = {**plan.on_board, **dict((*start_values, *counts))}
+        drone.confirm(values)
+        began, tries = clock.now(), 0
+        while missing := drone.unconfirmed(values):
+            if clock.now() - began > ECHO:
+                reason = f"the drone does not confirm {', '.join(missing[:3])}"
+                raise _BrokenOff(Trip(reason, cut=False))
+            step(start)
+            tries += 1
+            if tries % AGAIN == 0:
+                drone.confirm({name: values[name] for name in missing})
+        drone.set(ENABLE, 1)
         began = clock.now()
 
         def place(seconds: float) -> Vector | None:

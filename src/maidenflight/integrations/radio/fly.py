@@ -1,13 +1,24 @@
 """`Fly`: flights of a real Crazyflie."""
 
+import select
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from maidenflight import names
 from maidenflight.errors import InputError
+from maidenflight.integrations.radio.blocks import LIMITS
 from maidenflight.settings import choice, flag, number, path, setting, text, whole
 from maidenflight.verb import Output, Progress, Result, Verb
 from maidenflight.verbs import core, shared
+
+if TYPE_CHECKING:
+    from maidenflight.integrations.radio.preflight import Expected
+
+COUNTDOWN_S = 3
+"""Seconds between Enter and the take-off."""
 
 
 class Fly(Verb):
@@ -63,6 +74,40 @@ class Fly(Verb):
         "Firmware counts of a thrust command of 1, if not those of the exported policy.",
         rare=True,
     )
+    policy: Path | None = setting(
+        path("a policy file", "POLICY"),
+        None,
+        "Policy that must be on board, refused otherwise, and recorded.",
+        files=True,
+        producer="train",
+    )
+    drone: str | None = shared.drone(
+        None, "Drone that flies: refused where the policy was made for another one."
+    )
+    tilt: float | None = setting(
+        number(5.0, LIMITS["mf.tilt"]),
+        None,
+        "The policy's largest tilt [deg].",
+        rare=True,
+    )
+    rate: float | None = setting(
+        number(50.0, LIMITS["mf.rate"]),
+        None,
+        "The policy's largest roll and pitch rate [deg/s].",
+        rare=True,
+    )
+    distance: float | None = setting(
+        number(0.05, LIMITS["mf.distance"]),
+        None,
+        "The policy's largest distance from the set-point [m].",
+        rare=True,
+    )
+    yes: bool = setting(
+        flag(), False, "Take off without asking for Enter, as for scripts.", recorded=False
+    )
+    no_propeller_test: bool = setting(
+        flag(), False, "Leave out the firmware's test of propellers.", rare=True
+    )
     recover: bool = setting(
         flag(),
         False,
@@ -79,19 +124,42 @@ class Fly(Verb):
         """Refuses settings that mean nothing for what flies."""
         by_plan = ("pilot", "duration", "task", "height", "steps", "full_scale_counts", "recover")
         shared.must_be_default(self, by_plan if self.plan else (), "the plan defines the flight")
-        by_policy = ("steps",) if self.pilot == "policy" else ("full_scale_counts",)
+        own = ("policy", "drone", "tilt", "rate", "distance")
+        by_policy = ("steps",) if self.pilot == "policy" else ("full_scale_counts", *own)
         shared.must_be_default(self, by_policy, f"it means nothing for --pilot {self.pilot}")
+        if self.drone is not None and self.policy is None:
+            raise InputError("--policy is missing; expected the file whose drone is compared.")
         if self.uri is None and not self.recover:
             raise InputError(
                 f"--uri is missing; expected the address of a Crazyflie, such as {shared.URI}."
             )
+
+    def _expected(self) -> tuple["Expected", dict[str, object]]:
+        """What must be on board, and what records say of the policy.
+
+        Raises:
+            InputError: the policy file is none, or made for another drone than the one named.
+        """
+        from maidenflight.integrations.radio.preflight import Expected
+
+        if self.policy is None:
+            return Expected(), {}
+        file = core.policy_file.read_policy(self.policy)
+        digest = core.digest(file.policy)
+        own = file.identity
+        if self.drone is not None:
+            core.identity.check_same_drone(
+                str(self.policy), own, core.identity.identity_of(core.drone_file.read(self.drone))
+            )
+        recorded = {"file": self.policy.name, "sha256": digest, "drone": own}
+        return Expected(code=digest[:8], propellers=core.identity.propellers_of(own)), recorded
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Flies; writes a log a flight. Says on standard error what the drone does."""
         if self.recover:
             return _recover(output)
         from maidenflight.integrations.radio.flight import COMPLETE
-        from maidenflight.integrations.radio.session import Course, record
+        from maidenflight.integrations.radio.session import Care, Course, record
 
         pid, real = self.pilot == "pid", (self.uri or "").startswith(("radio://", "usb://"))
         course: core.FlightPlan | Course = Course(
@@ -101,6 +169,18 @@ class Fly(Verb):
             (0.1 if self.steps is None else self.steps) if pid else 0.0,
             policy=not pid,
             full_scale_counts=self.full_scale_counts,
+            on_board={
+                f"mf.{name}": value
+                for name in ("tilt", "rate", "distance")
+                if (value := getattr(self, name)) is not None
+            },
+        )
+        expected, policy = self._expected()
+        care = Care(
+            expected,
+            not self.no_propeller_test,
+            _countdown if self.yes else _enter,
+            {"policy": policy} if policy else {},
         )
         if self.plan is not None:
             course = core.flight_plan.read(self.plan)
@@ -111,7 +191,8 @@ class Fly(Verb):
             course,
             count,
             self.seed,
-            say=lambda line: print(line, file=sys.stderr, flush=True),
+            say=_say,
+            care=care,
         )
         complete = (
             all(one.ending.reason == COMPLETE for one in session_result)
@@ -136,6 +217,38 @@ class Fly(Verb):
             exit_code=0 if complete else 1,
             value=session_result,
         )
+
+
+def _say(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
+
+
+def _enter(stops: Callable[[], int]) -> bool:
+    """Waits for Enter, or a request to stop, then counts down.
+
+    Raises:
+        InputError: nobody can press Enter.
+    """
+    if not sys.stdin.isatty():
+        raise InputError(
+            "nobody can confirm the take-off: the input is no terminal. Give --yes to take off "
+            "without."
+        )
+    _say(f"Enter takes off in {COUNTDOWN_S} s; Ctrl-C ends")
+    while not select.select([sys.stdin], [], [], 0.1)[0]:
+        if stops():
+            return False
+    return bool(sys.stdin.readline()) and _countdown(stops)
+
+
+def _countdown(stops: Callable[[], int]) -> bool:
+    """Counts down to the take-off; whether nobody asked to stop."""
+    for left in range(COUNTDOWN_S, 0, -1):
+        _say(f"take-off in {left} s")
+        time.sleep(1.0)
+        if stops():
+            return False
+    return True
 
 
 def _recover(folder: Path) -> Result:

@@ -4,8 +4,9 @@ import dataclasses
 import signal
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import jax
@@ -16,20 +17,18 @@ from jaxtyping import Float
 from maidenflight import cache, manifest, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.flights.flight_plan import FlightPlan
-from maidenflight.integrations.radio import row_files, watch
-from maidenflight.integrations.radio.blocks import ENABLE, PERIOD
+from maidenflight.integrations.radio import row_files
+from maidenflight.integrations.radio.blocks import LIMITS, LONGEST, PERIOD
 from maidenflight.integrations.radio.clock import Clock, WallClock
 from maidenflight.integrations.radio.crazyflie import Crazyflie
 from maidenflight.integrations.radio.flight import COMPLETE, Ending, Plan, fly
-from maidenflight.integrations.radio.watch import Limits, PreflightState
+from maidenflight.integrations.radio.preflight import Expected, examine
+from maidenflight.integrations.radio.watch import Limits
 from maidenflight.simulator.tasks import tasks
 from maidenflight.simulator.tasks.trajectories import Trajectory
 
-SETTLING = 10.0
-"""Longest wait for the estimator [s]."""
-RESET = 0.1
-"""How long the estimator stays at its start [s]. Source: cflib 0.1.34,
-utils/reset_estimator.py."""
+MARGIN = 2.0
+"""Time that the policy's time limit leaves after a flight [s]."""
 LASTING = 0.5
 """Time that a step of the set-point lasts [s]."""
 PAUSE = 3.0
@@ -52,20 +51,57 @@ class Course:
     """Whether the policy on board flies."""
     full_scale_counts: float | None = None
     """In place of the policy's own counts of a thrust command of 1; see `Plan`."""
+    on_board: Mapping[str, float] = field(default_factory=dict)
+    """Limits of the policy on board that are tighter than `LIMITS`, by parameter."""
+
+    @property
+    def limits_on_board(self) -> dict[str, float]:
+        """Returns all limits of the policy on board.
+
+        Raises:
+            InputError: one is looser than the app's own.
+        """
+        wanted = {LONGEST: self.duration + MARGIN, **self.on_board}
+        looser = [name for name, value in wanted.items() if not 0.0 < value <= LIMITS[name]]
+        if looser and self.policy:
+            raise InputError(
+                f"{looser[0]} = {wanted[looser[0]]:g}; expected more than 0 and at most "
+                f"{LIMITS[looser[0]]:g}, the limit of the app on board."
+            )
+        return {**LIMITS, **wanted}
 
     def plan(self, seed: int) -> Plan:
         """Plans a flight, with random steps of a seed."""
         trajectory = tasks.TASKS[self.task]().reference
         places = reference(trajectory, self.duration, self.height, self.steps, seed)
-        return Plan(places, self.policy, self.full_scale_counts)
+        on_board = self.limits_on_board if self.policy else {}
+        return Plan(places, self.policy, self.full_scale_counts, on_board=on_board)
 
     @property
     def settings(self) -> dict[str, object]:
         """Returns what it is, for records."""
         own = dataclasses.asdict(self)
+        own.pop("on_board")
+        if self.policy:
+            own["limits_on_board"] = self.limits_on_board
         if not self.policy or self.full_scale_counts is None:
             del own["full_scale_counts"]
         return own
+
+
+class Care(NamedTuple):
+    """What is expected before the first take-off of a session."""
+
+    expected: Expected = Expected()
+    """Of the app on board, where a policy flies; its limits are those of the course."""
+    limits: Limits = Limits()
+    """Where to break off."""
+    test_propellers: bool = False
+    """Whether each motor is spun a moment by the firmware."""
+    confirmed: Callable[[Callable[[], int]], bool] = lambda stops: True
+    """Asks whether to take off; given the number of requests to stop."""
+    settings: Mapping[str, object] = MappingProxyType({})
+    """For records, such as the policy's file."""
 
 
 class FlightResult(NamedTuple):
@@ -185,51 +221,16 @@ def connected(uri: str, clock: Clock, cache: Path | None = None) -> Iterator[Cra
         drone.close()
 
 
-def check(
-    drone: Crazyflie,
-    limits: Limits,
-    clock: Clock,
-    stops: Callable[[], int],
-    needs_policy: bool = False,
-) -> list[str]:
-    """Resets the estimator, waits until it settles, and checks that the drone may take off.
-
-    Returns:
-        See `watch.preflight_failures`.
-    """
-    if drone.has_policy:
-        # A program that was killed may have left it on: then the policy would take off.
-        drone.set(ENABLE, 0)
-    drone.set("kalman.resetEstimation", 1)
-    clock.sleep(RESET)
-    drone.set("kalman.resetEstimation", 0)
-    drone.variance.clear()
-    until = clock.now() + SETTLING
-    while (
-        not watch.settled(drone.variance) and clock.now() < until and not drone.lost and not stops()
-    ):
-        clock.sleep(0.05)
-    if drone.lost or drone.latest is None:
-        return [f"the link is down ({drone.lost or 'no rows'}); connect again"]
-    return watch.preflight_failures(
-        PreflightState(
-            drone.latest, drone.decks, tuple(drone.variance), drone.has_policy, drone.has_look_ahead
-        ),
-        limits,
-        needs_policy,
-    )
-
-
 def flights(
     drone: Crazyflie,
     plans: list[Plan],
     folder: Path,
     record: Mapping[str, Any],
     *,
-    limits: Limits,
     clock: Clock,
     stops: Callable[[], int],
     say: Callable[[str], None],
+    care: Care = Care(),  # noqa: B008
 ) -> list[FlightResult]:
     """Flies plans one after the other, as long as each one ends as it should.
 
@@ -240,29 +241,43 @@ def flights(
         plans: what to fly; see `checked_plan`.
         folder: where to write. Names go on where those in the folder end; nothing is overwritten.
         record: how they are made, as `results.record` gives it; each flight adds its own.
-        limits: where to break off.
         clock: the program's.
         stops: number of requests to stop.
         say: called with messages.
+        care: what is expected before the first take-off.
 
     Raises:
         InputError: the drone is not fit for the first flight, or rows can no longer be written; the
             drone has landed then.
         WriteError: the file of rows cannot be made.
     """
+    limits = care.limits
     results_so_far: list[FlightResult] = []
     for number, plan in enumerate(plans):
-        against = check(drone, limits, clock, stops, plan.policy)
+        expected = None
+        if plan.policy:
+            expected = care.expected._replace(limits=plan.on_board or LIMITS)
+        table = examine(
+            drone, limits, clock, stops, expected, care.test_propellers and not results_so_far
+        )
+        against = [finding.problem for finding in table if finding.problem]
         if stops():
             say("no further flight: stopped by hand")
             break
+        if not results_so_far:
+            for finding in table:
+                say(str(finding))
         if against and not results_so_far:
             raise InputError(f"{drone.uri}: not taking off: {'; '.join(against)}.")
         if against:
             say(f"no further flight: {'; '.join(against)}")
             break
+        if not results_so_far and not care.confirmed(stops):
+            say("no flight: not confirmed")
+            break
         name = _next_name(folder)
         own = {"flight": number + 1, "deck": ", ".join(drone.decks)}
+        own |= {what: value for what, value in drone.identity.items() if value}
         flight_record = {**record, "settings": {**record["settings"], **own}}
         file = row_files.RowFile(
             folder / f"{name}{row_files.SUFFIX}", drone.blocks, drone.simulated, flight_record
@@ -296,21 +311,21 @@ def record(
     count: int,
     seed: int = 0,
     *,
-    limits: Limits = Limits(),  # noqa: B008
     clock: Clock | None = None,
     say: Callable[[str], None] = print,
+    care: Care = Care(),  # noqa: B008
 ) -> list[FlightResult]:
     """Connects, checks, flies and files; Ctrl-C lands, a second one stops the motors.
 
     Args:
         uri: see `Crazyflie`.
         folder: where to write; see `flights`.
-        course: what to fly; the room of a flight plan narrows the limits.
+        course: what to fly; the room of a flight plan narrows the limits of `care`.
         count: flights.
         seed: of the steps.
-        limits: where to break off.
         clock: the computer's by default.
         say: called with messages.
+        care: what is expected before the first take-off.
 
     Raises:
         InputError: no connection, an unfit drone, or a reference beyond the limits.
@@ -319,13 +334,13 @@ def record(
     settings: dict[str, object]
     if isinstance(course, Course):
         plans = [course.plan(seed + number) for number in range(count)]
-        settings = course.settings
+        settings = {**course.settings, **care.settings}
     else:
-        limits = within(course.room, limits)
+        care = care._replace(limits=within(course.room, care.limits))
         plans = [of_flight_plan(course)] * count
         settings = {"plan": Path(course.name).name, "duration": course.seconds}
     for one in plans:
-        checked_plan(one, limits)
+        checked_plan(one, care.limits)
     session_record = results.record(seed=seed, inputs=[], settings=settings)
     clock = clock or WallClock()
     with (
@@ -333,7 +348,14 @@ def record(
         stop_requests() as stops,
     ):
         return flights(
-            drone, plans, folder, session_record, limits=limits, clock=clock, stops=stops, say=say
+            drone,
+            plans,
+            folder,
+            session_record,
+            clock=clock,
+            stops=stops,
+            say=say,
+            care=care,
         )
 
 

@@ -1,4 +1,4 @@
-"""What must hold before a flight and during it, and what happens where it does not.
+"""What must hold during a flight, and what happens where it does not.
 
 Distances, tilts and speeds are of the drone's own estimate, which is all that a program on the
 ground has.
@@ -13,10 +13,7 @@ import numpy as np
 from maidenflight.integrations.radio.blocks import (
     ARMED,
     AUTO_ARMED,
-    CAN_BE_ARMED,
-    CAN_FLY,
     CRASHED,
-    ENABLE,
     LOCKED,
     TUMBLED,
     Reading,
@@ -184,73 +181,3 @@ class Watch:
             elif status.now - self._since.setdefault(number, status.now) >= guard.patience:
                 return Trip(reason, guard.cut)
         return None
-
-
-class PreflightState(NamedTuple):
-    """What is known of a drone on the ground."""
-
-    reading: Reading
-    decks: tuple[str, ...]
-    """Of `DECKS`, those that are mounted."""
-    variance: tuple[Vector, ...]
-    """Of the estimated position [m2], some time's readings."""
-    policy: bool
-    """Whether a controller on board with our parameters answers."""
-    has_look_ahead: bool = False
-    """Whether its policy sees the reference ahead of time."""
-
-
-def preflight_failures(standing: PreflightState, limits: Limits, needs_policy: bool) -> list[str]:
-    """Returns why the drone must not take off, each with what to do; empty if it may."""
-    reading, problems = standing.reading, []
-    for bit, what in ((LOCKED, "locked"), (CRASHED, "crashed"), (TUMBLED, "tumbled")):
-        if reading.supervisor & bit:
-            problems.append(
-                f"the firmware says that it has {what}; put it level, switch it off and on"
-            )
-    if reading.battery < limits.full:
-        problems.append(
-            f"battery at {reading.battery:.2f} V, {limits.full:g} V are needed; charge it"
-        )
-    if not standing.decks:
-        problems.append(
-            "no deck that tells the position; mount a Flow deck v2 and switch the drone off and on"
-        )
-    if not reading.finite:
-        problems.append("the estimate is not a number; switch the drone off and on")
-    elif np.degrees(reading.tilt) > limits.level:
-        problems.append(
-            f"tilted by {np.degrees(reading.tilt):.0f} deg; put it level and switch it off and on"
-        )
-    elif not settled(standing.variance):
-        problems.append(
-            "the estimator does not settle; put the drone onto a well-lit floor with a pattern "
-            "and leave it alone"
-        )
-    if not reading.supervisor & (CAN_BE_ARMED | ARMED | AUTO_ARMED | CAN_FLY):
-        problems.append("the firmware refuses to be armed; its console (cfclient) tells why")
-    if reading.policy:
-        problems.append(
-            f"the policy on board is on and does not obey {ENABLE} = 0; switch the drone off and on"
-        )
-    if needs_policy and not standing.policy:
-        problems.append("no policy on board; build the exported app and flash it")
-    elif needs_policy and standing.has_look_ahead:
-        problems.append(
-            "the policy on board looks ahead, but set-points by radio tell no more than where the "
-            "drone shall be now; flash one trained without --look-ahead, or fly mf.task 0 or 1"
-        )
-    return problems
-
-
-def settled(variance: Sequence[Vector], change: float = 0.001, fewest: int = 10) -> bool:
-    """Returns whether the estimator's variance has come to rest.
-
-    Source: cflib 0.1.34, utils/reset_estimator.py.
-    """
-    last = np.array(variance[-fewest:])
-    return (
-        len(last) >= fewest
-        and bool(np.isfinite(last).all())
-        and float(np.ptp(last, axis=0).max()) < change
-    )

@@ -93,7 +93,7 @@ def export_raptor(
     seed: int = 0,
     record: Mapping[str, Any] | None = None,
 ) -> list[Path]:
-    """Writes a policy of RAPTOR's form as `policy.h5`; see `to_raptor`.
+    """Writes a policy of RAPTOR's form as `policy.h5`, and for PX4; see `to_raptor` and `px4`.
 
     Args:
         policy: the policy.
@@ -103,12 +103,19 @@ def export_raptor(
         record: see `to_raptor`.
 
     Returns:
-        The file written, alone in a list.
+        The files written: the checkpoint, the archive for PX4 and commands to compare.
 
     Raises:
         InputError: see `to_raptor`; or the directory cannot be written.
     """
-    return [results.write(Path(directory) / NAME, to_raptor(policy, name, seed, record))]
+    from maidenflight.integrations.raptor import px4
+
+    files = {
+        NAME: to_raptor(policy, name, seed, record),
+        px4.NAME: px4.to_archive(policy, name, seed),
+        px4.BENCH: px4.commands(policy),
+    }
+    return [results.write(Path(directory) / path, content) for path, content in files.items()]
 
 
 Layer = tuple[str, str, dict[str, Numbers]]

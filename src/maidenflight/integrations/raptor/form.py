@@ -70,12 +70,12 @@ def output_of(action: Float[ArrayLike, "4"]) -> Float[Array, "4"]:
     return 2.0 * jnp.sqrt(jnp.maximum(share, _LEAST_SHARE)) - 1.0
 
 
-def check(commanded: ControlInterface, where: str = "policy") -> None:
+def check(commanded: ControlInterface, place: str = "policy") -> None:
     """Checks that policies of this form can command an interface.
 
     Args:
         commanded: what they command.
-        where: what errors name, such as the file.
+        place: what errors name, such as the file.
 
     Raises:
         InputError: they cannot.
@@ -83,7 +83,7 @@ def check(commanded: ControlInterface, where: str = "policy") -> None:
     usual = interface.pwm(full_scale_counts=commanded.full_scale_counts)
     if commanded != usual:
         raise InputError(
-            f"{where}: {commanded.name} at {commanded.rate} Hz; a policy of the form {RAPTOR} has "
+            f"{place}: {commanded.name} at {commanded.rate} Hz; a policy of the form {RAPTOR} has "
             f"pwm at {usual.rate} Hz."
         )
 

@@ -19,7 +19,6 @@ The body is Bullet's default kind, a multibody with a base and no links. Read ba
 """
 
 import atexit
-import importlib
 import threading
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -31,7 +30,7 @@ import numpy as np
 from jax import lax, tree
 from jaxtyping import Array, ArrayLike, Float
 
-from maidenflight.errors import optional
+from maidenflight.errors import imported
 from maidenflight.parameters import Parameters
 from maidenflight.parameters.frames import PLACES
 from maidenflight.simulator.physics import dynamics
@@ -233,8 +232,7 @@ def _pybullet() -> Any:
         InputError: it is not installed.
     """
     remark = "compiled by pip in many minutes, except for Python 3.11 on Linux"
-    with optional("pybullet", "pybullet", "this drone", remark):
-        return importlib.import_module("pybullet")
+    return imported("pybullet", "pybullet", "this drone", remark)
 
 
 def _motors(

@@ -52,9 +52,9 @@ def _world(drone: str) -> tuple[Any, Any]:
     names = [str(one) for one in crazyflow.Drone if physical in physics.supported_dynamics(one)]
     if drone not in names:
         return None, names
-    known, motors = crazyflow.Drone(drone), crazyflow.Control.rotor_vel
-    simulation = crazyflow.Sim(drone=known, dynamics=physical, control=motors, freq=RATE)
-    return simulation, float(physics.load_params(physical, known)["thrust_max"])
+    drone_name, motors = crazyflow.Drone(drone), crazyflow.Control.rotor_vel
+    simulation = crazyflow.Sim(drone=drone_name, dynamics=physical, control=motors, freq=RATE)
+    return simulation, float(physics.load_params(physical, drone_name)["thrust_max"])
 
 
 def _described(simulation: Any, thrust: float) -> dict[str, Any]:

@@ -12,7 +12,6 @@ battery, latency, noise or drag, and there is no firmware in front of it.
 Source: Eschmann et al. 2024, Learning to Fly in Seconds; l2f 2.0.18, rl_tools' parameters/dynamics.
 """
 
-import importlib
 import json
 import math
 from collections.abc import Mapping
@@ -22,7 +21,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from maidenflight.errors import InputError, optional
+from maidenflight.errors import InputError, imported
 from maidenflight.parameters import (
     Parameters,
     crazyflie,
@@ -165,7 +164,8 @@ class L2F:
         self.name, body = f"l2f-{drone}", BODIES[drone]
         self.parameters = body.parameters()
         self.hover = float(dynamics.hover_command(self.parameters))
-        l2f = _l2f()
+        remark = "pip compiles it: a C++ compiler, some 8 GB of memory and about ten minutes"
+        l2f = imported("l2f", "l2f", "this drone", remark)
         self._l2f, self._device = l2f, l2f.Device()
         self._environment, self._random = l2f.Environment(), l2f.Rng()
         l2f.initialize_rng(self._device, self._random, 0)
@@ -216,14 +216,3 @@ class L2F:
         """Returns the true state and the last commands."""
         state: Any = self.observe()
         return Truth(state.position, state.quaternion, state.body_rates, self._command)
-
-
-def _l2f() -> Any:
-    """The package, imported when first needed.
-
-    Raises:
-        InputError: it is not installed.
-    """
-    remark = "pip compiles it: a C++ compiler, some 8 GB of memory and about ten minutes"
-    with optional("l2f", "l2f", "this drone", remark):
-        return importlib.import_module("l2f")

@@ -141,17 +141,17 @@ def margin(values: Any) -> tuple[float, float]:
     return low - room, high + room
 
 
-def layer(where: str, mark: Spec, **encoding: Any) -> Spec:
+def layer(condition: str, mark: Spec, **encoding: Any) -> Spec:
     """Returns a layer of a panel.
 
     Args:
-        where: the `kind` of its rows, or an expression that holds for them; empty for all.
+        condition: the `kind` of its rows, or an expression that holds for them; empty for all.
         mark: how it looks.
         encoding: channels by their name.
     """
-    test = f"datum.kind === '{where}'" if where.isidentifier() else where
-    chosen = {"transform": [{"filter": test}]} if test else {}
-    return {**chosen, "mark": mark, "encoding": encoding}
+    test = f"datum.kind === '{condition}'" if condition.isidentifier() else condition
+    transform = {"transform": [{"filter": test}]} if test else {}
+    return {**transform, "mark": mark, "encoding": encoding}
 
 
 def tooltip(fields: Mapping[str, str]) -> list[Spec]:

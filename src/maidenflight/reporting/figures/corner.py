@@ -58,7 +58,7 @@ def corner(
         for name in (list(values)[place] for place in places)
     ]
     count = len(values[marginals[0].name])
-    chosen = np.unique(np.linspace(0, count - 1, min(count, MAX_POINTS)).astype(int))
+    indices = np.unique(np.linspace(0, count - 1, min(count, MAX_POINTS)).astype(int))
     lines = []
     for row, upward in enumerate(marginals):
         cells = []
@@ -70,7 +70,7 @@ def corner(
                 else _cloud(across, upward, correlation[places[row], places[column]], first, last)
             )
         lines.append({"hconcat": cells, "bounds": "flush", "spacing": 6})
-    data = charts.table({each.name: each.values[chosen] for each in marginals})
+    data = charts.table({each.name: each.values[indices] for each in marginals})
     spec: Spec = {"data": data, "vconcat": _cells(lines, len(marginals)), "spacing": 6}
     few = (
         f", those of its {len(values)} parameters with the strongest correlations"

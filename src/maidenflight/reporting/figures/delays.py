@@ -48,10 +48,10 @@ def delay_posterior(
     # The samples must be in view, though the paper's drone may be far from it.
     inside = bool((np.abs(paper - middle) < 1.5 * reach).all())
     in_view = np.concatenate([near, [paper]]) if inside else near
-    drawn: list[Spec] = [{"series": "sample", "x": x, "y": y} for x, y in points]
+    mark_rows: list[Spec] = [{"series": "sample", "x": x, "y": y} for x, y in points]
     for share, ellipse in curves.items():
-        drawn += curve("ellipses", ellipse, f"{100 * share:.0f} %")
-    drawn += marks(best, estimates, box)
+        mark_rows += curve("ellipses", ellipse, f"{100 * share:.0f} %")
+    mark_rows += marks(best, estimates, box)
     shares = " and ".join(f"{100 * share:.0f} %" for share in SHARES)
     far = "" if inside else f" ({paper[0]:g} ms, {paper[1]:g} ms) is far outside"
     legend = [
@@ -59,7 +59,7 @@ def delay_posterior(
         Entry(f"{shares} of them", "blue", "line", "ellipses"),
         *legend_of_marks(float(best.sum()), True, bool(truth), far),
     ]
-    return plane("Posterior of the delays", drawn, in_view, legend, {})
+    return plane("Posterior of the delays", mark_rows, in_view, legend, {})
 
 
 def _ellipse(points: Float[np.ndarray, "n 2"], share: float) -> Float[np.ndarray, "m 2"]:
@@ -91,32 +91,32 @@ def curve(series: str, points: Float[np.ndarray, "n 2"], name: str) -> list[Spec
     ]
 
 
-def marks(best: np.ndarray, known: Mapping[str, Estimate], box: np.ndarray) -> list[Spec]:
+def marks(best: np.ndarray, estimates: Mapping[str, Estimate], box: np.ndarray) -> list[Spec]:
     """Returns rows of truth, paper's drone, line of equal sums, and optimum with its interval."""
-    drawn: list[Spec] = [
+    mark_rows: list[Spec] = [
         {"series": "truth", "x": x, "y": y, "curve": "truth", "order": order}
         for order, (x, y) in enumerate(box)
     ]
     total, (lag, late) = float(best.sum()), of_the_paper()
-    drawn += [
+    mark_rows += [
         {"series": "total", "x": max(x, 0.0), "y": total - max(x, 0.0), "curve": "total"}
         | {"order": order}
         for order, x in enumerate((0.0, total))
     ]
-    drawn.append({"series": "paper", "x": lag, "y": late, "mark": "the paper's drone"})
+    mark_rows.append({"series": "paper", "x": lag, "y": late, "mark": "the paper's drone"})
     centre = {"series": "identified", "x": best[0], "y": best[1]}
     for name, axis in zip(DELAYS, "xy", strict=True):
-        if known:
-            low, high = (1e3 * end for end in known[name].interval)
+        if estimates:
+            low, high = (1e3 * end for end in estimates[name].interval)
             bar = {**centre, axis: low, f"{axis}2": high, "bar": axis}
-            drawn.append(bar | {"x2": bar.get("x2", best[0]), "y2": bar.get("y2", best[1])})
-    return [*drawn, {**centre, "mark": "identified" if known else "best evaluation"}]
+            mark_rows.append(bar | {"x2": bar.get("x2", best[0]), "y2": bar.get("y2", best[1])})
+    return [*mark_rows, {**centre, "mark": "identified" if estimates else "best evaluation"}]
 
 
-def legend_of_marks(total: float, known: bool, truth: bool, remark: str = "") -> list[Entry]:
+def legend_of_marks(total: float, is_measured: bool, truth: bool, remark: str = "") -> list[Entry]:
     """Returns the entries of the legend for `marks`; a remark stands behind the paper's drone."""
     lag, late = map(text.plain_symbol, DELAYS)
-    point_label = f"identified, {100 * LEVEL:.0f} % interval" if known else "best evaluation"
+    point_label = f"identified, {100 * LEVEL:.0f} % interval" if is_measured else "best evaluation"
     return [
         *([Entry("truth", "green", "line", "truth")] if truth else []),
         Entry(f"paper's drone{remark}", "purple", "diamond", "paper"),

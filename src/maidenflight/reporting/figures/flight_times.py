@@ -37,8 +37,8 @@ def flight_times(
     Raises:
         InputError: no flights, or a column is missing.
     """
-    wanted = ("row", "colour", "panel", "duration", "end_reason")
-    missing = [name for name in wanted if name not in rows.columns]
+    columns = ("row", "colour", "panel", "duration", "end_reason")
+    missing = [name for name in columns if name not in rows.columns]
     rows = rows if missing else rows.filter(polars.col("duration").is_finite())
     if missing or rows.height == 0:
         raise InputError(
@@ -131,10 +131,12 @@ def _marks(name: str, flights: polars.DataFrame) -> list[Spec]:
 
 
 def _legend(rows: polars.DataFrame, labels: dict[str, str]) -> list[Entry]:
-    used = rows["colour"].unique(maintain_order=True).to_list()
+    colours = rows["colour"].unique(maintain_order=True).to_list()
     counts = rows.group_by("row", "panel").len()["len"].to_list()
     kind = "box" if max(counts, default=0) >= BOXED else "dot"
-    entries = [Entry(labels[colour], colour, kind, colour) for colour in used if colour in labels]
+    entries = [
+        Entry(labels[colour], colour, kind, colour) for colour in colours if colour in labels
+    ]
     reached = (rows["end_reason"] == REACHED).to_numpy()
     entries += [Entry("flight to the time limit", "soft", "dot")] if reached.any() else []
     entries += [Entry("flight ended by a guard", "soft", "cross")] if not reached.all() else []

@@ -5,16 +5,20 @@ from collections.abc import Mapping, Sequence
 from maidenflight.identification.drone_file import Estimate, GroupGain
 from maidenflight.identification.likelihood.selection import SMALLEST_GAIN
 from maidenflight.identification.outcome.estimates import Identification
-from maidenflight.identification.signals.motor_response import Look
+from maidenflight.identification.outcome.plausible import prior_ranges
+from maidenflight.identification.search.box import physical_bounds
+from maidenflight.identification.signals.motor_response import DelayEstimate
 from maidenflight.parameters import Parameters, component
 from maidenflight.reporting import text
 from maidenflight.reporting.figures import charts, intervals
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec
 
+_OUTSIDE = -0.25, 1.25
+"""Shares of a plausible range beyond which marks are left out."""
 _TOOLTIP = {"name": "", "value": "value", "between": "95 % interval", "source": ""}
 _ENTRIES = {
     "identified": Entry("identified, 95 % interval", "orange", "bar", "identified"),
-    "unidentified": Entry("plausible, not identifiable", "line", "thick", "unidentified"),
+    "unidentified": Entry("not identified: plausible range", "line", "thick", "unidentified"),
     "truth": Entry("truth", "green", "tick", "truth"),
     "start": Entry("start", "purple", "tick", "start"),
     "paper": Entry("paper", "purple", "tick", "paper"),
@@ -25,7 +29,7 @@ References = Mapping[str, Mapping[str, Sequence[float]]]
 
 
 def identification(result: Identification, start: Parameters) -> Figure:
-    """Intervals beside the start's values, looks at the motors' lag, and gains of groups.
+    """Draws intervals beside the start's values, estimates of the lag, and gains of groups.
 
     Args:
         result: the result.
@@ -34,10 +38,10 @@ def identification(result: Identification, start: Parameters) -> Figure:
     source = result.source
     kind = "flight" if not source.simulated else "flight, some or all simulated"
     names = [*result.estimates, *result.unidentified]
-    begun = {"start": {name: [float(component(start, name))] for name in names}}
-    figure = estimates(result.estimates, result.unidentified, begun)
+    references = {"start": {name: [float(component(start, name))] for name in names}}
+    figure = estimates(result.estimates, result.unidentified, references, start)
     panels = [*figure.panels]
-    panels += [_draw_delays(result.lag_looks)] if result.lag_looks else []
+    panels += [_draw_delays(result.delay_estimates)] if result.delay_estimates else []
     panels += [_gains(result.gains)] if result.gains else []
     title = f"Identified from {source.seconds:.0f} s of {kind}"
     return Figure(title, panels, figure.legend, columns=1)
@@ -47,22 +51,26 @@ def estimates(
     known: Mapping[str, Estimate],
     unknown: Mapping[str, tuple[float, float]],
     references: References,
+    drone: Parameters,
 ) -> Figure:
-    """Returns a row a parameter, each on a scale of its own.
+    """Returns a row a parameter, all as shares of what is plausible before the flights.
+
+    So the width of an interval shows what the flights add.
 
     Args:
         known: estimates by parameter.
         unknown: plausible ranges of what could not be identified.
         references: what else is marked, the first in numbers too.
+        drone: about which the plausible ranges lie.
     """
-    names, marks = [], []
+    names, marks, bounds = [], [], physical_bounds(drone)
+    priors = prior_ranges(drone, {name: bounds[name] for name in known}) | dict(unknown)
     for row, name in enumerate((*known, *unknown)):
         low, high = known[name].interval if name in known else unknown[name]
         others = {series: values[name] for series, values in references.items() if name in values}
-        ends = charts.margin([low, high, *(value for each in others.values() for value in each)])
         scale, digits, unit = text.rounding(name, low, high)
 
-        def place(value: float, ends: tuple[float, float] = ends) -> float:
+        def place(value: float, ends: tuple[float, float] = priors[name]) -> float:
             return (value - ends[0]) / (ends[1] - ends[0])
 
         def written(value: float, scale: float = scale, digits: int = digits) -> str:
@@ -73,7 +81,7 @@ def estimates(
         series, colour = ("identified", "orange") if name in known else ("unidentified", "line")
         common |= {"series": series, "colour": charts.paint(colour)}
         marks.append({**common, "kind": "bar", "x": place(low), "x2": place(high)})
-        numbers = f"{written(low)} .. {written(high)}"
+        numbers = f"not identified, {written(low)} .. {written(high)}"
         if name in known:
             value = known[name].value
             marks.append({**common, "kind": "value", "x": place(value), "value": written(value)})
@@ -85,14 +93,21 @@ def estimates(
         first = next(iter(others), None)
         reference_text = f", {first} {' .. '.join(map(written, others[first]))}" if first else ""
         names.append((common["name"], f"{numbers}{reference_text} {unit}".rstrip()))
-    x = charts.number("x", **charts.within(0.0, 1.0), axis=None)
-    used = {mark["series"] for mark in marks}
-    legend = [entry for series, entry in _ENTRIES.items() if series in used]
+    places = [mark[end] for mark in marks for end in ("x", "x2") if end in mark]
+    ends = [
+        max(_OUTSIDE[0], min([0.0, *places])) - 0.02,
+        min(_OUTSIDE[1], max([1.0, *places])) + 0.02,
+    ]
+    ticks = {"values": [0, 0.25, 0.5, 0.75, 1], "format": "%"}
+    x = charts.number("x", "share of the range that is plausible before the flights", axis=ticks)
+    x["scale"] = {"domain": ends, "nice": False}
+    series_names = {mark["series"] for mark in marks}
+    legend = [entry for series, entry in _ENTRIES.items() if series in series_names]
     return Figure("Estimates", [intervals.rows(names, marks, x, _TOOLTIP)], legend, columns=1)
 
 
-def _draw_delays(delay_estimates: Sequence[Look]) -> Spec:
-    """A row a signal, on one axis in milliseconds; the last is what was taken."""
+def _draw_delays(delay_estimates: Sequence[DelayEstimate]) -> Spec:
+    """Draws a row for each signal, on one axis in milliseconds; the last is the estimate."""
     names, marks = [], []
     for row, look in enumerate(delay_estimates):
         value, low, high = (1e3 * each for each in (look.value, *look.interval))
@@ -101,27 +116,27 @@ def _draw_delays(delay_estimates: Sequence[Look]) -> Spec:
         marks += [bar, {"row": row, "kind": "value", "x": value, "colour": colour}]
         names.append((look.signal, f"{value:.1f} [{low:.1f}, {high:.1f}] ms"))
     room = {"scale": {"zero": False, "nice": False, "padding": 10}}
-    x = charts.number("x", "motor lag and latency together [ms]", **room)
-    return intervals.rows(names, marks, x, title="Looks at the lag")
+    x = charts.number("x", "[ms]", **room)
+    return intervals.rows(names, marks, x, title="Motor lag and latency together")
 
 
 def _gains(gains: Sequence[GroupGain]) -> Spec:
-    """A row a group: its gain with two standard errors, on an axis that is linear about zero."""
+    """Draws a row for each group: its gain, on an axis that is linear about zero."""
     names, marks = [], []
     for row, gain in enumerate(gains):
         value, error = gain.log_likelihood_gain, gain.standard_error
-        colour = charts.paint("orange" if gain.kept else "soft")
+        colour = charts.paint("orange" if gain.is_in_model else "soft")
         low, high = (value + side * (error or 0.0) for side in (-2, 2))
         bar = {"row": row, "kind": "bar", "x": low, "x2": high, "colour": colour}
         marks += [bar, {"row": row, "kind": "value", "x": value, "colour": colour}]
         width = "" if error is None else f" ± {text.number(error, 1)}"
         numbers = f"{'+' if value > 0 else ''}{text.number(value, 2)}{width}"
-        verdict = "kept" if gain.kept else "not kept"
+        verdict = "in the model" if gain.is_in_model else "left out"
         names.append((gain.group.replace("_", " "), f"{numbers}, {verdict}"))
     powers = [10.0**power for power in range(-2, 4)]
     scale = {"type": "symlog", "constant": SMALLEST_GAIN, "nice": False, "padding": 10}
     axis = {"values": [*(-power for power in powers), 0.0, *powers], "format": "~r"}
-    words = f"nats a row, with two standard errors; kept from {SMALLEST_GAIN:g} on"
+    words = f"nats a row, with two standard errors; in the model from {SMALLEST_GAIN:g} on"
     x = charts.number("x", words, scale=scale, axis=axis)
     least = {"type": "rule", "strokeDash": [7, 4], "color": charts.paint("soft")}
     title = "Log-likelihood gain of each group"

@@ -56,11 +56,11 @@ def svg(figure: Figure, width: int = WIDTH, note: str = "") -> str:
     # Letters of the title are larger and bold.
     words = [textwrap.wrap(figure.title, int(width / 1.5 / _LETTER))]
     words.append(textwrap.wrap(note, int(width / _LETTER)))
-    drawn = _drawn(figure, words, columns, inner)
-    [size] = re.findall(r'^<svg [^>]*? width="(\d+)"', drawn)
+    svg = _drawn(figure, words, columns, inner)
+    [size] = re.findall(r'^<svg [^>]*? width="(\d+)"', svg)
     if any("width" not in panel for panel in figure.panels if "layer" in panel):
-        drawn = _drawn(figure, words, columns, inner + (width - int(size)) // columns)
-    return _in_light_and_dark(drawn, figure.title)
+        svg = _drawn(figure, words, columns, inner + (width - int(size)) // columns)
+    return _in_light_and_dark(svg, figure.title)
 
 
 def _drawn(figure: Figure, words: Sequence[list[str]], columns: int, inner: int) -> str:
@@ -81,32 +81,32 @@ def _drawn(figure: Figure, words: Sequence[list[str]], columns: int, inner: int)
     title |= below if words[1] else {}
     spec = {"title": title, "vconcat": parts, "config": look}
     spec |= {"spacing": 14, "resolve": resolve}
-    drawn = vl_convert.vegalite_to_svg(_plain(spec, columns * inner), vl_version=_VEGA_LITE)
+    svg = vl_convert.vegalite_to_svg(_plain(spec, columns * inner), vl_version=_VEGA_LITE)
     return _restore_characters(
-        drawn.translate({ord(substitute): lacking for lacking, substitute in _LACKING.items()})
+        svg.translate({ord(substitute): lacking for lacking, substitute in _LACKING.items()})
     )
 
 
-def _restore_characters(drawn: str) -> str:
+def _restore_characters(svg: str) -> str:
     """The same with letters in their size, and clips that count in a picture, not in a process."""
-    clips = list(dict.fromkeys(re.findall(r'id="(clip\d+)"', drawn)))
+    clips = list(dict.fromkeys(re.findall(r'id="(clip\d+)"', svg)))
     numbers = {name: f"clip{number}" for number, name in enumerate(clips, 1)}
-    drawn = re.sub(r"\bclip\d+\b", lambda name: numbers.get(name[0], name[0]), drawn)
+    svg = re.sub(r"\bclip\d+\b", lambda name: numbers.get(name[0], name[0]), svg)
     size = r'font-size="([\d.]+)px"'
-    return re.sub(size, lambda size: f'font-size="{float(size[1]) / _ROOM:g}px"', drawn)
+    return re.sub(size, lambda size: f'font-size="{float(size[1]) / _ROOM:g}px"', svg)
 
 
 def _legend(entries: Sequence[Entry], width: float) -> Spec:
     """The legend's entries side by side, in lines of a width."""
     samples, rows, across, line = json.loads(_asset("look.json"))["samples"], [], 0.0, 0
     for entry in entries:
-        needed = 30 + len(entry.name) * _LETTER
-        if across > 0 and across + needed > width:
+        entry_width = 30 + len(entry.name) * _LETTER
+        if across > 0 and across + entry_width > width:
             across, line = 0.0, line + 1
         sample = {"width": 2, "dash": [1, 0], "fill": 0, **samples[entry.sample]}
         place = {"x": across, "name": entry.name, "colour": f"var(--{entry.colour})"}
         rows.append({**place, "y": line * _LINE, "text_x": across + 30, **sample})
-        across += needed + 18
+        across += entry_width + 18
     x, y = ({"field": axis, "type": "quantitative", "scale": None, "axis": None} for axis in "xy")
     as_it_is: dict[str, Any] = {"scale": None, "legend": None, "type": "nominal"}
     encoding = {"x": x, "y": y, "shape": {"field": "path", **as_it_is}}
@@ -148,15 +148,15 @@ def _plain(part: Any, width: float) -> Any:
     return plain | {name: _ROOM * plain[name] for name in sizes}
 
 
-def _in_light_and_dark(drawn: str, title: str) -> str:
+def _in_light_and_dark(svg: str, title: str) -> str:
     light, dark = _colours()
     rules = "".join(
         f'[fill="{light[name]}"]{{fill:{shade}}}[stroke="{light[name]}"]{{stroke:{shade}}}'
         for name, shade in dark.items()
-        if light[name] in drawn
+        if light[name] in svg
     )
     style = f"<style>@media (prefers-color-scheme: dark) {{{rules}}}</style>"
-    head, end, rest = drawn.partition(">")
+    head, end, rest = svg.partition(">")
     return f'{head} role="img" aria-label="{escape(title)}"{end}{style}{rest}\n'
 
 

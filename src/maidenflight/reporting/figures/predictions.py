@@ -76,22 +76,22 @@ def windows(rows: polars.DataFrame) -> Figure:
     Args:
         rows: as `predicted_windows` gives them.
     """
-    known = rows["window"].unique(maintain_order=True).to_list()
+    windows = rows["window"].unique(maintain_order=True).to_list()
     names = [name for name in rows["model"].unique(maintain_order=True).to_list() if name != LOGGED]
     styles = _line_styles(names)
     rose = polars.col("position_z").first().over("window", "model")
-    drawn = rows.with_columns(position_z=polars.col("position_z") - rose)
-    last = 1.02 * float(drawn["time"].to_numpy().max())
+    chart_rows = rows.with_columns(position_z=polars.col("position_z") - rose)
+    last = 1.02 * float(chart_rows["time"].to_numpy().max())
     panels = []
     for line, (column, signal) in enumerate(_SIGNALS.items()):
         label = f"{signal.name} [{signal.unit}]"
-        ends = charts.margin(signal.scale * drawn[column].to_numpy())
+        ends = charts.margin(signal.scale * chart_rows[column].to_numpy())
         below = "time [s]" if line == len(_SIGNALS) - 1 else ""
         x = charts.number("x", below, **charts.within(0.0, last), axis={"tickCount": 3})
         y = charts.number("y", **charts.within(*ends))
         tooltip = charts.tooltip({"series": "", "x": "time [s]", "y": label})
-        for number, window in enumerate(known):
-            part = drawn.filter(polars.col("window") == window)
+        for number, window in enumerate(windows):
+            part = chart_rows.filter(polars.col("window") == window)
             data = {"series": part["model"], "x": part["time"], "y": signal.scale * part[column]}
             ink = {"type": "point", "filled": True, "size": 9, "opacity": 1}
             ink["color"] = charts.paint("ink")
@@ -104,7 +104,7 @@ def windows(rows: polars.DataFrame) -> Figure:
             title = label if number == 0 else " "
             panels.append(charts.panel(charts.table(data), layers, title=title, height=100))
     legend = [Entry(LOGGED, "ink", "dots", LOGGED), *_legend(styles)]
-    return Figure("Predicted windows", panels, legend, least=150, columns=len(known))
+    return Figure("Predicted windows", panels, legend, least=150, columns=len(windows))
 
 
 def _line_styles(names: Sequence[str]) -> dict[str, _Look]:
@@ -117,11 +117,11 @@ def _colours(styles: dict[str, _Look]) -> Spec:
     return charts.coloured({name: look.colour for name, look in styles.items()})
 
 
-def _line(where: str, x: Spec, y: Spec, styles: dict[str, _Look]) -> Spec:
+def _line(condition: str, x: Spec, y: Spec, styles: dict[str, _Look]) -> Spec:
     dashes = {"domain": list(styles), "range": [look.dash for look in styles.values()]}
     dash = {"field": "series", "type": "nominal", "scale": dashes}
     mark = {"type": "line", "strokeWidth": 2}
-    return charts.layer(where, mark, x=x, y=y, color=_colours(styles), strokeDash=dash)
+    return charts.layer(condition, mark, x=x, y=y, color=_colours(styles), strokeDash=dash)
 
 
 def _legend(styles: dict[str, _Look]) -> list[Entry]:

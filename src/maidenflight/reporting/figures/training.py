@@ -60,14 +60,14 @@ def panel(scores: polars.DataFrame, score: str, title: str, over: str = "steps")
     several = scores["policy"].n_unique() > 1
     places, values = _by_policy(scores, score, over)
     drawn = scale * values
-    known = np.isfinite(drawn).any(axis=1)
+    is_finite = np.isfinite(drawn).any(axis=1)
     rows = [
         {"series": "each", "policy": f"policy {policy}", "x": place, "y": value}
         for policy, column in enumerate(drawn.T, 1)
         for place, value in zip(places, column, strict=True)
         if several
     ]
-    for place, each in zip(places[known], drawn[known], strict=True):
+    for place, each in zip(places[is_finite], drawn[is_finite], strict=True):
         rows.append({"series": "mean", "policy": "mean", "x": place, "y": np.nanmean(each)})
         ends = {"y": np.nanmin(each), "high": np.nanmax(each)}
         rows += [{"series": "range", "policy": "range", "x": place, **ends}] if several else []

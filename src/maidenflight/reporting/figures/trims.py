@@ -26,17 +26,17 @@ def trims(flights: polars.DataFrame, estimates: Mapping[str, Estimate] | None = 
         flights: a row a flight, as `flight_tables.trims` gives them.
         estimates: of the drone that is identified, which are drawn across.
     """
-    known = {
+    formats = {
         name: format
         for name, format in _DISPLAY_FORMATS.items()
         if flights[name].cast(polars.Float64).is_finite().any()
     }
-    identified = {name: estimate for name, estimate in (estimates or {}).items() if name in known}
+    identified = {name: estimate for name, estimate in (estimates or {}).items() if name in formats}
     panels = [
         _panel(flights, name, label, scale, identified.get(name))
-        for name, (label, scale) in known.items()
+        for name, (label, scale) in formats.items()
     ]
-    errors = any(f"{name}_error" in flights.columns for name in known)
+    errors = any(f"{name}_error" in flights.columns for name in formats)
     legend = [Entry("flight, with its standard error" if errors else "flight", "blue", "dot")]
     if identified:
         legend.append(Entry("identified, 95 % interval", "orange", "line", "identified"))

@@ -1,6 +1,7 @@
 """Test flights, predicted flights and recorded flights: pictures and tables."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import polars
@@ -67,15 +68,15 @@ def _times(title: str, rows: polars.DataFrame) -> Figure | None:
     if not rows["duration"].is_finite().any():
         return None
     colours = flight_time_figures.COLOURS
-    known = bool(rows["control"].is_in(list(colours)).all())
+    is_complete = bool(rows["control"].is_in(list(colours)).all())
     group = polars.col("control").replace_strict(NAMES, default="").alias("group")
     displayed = rows.select(
         polars.col("policy").alias("row"),
         polars.col("control").replace_strict(colours, default="blue").alias("colour"),
         *("panel", "duration", "end_reason"),
-        *([group] if known else []),
+        *([group] if is_complete else []),
     )
-    labels = {colour: NAMES[kind] for kind, colour in colours.items()} if known else {}
+    labels = {colour: NAMES[kind] for kind, colour in colours.items()} if is_complete else {}
     return flight_time_figures.flight_times(displayed, title, labels)
 
 
@@ -139,12 +140,10 @@ def _predictions(test_flights: polars.DataFrame) -> Markup:
 
 
 def recorded(run: Run) -> Markup:
-    """Returns the flights that were recorded, where no others are to be looked at."""
-    if run.table is not None:
-        return Markup()
+    """Returns the flights that were recorded; the viewer is theirs where there are no others."""
     return render(
         "recorded.html",
-        viewer=_viewer(run),
+        viewer=_viewer(run) if run.table is None else Markup(),
         trims=_trims(run),
         table=_recorded(run),
         refused=run.refused,
@@ -154,7 +153,9 @@ def recorded(run: Run) -> Markup:
 def _trims(run: Run) -> Figure | None:
     """Nothing where there are not several flights, or they say nothing."""
     trims_table = _trims_of(run)
-    return trims.trims(trims_table, run.estimates) if trims_table.height > 1 else None
+    if trims_table.height < 2:
+        return None
+    return replace(trims.trims(trims_table, run.estimates), chooses=run.table is None)
 
 
 def _viewer(run: Run) -> Markup:
@@ -206,4 +207,10 @@ def _recorded(run: Run) -> Markup | str:
         },
         "battery": tables.number("Battery [V]", 2),
     }
-    return tables.sortable("flights", _trims_of(run), columns, viewable(run))
+    in_viewer = run.table is None
+    return tables.sortable(
+        "flights" if in_viewer else "recorded",
+        _trims_of(run),
+        columns,
+        viewable(run) if in_viewer else None,
+    )

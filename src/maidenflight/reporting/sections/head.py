@@ -85,14 +85,14 @@ def title(run: Run) -> str:
         return f"A drone identified from {description}" if description else "An identified drone"
     if drones(run) or kind(run) == "real":
         return f"Flights of {drones(run) or 'a real drone'}"
-    known = {
+    entries = {
         "Test flights": run.table is not None,
         "Policies in training": run.training is not None or run.policies > 0,
         "Predicted flight times": run.prediction is not None,
         "How well a drone is predicted": run.validation is not None,
         "Results of a study": run.study is not None,
     }
-    return next((words for words, there in known.items() if there), "Report of a run")
+    return next((words for words, there in entries.items() if there), "Report of a run")
 
 
 def summarize(run: Run) -> str:
@@ -221,6 +221,11 @@ def _of_parameters(run: Run) -> list[KeyFigure]:
             figures.append(
                 KeyFigure(value, text.unit(name), label, f"95 % interval {low} to {high}")
             )
+        elif name in run.unidentified:
+            low, high = parameters.plausible(run, name)
+            label = Markup("{} {}").format(words, text.symbol(name))
+            note = f"plausible: {low} to {high} {text.unit(name)}".rstrip()
+            figures.append(KeyFigure("not identified", "", label, note))
     return figures
 
 
@@ -232,10 +237,10 @@ def _of_training(run: Run) -> list[KeyFigure]:
     best = last.sort("episode_return", descending=True).row(0, named=True)
     of = f"of {text.plural(last.height, 'policy')}" if last.height > 1 else "at the end of training"
     survival, error = f"{100 * best['survival']:.1f}", _centimetres(best["position_error"])
-    where = "in simulation, with randomization"
+    place = "in simulation, with randomization"
     return [
         KeyFigure(text.number(best["episode_return"], 3), "", "return of the best policy", of),
-        KeyFigure(survival, "%", "episodes that it survives", where),
+        KeyFigure(survival, "%", "episodes that it survives", place),
         KeyFigure(error, "cm", "its mean position error", "mean over an episode"),
     ]
 

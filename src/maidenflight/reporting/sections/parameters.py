@@ -60,7 +60,6 @@ def section(run: Run) -> Markup:
         source=_source(run),
         estimates=_estimates(run),
         segment_seconds=f"{SEGMENT_SECONDS:g}",
-        untold=_unidentifiable(run),
         missed=_missed(run),
         gains=_gains(run),
         intervals=_intervals(run),
@@ -76,12 +75,14 @@ def _intervals(run: Run) -> Figure | None:
     """Estimates beside the truth, where it is known, and the paper's values."""
     if run.drone is None or not run.estimates:
         return None
-    names = [*run.estimates, *run.drone.unidentified]
+    names = [*run.estimates, *run.unidentified]
     references = {"paper": {name: [float(component(crazyflie(), name))] for name in names}}
     if run.reality is not None:
-        known = {name: list(dict.fromkeys(true_ends(run, name))) for name in names}
-        references = {"truth": known, **references}
-    return identification_figures.estimates(run.estimates, run.drone.unidentified, references)
+        true_values = {name: list(dict.fromkeys(true_ends(run, name))) for name in names}
+        references = {"truth": true_values, **references}
+    return identification_figures.estimates(
+        run.estimates, run.unidentified, references, run.drone.parameters
+    )
 
 
 def _shape_of_truth(run: Run) -> str:
@@ -92,8 +93,8 @@ def _shape_of_truth(run: Run) -> str:
 
 
 def _delays(run: Run) -> Figure | None:
-    known = set(run.posterior) & set(run.estimates)
-    if run.objective == "replay" or not set(delays.DELAYS) <= known:
+    identified = set(run.posterior) & set(run.estimates)
+    if run.objective == "replay" or not set(delays.DELAYS) <= identified:
         return None
     return delays.delay_posterior(run.posterior, run.estimates, runs.truth(run))
 
@@ -108,14 +109,12 @@ def estimate(run: Run, name: str) -> tuple[str, str, str]:
     return value, low, high
 
 
-def _unidentifiable(run: Run) -> list[str]:
-    """What the flights could not tell, each with its plausible range."""
-    words = []
-    for name, ends in ({} if run.drone is None else run.drone.unidentified).items():
-        scale, unit = text.scale(name, ends)
-        low, high = (text.number(end * scale) for end in ends)
-        words.append(f"{name} {low} .. {high} {unit}".strip())
-    return words
+def plausible(run: Run, name: str) -> tuple[str, str]:
+    """Returns the plausible range of a parameter that the flights do not identify."""
+    ends = run.unidentified[name]
+    scale, _, _ = text.rounding(name, *ends)
+    low, high = (text.number(end * scale) for end in ends)
+    return low, high
 
 
 def _truth(run: Run, name: str, scale: float) -> Cell:
@@ -156,16 +155,23 @@ def _estimates(run: Run) -> Markup | str:
 
     def interval(low: float, row: Mapping[str, Any]) -> Cell:
         name = row["parameter"]
+        if name in run.unidentified:
+            words = Markup("{} <small>plausible</small>").format(" .. ".join(plausible(run, name)))
+            return Cell(words, low)
         ends: Markup | str = " .. ".join(estimate(run, name)[1:])
         if bound_reached(name, run.estimates[name]) is not None:
             ends = Markup("{} <small>too narrow: at its search bound</small>").format(ends)
         return Cell(ends, low)
 
-    def between(deviation: float, row: Mapping[str, Any]) -> Cell:
+    def between(deviation: float | None, row: Mapping[str, Any]) -> Cell:
+        if deviation is None:
+            return Cell("", "")
         scaled = deviation * scale(row)[0]
         return Cell(text.fixed(scaled, text.places(scaled) if scaled else 0), deviation)
 
-    def value(number: float, row: Mapping[str, Any]) -> Cell:
+    def value(number: float | None, row: Mapping[str, Any]) -> Cell:
+        if number is None:
+            return Cell("not identified", "")
         return Cell(Markup("<b>{}</b>").format(estimate(run, row["parameter"])[0]), number)
 
     columns = {
@@ -178,17 +184,18 @@ def _estimates(run: Run) -> Markup | str:
     }
     if run.reality is None:
         del columns["truth"]
-    rows = [_in_si(run, name) for name in run.estimates]
+    rows = [_in_si(run, name) for name in (*run.estimates, *run.unidentified)]
     return tables.sortable("estimates", polars.DataFrame(rows, infer_schema_length=None), columns)
 
 
 def _in_si(run: Run, name: str) -> dict[str, str | float | None]:
     """A row of the table."""
-    estimate, paper = run.estimates[name], float(component(crazyflie(), name))
+    estimate, paper = run.estimates.get(name), float(component(crazyflie(), name))
+    low, high = run.unidentified[name] if estimate is None else estimate.interval
     ends = true_ends(run, name) if run.reality is not None else (None, None)
     row: dict[str, str | float | None] = {"parameter": name, "unit": text.quantity(name).unit}
-    row |= {"value": estimate.value, "low": estimate.interval[0], "high": estimate.interval[1]}
-    row |= {"between_sd": estimate.between_sd}
+    row |= {"value": estimate and estimate.value, "low": low, "high": high}
+    row |= {"between_sd": estimate and estimate.between_sd}
     return row | {"truth": ends[0], "truth_to": ends[1], "paper": paper}
 
 
@@ -254,7 +261,9 @@ def _gains(run: Run) -> Markup | str:
     columns = {
         "group": Column("Parameters", lambda name, _: tables.plain(name.replace("_", " "))),
         "log_likelihood_gain": Column("Log-likelihood gain a row [nats]", gain),
-        "kept": Column("Kept", lambda in_model, _: tables.plain("yes" if in_model else "no")),
+        "is_in_model": Column(
+            "In the model", lambda in_model, _: tables.plain("yes" if in_model else "no")
+        ),
     }
     rows = polars.DataFrame([dataclasses.asdict(group) for group in gains])
     return tables.sortable("gains", rows, columns)
@@ -266,18 +275,18 @@ def _constants(run: Run) -> Markup | str:
         "identified": None if run.drone is None else run.drone.parameters,
         "truth": run.reality,
     }
-    known = {head: drone for head, drone in drones.items() if drone is not None}
-    if not known:
+    drone_columns = {head: drone for head, drone in drones.items() if drone is not None}
+    if not drone_columns:
         return ""
 
     def value(number: float, row: Mapping[str, Any]) -> Cell:
         return Cell(text.number(number * text.factor(row["parameter"])), number)
 
     columns = {"parameter": Column("Parameter", lambda name, _: _head(name, text.unit(name)))}
-    columns |= {head: Column(head.capitalize(), value) for head in known}
+    columns |= {head: Column(head.capitalize(), value) for head in drone_columns}
     rows = [
         {"parameter": name, "unit": QUANTITIES[field].unit}
-        | {head: float(component(drone, name)) for head, drone in known.items()}
+        | {head: float(component(drone, name)) for head, drone in drone_columns.items()}
         for name, (field, _) in COMPONENTS.items()
     ]
     return tables.sortable("all", polars.DataFrame(rows), columns)

@@ -16,6 +16,7 @@ from jaxtyping import Array, Float, Int
 from maidenflight.errors import InputError
 from maidenflight.names import CONTROLS
 from maidenflight.parameters import Parameters, replace
+from maidenflight.registry import import_part
 from maidenflight.simulator.controllers import interface as interfaces
 from maidenflight.simulator.controllers.firmware import (
     ABSOLUTE,
@@ -320,6 +321,32 @@ def controller_for(interface: ControlInterface, firmware: str = "2026.08") -> Co
             "controller that the policy was trained for, or enter it in control.DRIVES."
         )
     return DRIVES[interface.name](interface, generation_of(firmware))
+
+
+def find_controller(name: str, **settings: Any) -> Controller:
+    """Returns the control structure of a name, one of `CONTROLLERS` or `MODULE:NAME`.
+
+    One of your own is a controller or what makes one; policies that command it then fly from files.
+
+    Args:
+        name: as above.
+        settings: of one of `CONTROLLERS`; of the others, only `action_rate` counts.
+
+    Raises:
+        InputError: there is no such control structure, or it has the name of another.
+    """
+    if name in CONTROLLERS:
+        return CONTROLLERS[name](**settings)
+    part = import_part(name, "control structure")
+    own = part if isinstance(part, Controller) or not callable(part) else part()
+    if not isinstance(own, Controller):
+        raise InputError(f"{name}: is a {type(own).__name__}; expected what control.driven makes.")
+    if own.interface.name in CONTROLLERS:
+        raise InputError(
+            f"{name}: its interface has the name of another, {own.interface.name}. Rename it."
+        )
+    DRIVES[own.interface.name] = lambda interface, firmware: own._replace(interface=interface)
+    return own.acting_at(settings.get("action_rate", own.interface.rate))
 
 
 def firmware_units(interface: ControlInterface) -> Four:

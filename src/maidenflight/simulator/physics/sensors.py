@@ -1,6 +1,6 @@
 """Sensors: a noisy, optionally late estimate of the state, gyro and accelerometer."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,10 +15,14 @@ from maidenflight.simulator.physics.dynamics import State
 class Measurement(NamedTuple):
     """The state as the controller and the policy see it."""
 
-    position: Float[Array, "3"]
-    velocity: Float[Array, "3"]
-    quaternion: Float[Array, "4"]
-    body_rates: Float[Array, "3"]
+    position: Float[Any, "3"]
+    """World [m]."""
+    velocity: Float[Any, "3"]
+    """World [m/s]."""
+    quaternion: Float[Any, "4"]
+    """Body to world, x, y, z, w."""
+    body_rates: Float[Any, "3"]
+    """[rad/s]."""
 
 
 NORMALS, UNIFORMS = 9, 6

@@ -6,9 +6,7 @@ A reality is a `VirtualDrone`, of which many fly at once in JAX, or anything tha
 
 import dataclasses
 import os
-import sys
 from difflib import get_close_matches
-from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -17,7 +15,7 @@ from jaxtyping import Float
 
 from maidenflight import parameters
 from maidenflight.errors import InputError
-from maidenflight.registry import REALITIES
+from maidenflight.registry import REALITIES, import_part
 from maidenflight.simulator.physics.battery import law_for
 from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.realities import additions
@@ -158,8 +156,8 @@ def is_drone(name: str) -> bool:
 def imports_code(name: str) -> bool:
     """Tests whether a reality's name stands for Python code: `MODULE:FACTORY`."""
     kind, _, rest = additions.split(name)[0].partition("@")[0].partition(":")
-    known = kind in VARIANTS or kind in REALITIES or rest.isdecimal()
-    return bool(rest) and not known and not is_drone(name)
+    is_reality = kind in VARIANTS or kind in REALITIES or rest.isdecimal()
+    return bool(rest) and not is_reality and not is_drone(name)
 
 
 def _virtual_about(drawn_name: str, centre: str) -> VirtualDrone:
@@ -208,25 +206,14 @@ def _hint(kind: str, rest: str) -> str:
 
 def _imported(module: str, factory: str) -> AnyReality:
     """What a factory in a module makes."""
-    where = f"{module}:{factory}"
-    if (
-        str(Path.cwd()) not in sys.path
-    ):  # The folder of a script is there; that of a command is not.
-        sys.path.insert(0, str(Path.cwd()))
+    place = f"{module}:{factory}"
     try:
-        imported = import_module(module)
-    except ModuleNotFoundError as error:
-        raise InputError(
-            f"{where}: {error}.{_hint(module, factory)} Expected MODULE:FACTORY with a Python "
-            f"module that is installed or lies in {Path.cwd()}."
-        ) from error
-    make = getattr(imported, factory, None)
+        make = import_part(place, "reality")
+    except InputError as error:
+        raise InputError(f"{error}{_hint(module, factory)}") from error
     if not callable(make):
-        raise InputError(
-            f"{where}: {imported.__name__} has no class or function {factory!r}. It has "
-            f"{', '.join(name for name in vars(imported) if not name.startswith('_'))}."
-        )
+        raise InputError(f"{place}: is no class or function that makes a reality.")
     try:
         return check_reality(make())
     except InputError as error:
-        raise InputError(f"{where}: {error}") from error
+        raise InputError(f"{place}: {error}") from error

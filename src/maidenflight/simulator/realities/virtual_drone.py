@@ -208,11 +208,11 @@ def virtual_drone(
         raise InputError(
             f"virtual drone of variant {variant!r}: expected one of {', '.join(VARIANTS)}."
         )
-    drawn = _drawn(np.random.default_rng([seed, 0x0D201E]))
+    drone = _drawn(np.random.default_rng([seed, 0x0D201E]))
     if centre is not None:
-        drawn = _about(drawn, centre)
+        drone = _about(drone, centre)
     if variant == "near":
-        drawn = _in_the_papers_model(drawn)
+        drone = _in_the_papers_model(drone)
     if variant == "far":
         generator = np.random.default_rng([seed, 0x0D201E, 1])
         further = {
@@ -220,11 +220,11 @@ def virtual_drone(
         }
         torques = FAR_TORQUE_BIAS_STD_N_M * generator.standard_normal(3).astype(np.float32)
         if centre is not None:
-            further, torques = _far_about(further, drawn, centre), torques * _size(centre)
-        drawn = replace(drawn, **further, torque_bias=torques)
+            further, torques = _far_about(further, drone, centre), torques * _size(centre)
+        drone = replace(drone, **further, torque_bias=torques)
     compensated = centre is None or float(centre.mass) <= LARGEST_CRAZYFLIE
     law = thrust_law if compensated else None
-    return VirtualDrone(f"{variant}-{seed}", drawn, thrust_law=law)
+    return VirtualDrone(f"{variant}-{seed}", drone, thrust_law=law)
 
 
 _UNCHANGED = (
@@ -245,13 +245,13 @@ _UNCHANGED = (
 """What a drone about another has as that one."""
 
 
-def _about(drawn: Parameters, centre: Parameters) -> Parameters:
+def _about(drone: Parameters, centre: Parameters) -> Parameters:
     """A drone that differs from another as a drawn Crazyflie from the middle of its ranges."""
     nominal = crazyflie()
 
     def scaled(name: str, middle: np.ndarray | float) -> np.ndarray:
         own = np.asarray(getattr(centre, name), np.float32)
-        other = np.asarray(getattr(drawn, name), np.float32)
+        other = np.asarray(getattr(drone, name), np.float32)
         return np.where(own == 0, other, own * other / np.float32(middle))
 
     of_ranges = {
@@ -259,10 +259,10 @@ def _about(drawn: Parameters, centre: Parameters) -> Parameters:
         for name in ("thrust_to_weight", "motor_time_constant", "spin_down_ratio", "mass")
     }
     # A latency of zero is one that the logs did not show.
-    late = float(centre.latency) + float(drawn.latency) - RANGES["latency"][0]
+    late = float(centre.latency) + float(drone.latency) - RANGES["latency"][0]
     own = {name: getattr(centre, name) for name in _UNCHANGED}
     return replace(
-        drawn,
+        drone,
         **own,
         **of_ranges,
         latency=min(late, QUANTITIES["latency"].upper),
@@ -296,7 +296,7 @@ def _size(drone: Parameters) -> float:
 
 
 def _drawn(generator: np.random.Generator) -> Parameters:
-    drawn = {name: float(generator.uniform(low, high)) for name, (low, high) in RANGES.items()}
+    values = {name: float(generator.uniform(low, high)) for name, (low, high) in RANGES.items()}
     nominal = crazyflie()
     drawn_vectors = {
         "inertia": nominal.inertia * generator.uniform(0.95, 1.15, 3).astype(np.float32),
@@ -306,7 +306,7 @@ def _drawn(generator: np.random.Generator) -> Parameters:
     }
     return replace(
         nominal,
-        **drawn,
+        **values,
         **drawn_vectors,
         torque_to_thrust=nominal.torque_to_thrust * np.float32(generator.uniform(0.9, 1.2)),
         # What the firmware's low-pass filter of 80 Hz leaves of the gyro's noise, and its delay:

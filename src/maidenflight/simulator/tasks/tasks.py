@@ -13,6 +13,7 @@ from jaxtyping import Array, Float, Int
 from maidenflight import names
 from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters
+from maidenflight.registry import import_part
 from maidenflight.simulator.physics import dynamics, noise, rotations
 from maidenflight.simulator.physics.dynamics import State
 from maidenflight.simulator.tasks import trajectories
@@ -326,6 +327,24 @@ def _fast(name: str, reference: Trajectory, fastest: float) -> Task:
     usual = fastest == FASTEST[name]
     # Another name for another speed, so that training is not resumed with it.
     return task._replace(name=name if usual else f"{name} up to {fastest:g} m/s", tilt_margin=STEEP)
+
+
+def find_task(name: str) -> Task:
+    """Returns the task of a name, one of `TASKS` or `MODULE:NAME` of a task or what makes one.
+
+    Raises:
+        InputError: there is no such task.
+    """
+    if name in TASKS:
+        return TASKS[name]()
+    part = import_part(name, "task")
+    task = part if isinstance(part, Task) or not callable(part) else part()
+    if not isinstance(task, Task):
+        raise InputError(
+            f"{name}: is a {type(task).__name__}; expected a Task, such as "
+            "mf.simulator.tracking(TRAJECTORY, 5.0), or a function that makes one."
+        )
+    return task
 
 
 TASKS: dict[str, Callable[[], Task]] = {name: globals()[name] for name in names.TASKS}

@@ -13,7 +13,6 @@ from inspect import signature
 from math import cos, factorial, pi, sin
 from typing import ParamSpec, TypeVar
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -189,7 +188,7 @@ def zigzag(points: Waypoints) -> Trajectory:
     Holds the first point before and the last after.
 
     Args:
-        points: such as `random_waypoints(key)` or `read_waypoints(file)`.
+        points: such as `read_waypoints(file)`.
 
     Raises:
         InputError: fewer than two points, not four finite numbers each, or time that does not
@@ -208,7 +207,7 @@ def polynomial(points: Waypoints) -> Trajectory:
     before and the last after.
 
     Args:
-        points: such as `random_waypoints(key)` or `read_waypoints(file)`.
+        points: such as `read_waypoints(file)`.
 
     Raises:
         InputError: as of `zigzag`.
@@ -227,39 +226,6 @@ def polynomial(points: Waypoints) -> Trajectory:
         spline(times[:-1], nu=power) * lengths**power / factorial(power) for power in range(6)
     ]
     return _piecewise(times, np.stack(powers))
-
-
-def random_waypoints(
-    key: Array,
-    count: int = 11,
-    reach: float = 1.0,
-    shortest: float = 1.0,
-    longest: float = 1.5,
-    height: float = 1.0,
-) -> Waypoints:
-    """Returns random way-points in a square at one height; the first is (0, 0, height).
-
-    Args:
-        key: random key.
-        count: how many points.
-        reach: half the square's side [m].
-        shortest: least time between two points [s].
-        longest: greatest time between two points [s].
-        height: [m].
-
-    Source: sizes and times in the manner of SimpleFlight's zigzag, second-hand and not checked.
-    """
-    point_key, time_key = jax.random.split(key)
-    points = np.asarray(
-        jax.random.uniform(point_key, (count, 2), minval=-reach, maxval=reach)
-    ).tolist()
-    pauses = np.asarray(
-        jax.random.uniform(time_key, (count - 1,), minval=shortest, maxval=longest), np.float64
-    )
-    times = [0.0, *np.cumsum(pauses).tolist()]
-    return tuple(
-        (time, x, y, height) for time, (x, y) in zip(times, [(0.0, 0.0), *points[1:]], strict=True)
-    )
 
 
 def waypoints(file: StrPath, smooth: bool = False, fastest: float = 5.0) -> Trajectory:
@@ -301,9 +267,9 @@ def read_waypoints(file: StrPath, fastest: float = 5.0) -> Waypoints:
         header = reader.fieldnames or ()
         wrong = [name for name in COLUMNS if list(header).count(name) != 1]
         if wrong:
-            what = "missing column" if set(wrong) - set(header) else "twice column"
+            problem = "missing column" if set(wrong) - set(header) else "twice column"
             raise InputError(
-                f"{file}: {what} {', '.join(wrong)}; expected a header line with "
+                f"{file}: {problem} {', '.join(wrong)}; expected a header line with "
                 f"{','.join(COLUMNS)}."
             )
         rows = [
@@ -329,18 +295,18 @@ def read_waypoints(file: StrPath, fastest: float = 5.0) -> Waypoints:
     return tuple((time, x, y, z) for time, x, y, z in table.tolist())
 
 
-def _number(text: str | None, where: str) -> float:
+def _number(text: str | None, place: str) -> float:
     try:
         return float(text or "")
     except ValueError:
         raise InputError(
-            f"{where} is {text!r}; expected a number. Write it, or leave the row out."
+            f"{place} is {text!r}; expected a number. Write it, or leave the row out."
         ) from None
 
 
 def _checked(
     points: Waypoints | list[tuple[float, ...]],
-    where: str = "",
+    place: str = "",
     names: list[str] | None = None,
     fastest: float = np.inf,
 ) -> Float[np.ndarray, "n 4"]:
@@ -348,13 +314,13 @@ def _checked(
     names = names or [f"way-point {number}" for number in range(1, len(points) + 1)]
     if len(points) < 2:
         raise InputError(
-            f"{where}{len(points)} way-points; expected two or more. Add rows of "
+            f"{place}{len(points)} way-points; expected two or more. Add rows of "
             f"{','.join(COLUMNS)}."
         )
     for name, row in zip(names, points, strict=True):
         if len(row) != len(COLUMNS) or not np.all(np.abs(row) < np.finfo(np.float32).max):
             raise InputError(
-                f"{where}{name} is {row}; expected four finite numbers, {','.join(COLUMNS)}."
+                f"{place}{name} is {row}; expected four finite numbers, {','.join(COLUMNS)}."
             )
     table = np.array(points, np.float64)
     table[:, 0] -= table[0, 0]
@@ -362,13 +328,13 @@ def _checked(
     for number in np.flatnonzero(gaps <= 0)[:1]:
         before, after = points[number][0], points[number + 1][0]
         raise InputError(
-            f"{where}{names[number + 1]}: time goes from {before} to {after} s; expected it to "
+            f"{place}{names[number + 1]}: time goes from {before} to {after} s; expected it to "
             "increase. Sort the rows."
         )
     speeds = np.linalg.norm(np.diff(table[:, 1:], axis=0), axis=1) / gaps
     for number in np.flatnonzero(speeds > fastest)[:1]:
         raise InputError(
-            f"{where}{names[number + 1]}: {speeds[number]:.1f} m/s from the point before it, but "
+            f"{place}{names[number + 1]}: {speeds[number]:.1f} m/s from the point before it, but "
             f"at most {fastest:g} m/s are allowed. "
             "Check the units (s, m) and for lost rows, or allow more with fastest."
         )

@@ -10,6 +10,7 @@
 #include "app.h"
 #include "log.h"
 #include "param.h"
+#include "pm.h"
 #include "task.h"
 #include "usec_time.h"
 
@@ -21,6 +22,8 @@ typedef struct {
     float wanted[3];
     float thrust; /* what the PID's position loop finds */
     int32_t modes[7];
+    float acceleration[3]; /* [g] */
+    float battery; /* [V] */
 } given_t;
 
 /* What the PID was asked, and when. */
@@ -42,6 +45,7 @@ static control_t control;
 static float position_thrust, actuator_thrust;
 static found_t found;
 static uint64_t now;
+static float battery;
 bool pid_sound = true;
 int pid_begun;
 
@@ -90,6 +94,11 @@ void controllerPid(control_t *out, const setpoint_t *setpoint, const sensorData_
     }
 }
 
+float pmGetBatteryVoltage(void)
+{
+    return battery;
+}
+
 uint64_t usecTimestamp(void)
 {
     return now += 123;
@@ -135,6 +144,8 @@ void fly(uint32_t first, int count, const given_t *given, found_t *all)
         state.position = (vector_t){in->position[0], in->position[1], in->position[2]};
         state.velocity = (vector_t){in->velocity[0], in->velocity[1], in->velocity[2]};
         state.attitudeQuaternion = (quaternion_t){in->quaternion[0], in->quaternion[1], in->quaternion[2], in->quaternion[3]};
+        state.acc = (vector_t){in->acceleration[0], in->acceleration[1], in->acceleration[2]};
+        battery = in->battery;
         sensors.gyro = (vector_t){in->gyro[0], in->gyro[1], in->gyro[2]};
         setpoint.position = (vector_t){in->wanted[0], in->wanted[1], in->wanted[2]};
         memcpy(&setpoint.mode, in->modes, sizeof setpoint.mode);

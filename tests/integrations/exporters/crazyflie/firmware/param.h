@@ -3,7 +3,7 @@
 
 #include <stdint.h>
 
-enum { PARAM_UINT8, PARAM_UINT16, PARAM_FLOAT, PARAM_RONLY = 64 };
+enum { PARAM_UINT8, PARAM_UINT16, PARAM_FLOAT, PARAM_UINT32, PARAM_RONLY = 64 };
 
 typedef struct {
     const char *name;

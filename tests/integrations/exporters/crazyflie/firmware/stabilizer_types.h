@@ -27,6 +27,7 @@ typedef struct {
     quaternion_t attitudeQuaternion;
     vector_t position; /* [m] */
     vector_t velocity; /* [m/s] */
+    vector_t acc; /* [g], world, without gravity */
 } state_t;
 
 typedef struct {

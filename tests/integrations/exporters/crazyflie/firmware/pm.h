@@ -1,0 +1,4 @@
+/* Stand-in: the battery. */
+#pragma once
+
+float pmGetBatteryVoltage(void); /* [V] */

@@ -1,0 +1,62 @@
+"""What needs a package that is not installed says in a line which extra brings it."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import pytest
+
+from made_flights import calm
+from maidenflight.errors import InputError
+from maidenflight.experiments.drones import find_reality
+from maidenflight.integrations.exporters.onnx import export_onnx
+from maidenflight.integrations.logs import blackbox, rosbag, ulog
+from maidenflight.integrations.monitoring import live
+from maidenflight.integrations.raptor.checkpoint import export_raptor
+from maidenflight.policy import untrained
+from maidenflight.simulator.policy_spec import PolicySpec
+from maidenflight.studies import store
+from maidenflight.studies.engine import Resources, engine
+from maidenflight.training import loggers
+
+
+def remembering() -> Any:
+    return untrained(jax.random.key(0), spec=PolicySpec(form="raptor"))
+
+
+def log_by(name: str, folder: Path) -> None:
+    with loggers.opened([name], folder / "policies", 1, {}):
+        pass
+
+
+NEEDS: dict[str, tuple[str, Callable[[Path], Any]]] = {
+    "pyulog": ("ulog", lambda folder: ulog.flights(folder / "a.ulg", "a.ulg")),
+    "orangebox": ("blackbox", lambda folder: blackbox.flights(folder / "a.bbl", "a.bbl")),
+    "rosbags.rosbag2": ("rosbag", lambda folder: rosbag.flights(folder / "a.mcap", "a.mcap")),
+    "pybullet": ("pybullet", lambda _: find_reality("pybullet:7")),
+    "crazyflow": ("crazyflow", lambda _: find_reality("crazyflow:cf2x_L250")),
+    "l2f": ("l2f", lambda _: find_reality("l2f:x500")),
+    "rerun": ("viewer", lambda folder: live.show_flights([calm(5)], folder / "a.rrd")),
+    "tensorboardX": ("tensorboard", lambda folder: log_by("tensorboard", folder)),
+    "wandb": ("wandb", lambda folder: log_by("wandb", folder)),
+    "ray": ("ray", lambda folder: engine("ray", Resources(logs=str(folder)))),
+    "submitit": ("slurm", lambda folder: engine("slurm", Resources(logs=str(folder)))),
+    "fsspec": ("remote", lambda _: store.opened("memory://study")),
+    "onnx": ("onnx", lambda folder: export_onnx(untrained(jax.random.key(0)), folder)),
+    "h5py": ("raptor", lambda folder: export_raptor(remembering(), folder)),
+}
+"""By package: its extra, and what needs it."""
+
+
+@pytest.mark.parametrize("package", NEEDS)
+def test_a_lacking_package_is_named_with_its_extra_and_nothing_is_written(
+    package: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    extra, need = NEEDS[package]
+    monkeypatch.setitem(sys.modules, package, None)
+    name = package.partition(".")[0]
+    with pytest.raises(InputError, match=rf"^{name} is not installed.*pip install '.\[{extra}\]'"):
+        need(tmp_path)
+    assert list(tmp_path.iterdir()) == []
