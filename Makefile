@@ -6,8 +6,9 @@ BIN := $(VENV)/bin
 # Also constrains what building the package itself needs.
 export PIP_CONSTRAINT := requirements.lock
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
-export UV_CONSTRAINT := requirements.lock
-export UV_BUILD_CONSTRAINT := requirements.lock
+# The same versions with the hash of every file, which uv checks; pip cannot for a checkout.
+export UV_CONSTRAINT := requirements.hashes
+export UV_BUILD_CONSTRAINT := requirements.hashes
 
 # uv takes seconds where pip takes most of a minute, but knows no package index that only pip was told of.
 define install
@@ -17,7 +18,7 @@ define install
   && $(BIN)/python -m pip install --quiet --editable '.$(1)'; }
 endef
 
-.PHONY: demo test test-all lint docs format lock clean
+.PHONY: demo test test-all lint docs format lock oldest clean
 
 demo: $(VENV)/.installed
 	$(BIN)/maidenflight demo
@@ -50,19 +51,27 @@ $(VENV)/bin/python:
 	$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(None if (3, 11) <= v < (3, 14) else f"maidenflight needs Python 3.11 to 3.13; this is {v.major}.{v.minor}. Use make PYTHON=python3.12")'
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.installed: requirements.lock pyproject.toml | $(VENV)/bin/python
+$(VENV)/.installed: requirements.lock requirements.hashes pyproject.toml | $(VENV)/bin/python
 	$(call install,,)
 	touch $@
 
-$(VENV)/.installed-dev: requirements.lock pyproject.toml | $(VENV)/bin/python
+$(VENV)/.installed-dev: requirements.lock requirements.hashes pyproject.toml | $(VENV)/bin/python
 	# Tests start many processes, and not every machine lets Python keep what it compiles.
 	$(call install,[dev],--compile-bytecode)
 	touch $@ $(VENV)/.installed
 
 # Newest versions that fit pyproject.toml, for every supported Python.
+COMPILE := $(BIN)/uv pip compile pyproject.toml --extra dev --universal --python-version 3.11 --no-header --no-annotate \
+  --no-emit-index-url --no-emit-find-links
 lock: $(VENV)/.installed-dev
-	$(BIN)/uv pip compile pyproject.toml --extra dev --universal --python-version 3.11 --upgrade --no-header --no-annotate \
-	  --no-emit-index-url --no-emit-find-links --output-file requirements.lock
+	UV_CONSTRAINT= $(COMPILE) --upgrade --generate-hashes --output-file requirements.hashes
+	UV_CONSTRAINT= $(COMPILE) --constraint requirements.hashes --output-file requirements.lock
+
+# The oldest versions that pyproject.toml allows, and its quick tests with them.
+oldest: $(VENV)/.installed-dev
+	$(BIN)/uv venv --clear build/oldest
+	UV_CONSTRAINT= UV_BUILD_CONSTRAINT= VIRTUAL_ENV=build/oldest $(BIN)/uv pip install --resolution lowest-direct --editable '.[dev]'
+	build/oldest/bin/python -m pytest -n auto --dist loadfile -m 'not slow'
 
 clean:
 	rm -rf $(VENV) build dist site

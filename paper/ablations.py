@@ -221,7 +221,7 @@ def trained(
         keys = jax.random.split(
             jax.random.fold_in(jax.random.key(made["seed"]), _number(variant.folder)), seeds
         )
-        task = tasks.circle(
+        task = tasks.paper_circle(
             action_penalty=variant.action_penalty, action_rate_penalty=variant.action_rate_penalty
         )
         return train(
@@ -340,6 +340,7 @@ def flown(
         [one for *_, one in places.values()],
         trials,
         key,
+        task=tasks.paper_circle(),
         controller=controller,
         duration=duration,
         names=names,

@@ -60,7 +60,7 @@ def errors_of(
     """Distances from the set-point [m] of `flights` flights of each virtual drone."""
     drones = [virtual_drone(seed, variant) for seed in seeds]
     controller = control.controller_for(policy.interface)
-    env = drones[0].environment(tasks.circle(), controller, spec=policy.spec)
+    env = drones[0].environment(tasks.paper_circle(), controller, spec=policy.spec)
     stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *(one.parameters for one in drones))
     keys = jax.random.split(jax.random.key(len(jump)), (len(seeds), flights))
 
@@ -144,7 +144,7 @@ def watched(policy: Policy) -> tuple[Parameters, np.ndarray, np.ndarray]:
     """
     controller = control.controller_for(policy.interface)
     centre = control.in_fitting_steps(crazyflie(), controller)
-    env = Environment.matching(centre, tasks.circle(), controller, spec=policy.spec)
+    env = Environment.matching(centre, tasks.paper_circle(), controller, spec=policy.spec)
     times = np.array([round(time * policy.interface.rate) for time in KNOWN_AT_S])
     steps = int(times.max()) + 1
 

@@ -78,7 +78,7 @@ def box(plan: argparse.Namespace) -> RelativeBox:
 
 def studied(kind: Kind, plan: argparse.Namespace) -> Studied:
     """Trains policies of one kind, scores them and flies them."""
-    drones, task, controller = box(plan), tasks.circle(), control.CONTROLLERS[plan.control]()
+    drones, task, controller = box(plan), tasks.paper_circle(), control.CONTROLLERS[plan.control]()
     settings = SETTINGS[plan.control]
     settings = settings if plan.updates is None else replace(settings, updates=plan.updates)
     spec = PolicySpec(history=kind.history, hidden=kind.hidden)

@@ -49,7 +49,7 @@ TOTAL = "T_m + latency"
 
 def flown(policy: Policy, drone: Parameters, seed: int) -> list[Flight]:
     """The flights of one drone, from starts of their own."""
-    world = Environment.matching(drone, mf.simulator.circle(), mf.simulator.pwm())
+    world = Environment.matching(drone, mf.simulator.paper_circle(), mf.simulator.pwm())
     keys = jax.random.split(jax.random.key(seed), FLIGHTS)
     rows = jax.tree.map(np.asarray, _fly(world, policy, drone, keys))
     return [
@@ -123,7 +123,7 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, default=Path("planted_drones"))
     given = parser.parse_args()
     policy = mf.train(
-        mf.simulator.circle(),
+        mf.simulator.paper_circle(),
         mf.simulator.pwm(),
         uniform_box(crazyflie(), **DRAWN),
         jax.random.split(jax.random.key(0), 1),

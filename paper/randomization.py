@@ -99,9 +99,9 @@ YAW_PENALTY = 0.1
 def task_of(randomization: str) -> Task:
     """The paper's circle; for the recipe with a price on turning away."""
     return (
-        tasks.with_yaw_penalty(tasks.circle(), YAW_PENALTY)
+        tasks.with_yaw_penalty(tasks.paper_circle(), YAW_PENALTY)
         if randomization == "recipe"
-        else tasks.circle()
+        else tasks.paper_circle()
     )
 
 
@@ -191,7 +191,10 @@ def fly(place: str, policies: Mapping[str, Policy], given: argparse.Namespace) -
         )
     else:
         table = transfer(
-            many, [find_reality(place)], given.trials, key, duration=given.duration, names=names
+            *(many, [find_reality(place)], given.trials, key),
+            task=tasks.paper_circle(),
+            duration=given.duration,
+            names=names,
         ).table
     return table.select("policy", "trial", "duration", "end_reason")
 

@@ -336,7 +336,7 @@ def main() -> None:
     """Writes the table and prints it by training."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--drones", type=int, nargs="*", default=(1, 2, 3), help="seeds")
-    parser.add_argument("--along", nargs="*", default=tuple(envelope.AXES), help="axes")
+    parser.add_argument("--along", nargs="*", default=tuple(envelope.AXES)[1:], help="axes")
     parser.add_argument("--policies", type=int, default=2, help="of each training")
     parser.add_argument("--flights", type=int, default=20, help="of each policy and axis")
     parser.add_argument("--authors", type=Path, help="folder of the authors' policies.npz")

@@ -20,7 +20,7 @@ PROGRAM = """
 import sys
 import jax, jax.numpy as jnp, numpy as np
 import maidenflight as mf
-from maidenflight.policy import untrained
+from maidenflight.policy import untrained_policy
 from maidenflight.simulator import environment
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.environment import Environment
@@ -31,7 +31,7 @@ drone = mf.parameters.read_drone("crazyflie")
 controller = control.pwm()
 fitting = control.in_fitting_steps(drone, controller)
 env = Environment.matching(fitting, mf.simulator.circle(), controller)
-policy = untrained(jax.random.key(1), controller.interface, PolicySpec(hidden=(8, 8)))
+policy = untrained_policy(jax.random.key(1), controller.interface, PolicySpec(hidden=(8, 8)))
 
 
 def cost(fitting):

@@ -67,12 +67,13 @@ TASK: Patches = {
 FLIES = """
 import jax
 import maidenflight as mf
-from maidenflight.policy import untrained
+from maidenflight.policy import untrained_policy
 from maidenflight.simulator.tasks.tasks import TASKS
 from maidenflight.verbs.train import Train
 
 assert Train(task="high").task == "high"
-flown = mf.transfer([untrained(jax.random.key(0))], [mf.virtual_drone(7)], task=TASKS["high"]())
+policies = [untrained_policy(jax.random.key(0))]
+flown = mf.transfer(policies, [mf.virtual_drone(7)], task=TASKS["high"]())
 assert flown.table.height
 """
 

@@ -47,16 +47,18 @@ def test_good_files_are_accepted_and_sound(name: str) -> None:
         "study, TOML",
     ],
 )
-def test_what_is_no_file_is_refused_at_once(name: str, what: str, monkeypatch: Any) -> None:
+def test_what_is_no_file_is_refused_and_not_waited_for(
+    name: str, what: str, monkeypatch: Any
+) -> None:
     reader = fuzz.known_readers()[name]
     verdict = fuzz_damage.SAME if what == "link to the file" else fuzz_damage.REFUSED
     monkeypatch.setattr(
         fuzz, "drawn", lambda *_: (reader.good[0], fuzz_damage.Damaged(None, what, verdict))
     )
+    monkeypatch.setattr(fuzz, "LONGEST", 60.0)  # A busy machine is slow; a pipe waits for ever.
     with fuzz.laid(reader) as folder:
-        step_result, fault, seconds = fuzz.tried(reader, 0, 0, folder)
+        step_result, fault, _ = fuzz.tried(reader, 0, 0, folder)
     assert step_result == ("accepted" if what == "link to the file" else "refused"), fault
-    assert seconds < 1
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from maidenflight.errors import InputError
 from maidenflight.gru import Gru, untrained_gru
-from maidenflight.policy import Actor, untrained
+from maidenflight.policy import Actor, untrained_policy
 from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import PolicySpec
 

@@ -15,10 +15,10 @@ import pytest
 from commands import Command
 from maidenflight import cli, parameters, policy, policy_file
 from maidenflight.errors import InputError
-from maidenflight.experiments import comparison
+from maidenflight.experiments import comparison, drones
 from maidenflight.experiments.policies import read_policies
 from maidenflight.flights.reading import Flights
-from maidenflight.identification.drone_file import Estimate, GroupGain
+from maidenflight.identification.drone_file import DroneFile, Estimate, GroupGain
 from maidenflight.identification.signals.motor_response import DelayEstimate
 from maidenflight.integrations.exporters.authors_json import to_authors_json
 from maidenflight.names import CONTROLS, TASKS, WIDE
@@ -130,7 +130,7 @@ def test_policies_fly_what_they_were_trained_for(trained: Path) -> None:
 
     assert task_of("circle") == ("circle", [])
     assert task_of("hover") == ("hover", [])
-    assert task_of("mute") == ("circle", [])
+    assert task_of("mute") == ("paper_circle", [])
     assert task_of("mute", "hover") == ("hover", [])
     # Of an authors' policy whose name does not say what it commands.
     theirs = trained / "model.json"
@@ -139,13 +139,15 @@ def test_policies_fly_what_they_were_trained_for(trained: Path) -> None:
     with pytest.raises(InputError, match="do not say what they command"):
         read_policies([theirs])
     for folders, asked, task, note in (
-        (("hover",), "circle", "circle", "policy_1 for hover"),
-        (("circle", "hover"), None, "circle", "hover/policy_1 for hover"),
-        (("circle",), "hover", "hover", "policy_1 for circle, policy_2 for circle"),
+        (("hover",), "circle", "circle", "policy_1 flies circle, trained for hover"),
+        (("circle", "hover"), None, "circle", "hover/policy_1 flies circle, trained for hover"),
+        (("circle",), "hover", "hover", "policy_2 flies hover, trained for circle"),
     ):
-        flown, notes = task_of(*folders, asked=asked)
+        flown, (said,) = task_of(*folders, asked=asked)
         assert flown == task
-        assert notes == [f"they fly the task {task}, but were trained for another: {note}."]
+        assert said.endswith(f"{note}.")
+    own = read_policies([trained / name for name in ("circle", "hover", "mute")]).choose_tasks(None)
+    assert own == (["circle", "circle", "hover", "paper_circle"], [])
 
 
 def test_the_best_policy_is_told_from_one_of_the_same_name(trained: Path) -> None:
@@ -166,12 +168,14 @@ def test_the_best_policy_is_told_from_one_of_the_same_name(trained: Path) -> Non
                 "command_change": change,
                 "at_limits": 0.0,
                 "end_reason": reason,
+                **{"largest_tilt": np.radians(25.0 * duration / 20.0), "largest_distance": 0.1},
+                "largest_body_rate": 1.0,
             }
             for name, duration, error, change in rows
             for reason in ("tilt", "time limit")
         ]
     )
-    best = comparison.best_in_transfer(table, policies.own_names)
+    best = comparison.choose_best(table, policies.own_names)
     assert policies.path_of(best) == policies.paths[2]
     summary = comparison.summarize(table)
     assert summary.columns == [
@@ -183,8 +187,11 @@ def test_the_best_policy_is_told_from_one_of_the_same_name(trained: Path) -> Non
         "position_error",
         "command_change",
         "at_limits",
+        *comparison.LARGEST,
     ]
-    assert summary.row(1) == ("circle/policy_2", "virtual-7", 2, 1, 20.0, 0.05, 0.4, 0.0)
+    assert summary.row(1)[:8] == ("circle/policy_2", "virtual-7", 2, 1, 20.0, 0.05, 0.4, 0.0)
+    (near,) = comparison.describe_margins(summary)
+    assert near.startswith("circle/policy_2, hover/policy_1: tilts of up to 25 deg")
     (note,) = comparison.describe_limit_cycles(summary)
     assert note.startswith("circle/policy_2 in virtual-7 changes its commands by 0.40 ")
 
@@ -233,6 +240,29 @@ def test_a_score_is_a_line_with_the_speed_since_the_first(monkeypatch: Any) -> N
     line = "return -7.5, survival 100%, error 1.3 cm"
     assert heard.add(Progress(10, 1000, score, best)) == line
     assert heard.add(Progress(20, 11000, score, best)) == f"{line}, 5 k steps/s"
+
+
+def test_seeds_that_differ_much_are_said_to() -> None:
+    def best(*errors: float) -> list[dict[str, float]]:
+        return [{"survival": 1.0, "position_error": error} for error in errors]
+
+    assert scores.describe_spread(best(0.01)) == []
+    spread = "spread over 2 seeds: survival 100% to 100%, position error 1.0 to"
+    assert scores.describe_spread(best(0.01, 0.014)) == [f"{spread} 1.4 cm."]
+    (much,) = scores.describe_spread(best(0.01, 0.02))
+    assert much.startswith(f"{spread} 2.0 cm: they differ much")
+
+
+def test_what_is_unknown_of_a_drone_is_said_where_policies_are_trained_for_it() -> None:
+    drone = parameters.crazyflie()
+    assert drones.describe_unknown(DroneFile(drone, name="crazyflie")) == []
+    (none,) = drones.describe_unknown(DroneFile(drone, name="mine.toml"))
+    assert none.startswith("mine.toml: no parameter was identified")
+    known: Any = {"thrust_to_weight": None}
+    lag = DroneFile(drone, known, unidentified={"latency": (0.0, 0.012)}, name="mine.toml")
+    (some,) = drones.describe_unknown(lag)
+    assert "do not determine latency (0 to 0.012), SI units" in some
+    assert drones.describe_unknown(DroneFile(drone, known, name="mine.toml")) == []
 
 
 def help_of(name: str) -> Setting:

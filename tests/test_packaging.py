@@ -33,9 +33,20 @@ def copied() -> list[str]:
 
 
 def test_the_image_is_made_of_what_an_install_needs() -> None:
-    needed = {"pyproject.toml", "requirements.lock", "README.md", "LICENSE", "src"}
+    locks = {"requirements.lock", "requirements.hashes"}
+    needed = {"pyproject.toml", *locks, "README.md", "LICENSE", "src"}
     assert set(copied()) == needed
     assert all((ROOT / name).exists() for name in needed)
+
+
+def test_both_locks_name_the_same_versions_and_every_package_has_a_hash() -> None:
+    named, hashed = (
+        re.findall(r"^[\w.-]+==\S+(?: ;[^\n\\]*)?", (ROOT / name).read_text(), re.MULTILINE)
+        for name in ("requirements.lock", "requirements.hashes")
+    )
+    assert [line.strip() for line in named] == [line.strip() for line in hashed]
+    packages = re.split(r"^(?=\w)", (ROOT / "requirements.hashes").read_text(), flags=re.MULTILINE)
+    assert all(re.search(r"--hash=sha256:[0-9a-f]{64}", one) for one in packages if one.strip())
 
 
 @pytest.mark.slow

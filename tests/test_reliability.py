@@ -85,6 +85,7 @@ COMMANDS = {
     "export": ["export", "{small}/policies/policy_1.json", "-o", "{place}"],
     "report": ["report", "{small}", "-o", "{place}"],
     "demo": ["demo", "-o", "{place}"],
+    "doctor": ["doctor", "-o", "{place}"],
 }
 """All that write into a place of their own: fly only adds to one, and sweep writes what it shares
 with other machines."""

@@ -18,7 +18,16 @@ from maidenflight.studies import study
 from maidenflight.verb import find_verb
 
 ROOT = Path(maidenflight.__file__).parent
-ONLY_OF_COMMANDS = {"trust", "map_columns", "resume", "view", "status", "list", "recover"}
+ONLY_OF_COMMANDS = {
+    "verbose",
+    "trust",
+    "map_columns",
+    "resume",
+    "view",
+    "status",
+    "list",
+    "recover",
+}
 """Settings on which no result depends: how work is resumed, watched or only looked at."""
 
 

@@ -44,11 +44,11 @@ def test_variants_change_one_thing_and_each_control_structure_begins_with_its_ba
     wide = next(one for one in variants if one.name == "+-360 deg/s")
     assert wide.controller() is control.attitude_rate(highest_rate=360.0)
     assert (
-        tasks.circle(
+        tasks.paper_circle(
             action_penalty=variants[0].action_penalty,
             action_rate_penalty=variants[0].action_rate_penalty,
         )
-        is tasks.circle()
+        is tasks.paper_circle()
     )
 
 
@@ -182,7 +182,7 @@ def test_variants_are_trained_flown_and_drawn_and_nothing_twice(
     ablations.main(arguments)
     data = polars.read_csv(tmp_path / "flights.csv", comment_prefix="#")
     assert asked == [
-        (tasks.circle(), control.pwm(), pytest.approx(latency), settings)
+        (tasks.paper_circle(), control.pwm(), pytest.approx(latency), settings)
         for latency in (0.018, 0.0)
     ]
     assert data.height == 2 * 2 * (2 + 2 + 2)

@@ -20,7 +20,7 @@ from .identification.methods import Replay as Replay
 from .identification.replay.prediction import prediction_error as prediction_error
 from .parameters import Parameters as Parameters
 from .parameters import crazyflie as crazyflie
-from .parameters import named_drone as named_drone
+from .parameters import drone as drone
 from .policy import Actor as Actor
 from .policy import Policy as Policy
 from .policy import untrained_policy as untrained_policy

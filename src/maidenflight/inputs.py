@@ -9,6 +9,7 @@ import errno
 import json
 import os
 import tomllib
+import zlib
 from collections.abc import Sequence
 from itertools import takewhile
 from pathlib import Path
@@ -19,6 +20,9 @@ from maidenflight.errors import InputError
 if TYPE_CHECKING:
     import numpy as np
 
+MOST_GROWTH, UNBOUNDED, MOST_BYTES = 200, 64_000_000, 4_000_000_000
+"""By how much a compressed file may grow, up to how many bytes by any factor, and what none may
+exceed. Logs of numbers grow 3 to 20 times; a bomb, up to 1,000 times and more."""
 LARGEST = 3.4e38
 """What no number of a file exceeds; float32 reaches a little further."""
 StrPath = str | os.PathLike[str]
@@ -32,6 +36,46 @@ def content(path: StrPath) -> bytes:
         OSError: it cannot be read, or is a pipe, a socket or a device.
     """
     return _ordinary(path).read_bytes()
+
+
+def check_growth(packed: int, plain: int) -> None:
+    """Checks how much compressed data grows, before it does or while it does.
+
+    Args:
+        packed: bytes of the file.
+        plain: bytes of what it holds.
+
+    Raises:
+        ValueError: more than a log does.
+    """
+    if plain > min(max(UNBOUNDED, MOST_GROWTH * packed), MOST_BYTES):
+        raise ValueError(
+            f"{packed / 1e6:.1f} MB that unpack to {plain / 1e6:.0f} MB or more, as no log does"
+        )
+
+
+def gunzip(raw: bytes) -> bytes:
+    """Returns the content of a gzip file's bytes, one or several members.
+
+    Raises:
+        ValueError: it grows more than a log does.
+        EOFError: it is cut off.
+        zlib.error: it is damaged.
+    """
+    parts, rest, size = [], raw, 0
+    while rest:
+        # 31: with gzip's own head and checksum, which ends a member.
+        member = zlib.decompressobj(wbits=31)
+        while not member.eof:
+            part = member.decompress(rest, UNBOUNDED)
+            parts.append(part)
+            size += len(part)
+            check_growth(len(raw), size)
+            rest = member.unconsumed_tail
+            if not part and not rest and not member.eof:
+                raise EOFError("Compressed file ended before the end-of-stream marker was reached")
+        rest = member.unused_data.lstrip(b"\0")
+    return b"".join(parts)
 
 
 def beginning(path: StrPath, count: int) -> bytes:

@@ -4,11 +4,16 @@ from typing import Literal, get_args
 
 CONTROLS = ("pwm", "attitude_rate", "attitude")
 """The paper's control structures (Gronauer et al. 2022, sec. Control Structures)."""
-TASKS = ("circle", "figure_eight", "fast_circle", "fast_figure_eight", "hover", "take_off")
+PAPER_TASK = "paper_circle"
+"""The circle at full speed from the first instant on, which the paper's policies fly."""
+TASKS = (
+    *("circle", "figure_eight", "fast_circle", "fast_figure_eight", "hover", "take_off"),
+    PAPER_TASK,
+)
 """What policies are trained to fly."""
 REAL_TASKS = ("circle", "figure_eight", "hover")
 """What a real drone flies."""
-AXES = ("circle", "figure_eight", "gusts", "payload", "battery", "propeller", "latency")
+AXES = ("speed", "circle", "figure_eight", "gusts", "payload", "battery", "propeller", "latency")
 """Along which an envelope grows harder."""
 Firmware = Literal["2021.10", "2026.08"]
 FIRMWARES: tuple[Firmware, ...] = get_args(Firmware)

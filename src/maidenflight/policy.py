@@ -11,6 +11,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from maidenflight.errors import InputError
 from maidenflight.gru import Gru, untrained_gru
+from maidenflight.registry import PLOTS
 from maidenflight.simulator.controllers import interface as interfaces
 from maidenflight.simulator.controllers.interface import ControlInterface
 from maidenflight.simulator.environment import observe, remember
@@ -69,6 +70,10 @@ class Policy:
         memory = "" if self.gru is None else f", memory of {self.gru.size}"
         layers = "-".join(map(str, self.layer_sizes))
         return f"Policy({self.interface.name}, {self.interface.rate} Hz, layers {layers}{memory})"
+
+    def plot(self) -> Any:
+        """Returns a picture of the commands over the distance to the set-point at hover."""
+        return PLOTS["policy"](self)
 
     @property
     def multiplications(self) -> int:

@@ -46,7 +46,7 @@ class PolicyFile:
     """A policy and what its file says of how it was made."""
 
     policy: Policy
-    record: Mapping[str, Any] = field(default_factory=dict)
+    record: Mapping[str, Any] = field(default_factory=dict, repr=False)
     """As `results.record` makes it, with `hover`, `rotors`, `drone`, `number`; empty if unknown."""
     name: str = "policy"
     """Of the file, without its ending."""
@@ -99,7 +99,7 @@ class PolicyFile:
     @property
     def identity(self) -> dict[str, Any]:
         """What the file says of its drone; see `identification.identity`. Empty if unknown."""
-        drone = self.record.get("drone")
+        drone: Any = self.record.get("drone")
         sound = isinstance(drone, dict) and inputs.is_number(drone.get("mass", 1.0))
         return dict(drone) if sound and drone.get("mass", 1.0) > 0 else {}
 

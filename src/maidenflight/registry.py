@@ -162,6 +162,7 @@ VERBS = Registry(
         "export": "maidenflight.verbs.export:Export",
         "report": "maidenflight.verbs.report:Report",
         "demo": "maidenflight.verbs.demo:Demo",
+        "doctor": "maidenflight.verbs.doctor:Doctor",
     },
 )
 """Each a `verb.Verb`, in the order of the flow."""
@@ -246,6 +247,15 @@ LOGGERS = Registry(
     },
 )
 """Each a `training.loggers.Logger`."""
+PLOTS = Registry(
+    "plot",
+    "maidenflight.plots",
+    {
+        name: f"maidenflight.reporting.figures.plots:plot_{name}"
+        for name in ("flight", "identification", "policy")
+    },
+)
+"""Pictures of what stages return, for notebooks."""
 VIEWERS = Registry(
     "view",
     "maidenflight.views",

@@ -173,7 +173,6 @@ PREDICTION = Table(
     {"policy": str, "control": str, "trial": int, "duration": float, "end_reason": str},
     "maidenflight prediction 1: simulated flights of policies as the authors' drone ran "
     "them, a row a flight; duration s",
-    digits=2,
 )
 """Flight times predicted on the identified drone, a row a flight."""
 TRAINING = Table(

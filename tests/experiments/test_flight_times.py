@@ -13,7 +13,7 @@ import polars
 import pytest
 
 from maidenflight.errors import InputError
-from maidenflight.experiments import real_controller
+from maidenflight.experiments import comparison, real_controller
 from maidenflight.experiments.flight_times import predict_flight_times, summary
 from maidenflight.flying import guarded
 from maidenflight.flying.scenario import PUBLISHED_START
@@ -136,10 +136,12 @@ def test_the_guard_is_the_papers_on_what_the_sensors_tell(
     begun = environment.begin(
         env, dynamics.at_hover(place, crazyflie()), jnp.zeros(()), crazyflie(), KEY
     )
-    found = guarded.end_reason(
+    found, seen_now = guarded.end_reason(
         begun._replace(measurement=seen), jnp.array([0.0, 0.0, 1.0]), jnp.float32(2.5)
     )
     assert failures.END_REASONS[int(found)] == reason
+    away = np.linalg.norm(np.subtract(position, (0.0, 0.0, 1.0)))
+    assert float(seen_now.position_error) == pytest.approx(away, rel=1e-5)
 
 
 def test_yaw_rate_is_the_rate_pids_own_set_point() -> None:
@@ -165,7 +167,7 @@ def test_policies_see_the_history_and_hold_the_actions_of_their_own_rate(
     policies = [restless("attitude", number, look_ahead) for number in range(4)]
     drone = replace(noiseless(crazyflie()), time_step=control.time_step(structure))
     env = Environment.matching(
-        drone, tasks.circle(), structure, spec=PolicySpec(look_ahead=look_ahead)
+        drone, tasks.paper_circle(), structure, spec=PolicySpec(look_ahead=look_ahead)
     )
     state = STILL.draw(env, drone, KEY)
 
@@ -195,7 +197,11 @@ def test_a_seed_gives_the_same_flights_and_another_seed_others() -> None:
     flown = predict_flight_times(policies, crazyflie(), KEY, **SHORT)
     assert flown.equals(predict_flight_times(policies, crazyflie(), KEY, **SHORT))
     assert not flown.equals(predict_flight_times(policies, crazyflie(), jax.random.key(1), **SHORT))
-    assert flown.columns == ["policy", "control", "trial", "duration", "end_reason"]
+    assert flown.columns[:5] == ["policy", "control", "trial", "duration", "end_reason"]
+    assert flown.columns[5:] == ["position_error", *comparison.LARGEST]
+    for row in flown.filter(end_reason="tilt").iter_rows(named=True):
+        assert np.radians(30.0) < row["largest_tilt"] < np.radians(90.0)
+        assert 0.0 < row["position_error"] <= row["largest_distance"]
     assert flown["policy"].to_list() == ["policy_1"] * 3 + ["policy_2"] * 3
 
 

@@ -7,19 +7,36 @@ import pytest
 
 from made_flights import calm
 from maidenflight.errors import InputError
-from maidenflight.experiments.transfer import activity, transfer
+from maidenflight.experiments.transfer import activity, fly_firmware, transfer
 from maidenflight.flying import engine
 from maidenflight.flying.foreign_policy import foreign_policy
-from maidenflight.parameters import crazyflie
+from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import untrained_policy
 from maidenflight.simulator.controllers.control import attitude_rate
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.realities.reality import reality as named
-from maidenflight.simulator.realities.virtual_drone import virtual_drone
+from maidenflight.simulator.realities.virtual_drone import VirtualDrone, virtual_drone
 from maidenflight.simulator.tasks.look_ahead import NONE, LookAhead
 from numpy_drone import TWIN, NumpyDrone
 
 POLICIES = [untrained_policy(jax.random.key(number)) for number in range(2)]
+
+
+def test_the_firmware_is_left_out_where_it_cannot_hold_the_drone() -> None:
+    strong = VirtualDrone("strong", replace(crazyflie(), thrust_to_weight=20.0))
+    tables, (note,) = fly_firmware(["pid"], [strong], 1, jax.random.key(0))
+    assert tables == []
+    assert note.startswith("the firmware's pid does not fly in strong: strong hovers at")
+
+
+@pytest.mark.slow
+def test_the_firmwares_pid_lags_behind_the_circle_but_flies_it() -> None:
+    place, key = virtual_drone(7), jax.random.key(0)
+    (flown,), notes = fly_firmware(["pid"], [place], 2, key, duration=6.0)
+    assert notes == []
+    assert flown["end_reason"].to_list() == ["time limit"] * 2
+    assert 0.1 < min(flown["position_error"]) < max(flown["position_error"]) < 0.3
+    assert max(flown["largest_tilt"]) < np.radians(15.0), "it starts without a jump"
 
 
 @pytest.mark.slow

@@ -167,7 +167,7 @@ def test_notes_of_all_files_are_kept(tmp_path):
     read = read_flights(tmp_path)
     assert [len(flight) for flight in read] == [95, 85]
     assert len(read.notes) == 2
-    assert "cut at 1 jumps" in read.notes[0]
+    assert "cut at a jump" in read.notes[0]
     assert "40 rows dropped" in read.notes[1]
 
 

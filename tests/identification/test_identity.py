@@ -9,7 +9,7 @@ from maidenflight import names, policy_file
 from maidenflight.errors import InputError
 from maidenflight.identification import drone_file
 from maidenflight.identification.identity import check_same_drone, identity_of, propellers_of
-from maidenflight.policy import untrained
+from maidenflight.policy import untrained_policy
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.verbs.export import Export
 
@@ -36,7 +36,7 @@ def test_a_policy_that_names_no_drone_cannot_be_compared() -> None:
 
 
 def test_an_app_gets_the_propellers_of_its_policy_s_drone(tmp_path: Path) -> None:
-    policy = untrained(jax.random.key(0), spec=PolicySpec(hidden=(8,)))
+    policy = untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(8,)))
     path = policy_file.write_policy(tmp_path / "policy.json", policy, {"drone": OURS})
     assert policy_file.read_policy(path).identity == OURS
     Export(policy=path, to="crazyflie").run(tmp_path / "app")

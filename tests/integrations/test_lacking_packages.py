@@ -15,7 +15,7 @@ from maidenflight.integrations.exporters.onnx import export_onnx
 from maidenflight.integrations.logs import blackbox, rosbag, ulog
 from maidenflight.integrations.monitoring import live
 from maidenflight.integrations.raptor.checkpoint import export_raptor
-from maidenflight.policy import untrained
+from maidenflight.policy import untrained_policy
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.studies import store
 from maidenflight.studies.engine import Resources, engine
@@ -23,7 +23,7 @@ from maidenflight.training import loggers
 
 
 def remembering() -> Any:
-    return untrained(jax.random.key(0), spec=PolicySpec(form="raptor"))
+    return untrained_policy(jax.random.key(0), spec=PolicySpec(form="raptor"))
 
 
 def log_by(name: str, folder: Path) -> None:
@@ -44,7 +44,7 @@ NEEDS: dict[str, tuple[str, Callable[[Path], Any]]] = {
     "ray": ("ray", lambda folder: engine("ray", Resources(logs=str(folder)))),
     "submitit": ("slurm", lambda folder: engine("slurm", Resources(logs=str(folder)))),
     "fsspec": ("remote", lambda _: store.opened("memory://study")),
-    "onnx": ("onnx", lambda folder: export_onnx(untrained(jax.random.key(0)), folder)),
+    "onnx": ("onnx", lambda folder: export_onnx(untrained_policy(jax.random.key(0)), folder)),
     "h5py": ("raptor", lambda folder: export_raptor(remembering(), folder)),
 }
 """By package: its extra, and what needs it."""

@@ -10,7 +10,6 @@ import pytest
 from maidenflight import policy, policy_file
 from maidenflight.errors import InputError
 from maidenflight.experiments import envelope
-from maidenflight.experiments.comparison import best_in_envelope
 from maidenflight.verbs.envelope import Envelope
 from run_listing import entries
 
@@ -56,5 +55,3 @@ def test_an_envelope_goes_on_where_it_was_interrupted(
     assert (tmp_path / "out" / "envelope.svg").read_text().startswith("<svg")
     with pytest.raises(InputError, match="of other policies, settings"):
         asked(resume=True, flights=5)
-    assert best_in_envelope(envelope.summary(table), ["policy_1"]) == "policy_1"
-    assert best_in_envelope(envelope.summary(table), []) is None

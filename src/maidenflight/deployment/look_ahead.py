@@ -54,7 +54,7 @@ static void foresee(stabilizerStep_t step)
 {
     const float now = (float)(step - begun) / RATE_MAIN_LOOP;
     for (int i = 0; i < MF_AHEAD; i++) {
-        const float angle = MF_TURN * (now + (float)(i + 1) * MF_AHEAD_SPACING) / plan.period;
+        const float angle = circle_angle(now + (float)(i + 1) * MF_AHEAD_SPACING);
         const bool circles = plan.task == MF_TASK_CIRCLE;
         seen.ahead[i][0] = circles ? plan.radius * (1.0f - cosf(angle)) : 0.0f;
         seen.ahead[i][1] = circles ? plan.radius * sinf(angle) : 0.0f;

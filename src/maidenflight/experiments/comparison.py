@@ -1,17 +1,31 @@
-"""Policies compared by their flights: which flew best, and which are in a limit cycle."""
+"""Policies compared by their flights: which is best, which are near a guard or in a limit cycle."""
 
+import math
 from collections.abc import Collection
 
 import polars
 
 from maidenflight.experiments.recovery import LASTS
 from maidenflight.experiments.transfer import LIMIT_CYCLE
+from maidenflight.simulator.tasks.failures import BACKUP
+
+RULE = (
+    "longest mean flight; among those within 2 % of it no limit cycle, then the smallest mean "
+    "distance from the set-point"
+)
+"""By which the best of several policies is chosen, whatever they flew."""
+ALIKE = 0.98
+"""Share of the longest mean flight from which flights are as long."""
+LEAST_TILT_MARGIN = 8.0
+"""Margin to the guard of the tilt below which a policy is reported [deg]; ours."""
+LARGEST = ("largest_tilt", "largest_body_rate", "largest_distance")
+"""Columns of the largest values of a flight, in SI units; see `failures.largest`."""
 
 
 def summarize(flights: polars.DataFrame) -> polars.DataFrame:
     """Returns flights, those that reached the time limit, mean duration [s] and error [m].
 
-    A row a policy and reality.
+    A row a policy and reality, with the largest tilt [rad], body rate [rad/s] and distance [m].
 
     Args:
         flights: the table of `transfer`.
@@ -23,49 +37,49 @@ def summarize(flights: polars.DataFrame) -> polars.DataFrame:
         polars.col("position_error").mean(),
         polars.col("command_change").mean(),
         polars.col("at_limits").mean(),
+        polars.col(LARGEST).max(),
     )
 
 
-def best_in_transfer(flights: polars.DataFrame, among: Collection[str]) -> str | None:
-    """Returns the policy that flew longest and, among equals, closest; None among none.
-
-    One in a limit cycle is chosen for want of another only.
+def choose_best(flights: polars.DataFrame, among: Collection[str]) -> str | None:
+    """Returns the best policy by `RULE`; None among none.
 
     Args:
-        flights: the table of `transfer`.
+        flights: a row a flight with policy and duration, and position_error and command_change
+            where they are known: the tables of `transfer`, `predict_flight_times` and `envelope`.
         among: policies to choose from.
     """
     if not among:
         return None
-    order = (
+    known = [name for name in ("command_change", "position_error") if name in flights.columns]
+    means = (
         flights.filter(polars.col("policy").is_in(among))
-        .group_by("policy")
-        .agg(
-            polars.col("duration").mean(),
-            polars.col("position_error").mean(),
-            (polars.col("command_change").mean() > LIMIT_CYCLE).alias("limit_cycle"),
-        )
+        .group_by("policy", maintain_order=True)
+        .agg(polars.col("duration", *known).mean())
     )
-    keys = ["duration", "limit_cycle", "position_error", "policy"]
-    return order.sort(keys, descending=[True, False, False, False])["policy"][0]
+    longest = means.filter(polars.col("duration") >= ALIKE * polars.col("duration").max())
+    cycles = polars.col("command_change") > LIMIT_CYCLE
+    keys = [cycles if name == "command_change" else polars.col(name) for name in known]
+    return longest.sort(*keys, -polars.col("duration"), maintain_order=True)["policy"][0]
 
 
-def best_in_envelope(summary: polars.DataFrame, among: Collection[str]) -> str | None:
-    """Returns the policy with the widest envelope, its mean share of each axis; None among none.
+def describe_margins(summary: polars.DataFrame) -> list[str]:
+    """Returns a sentence on policies whose flights lasted, but tilted nearly as far as a guard.
 
     Args:
-        summary: what `envelope.summary` returns.
-        among: policies to choose from.
+        summary: what `summarize` or `flight_times.summary` returns.
     """
-    if not among:
-        return None
-    share = (polars.col("envelope").fill_nan(0.0) / polars.col("hardest")).mean()
-    order = (
-        summary.filter(polars.col("policy").is_in(among))
-        .group_by("policy", maintain_order=True)
-        .agg(share.alias("share"))
-    )
-    return order.sort("share", descending=True, maintain_order=True)["policy"][0]
+    limit = math.degrees(BACKUP.tilt)
+    tilt = polars.col("largest_tilt").degrees()
+    near = summary.filter((tilt > limit - LEAST_TILT_MARGIN) & (tilt <= limit))
+    if near.is_empty():
+        return []
+    worst = math.degrees(max(near["largest_tilt"]))
+    names = ", ".join(near["policy"].unique(maintain_order=True))
+    return [
+        f"{names}: tilts of up to {worst:.0f} deg. A guard of the drone ends flights at "
+        f"{limit:.0f} deg; a margin of {LEAST_TILT_MARGIN:g} deg is advised."
+    ]
 
 
 def describe_limit_cycles(summary: polars.DataFrame) -> list[str]:

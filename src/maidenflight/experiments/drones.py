@@ -19,7 +19,7 @@ from maidenflight.identification.outcome.ensembles import (
 )
 from maidenflight.inputs import StrPath
 from maidenflight.names import ANY, ANY_DAY, POSTERIOR, TRIMS, WIDE
-from maidenflight.parameters import Parameters
+from maidenflight.parameters import DRONES, Parameters
 from maidenflight.registry import import_part
 from maidenflight.simulator.any_drone import DayToDay, GenericQuadrotor
 from maidenflight.simulator.controllers import control
@@ -81,6 +81,26 @@ def read_drone(drone: StrPath, accept_bounds: bool = False) -> DroneFile:
     if not accept_bounds:
         must_lie_within_bounds(file)
     return file
+
+
+def describe_unknown(file: DroneFile) -> list[str]:
+    """Returns what a drone's file does not know of its drone, for users that train for it."""
+    if file.name in DRONES:
+        return []
+    if not file.estimates:
+        return [
+            f"{file.name}: no parameter was identified from flights. Policies are trained as if "
+            "its values were those of your drone; identify it (maidenflight identify LOGS)."
+        ]
+    if not file.unidentified:
+        return []
+    ranges = (
+        f"{name} ({low:.3g} to {high:.3g})" for name, (low, high) in file.unidentified.items()
+    )
+    return [
+        f"{file.name}: the flights do not determine {', '.join(ranges)}, SI units. --randomize "
+        "posterior trains over these ranges, and over nothing else."
+    ]
 
 
 def find_reality(name: str, accept_bounds: bool = False) -> AnyReality:

@@ -51,11 +51,11 @@ class SpeedRamp(NamedTuple):
     """A reference whose speed grows within one flight."""
 
     unit: str
-    of: Callable[[float], trajectories.Trajectory]
-    """(fastest [m/s]) to the reference."""
+    of: Callable[[float], trajectories.Trajectory] | None
+    """(fastest [m/s]) to the reference; none: the task's own, from its own speed on."""
     fastest: float
-    """Top speed to which it grows in `trajectories.RAMP_DURATION_S` [m/s]."""
-    tightest: float
+    """Speed to which it grows in `trajectories.RAMP_DURATION_S`, in the unit."""
+    tightest: float = math.nan
     """Least radius of curvature of the path [m], where it is fastest."""
 
 
@@ -113,6 +113,7 @@ AXES: dict[str, SpeedRamp | Condition] = dict(
     zip(
         known.AXES,
         (
+            SpeedRamp("of the task's speed", None, 3.0),
             SpeedRamp("m/s", trajectories.quickening_circle, 3.0, 0.5),
             SpeedRamp("m/s", trajectories.quickening_figure_eight, 3.0, 1.0 / 3.0),
             Condition("m/s", _grades(1.0, 12), _in_wind, Partial(gust)),
@@ -125,6 +126,13 @@ AXES: dict[str, SpeedRamp | Condition] = dict(
     )
 )
 """What grows harder, by name."""
+
+
+def choose_axes(task: str) -> tuple[str, ...]:
+    """Returns along which policies for a task are judged by default, by names of `AXES`."""
+    own = {"fast_circle": ("circle",), "fast_figure_eight": ("figure_eight",)}
+    standing = task in ("hover", "take_off")
+    return (*(() if standing else own.get(task, ("speed",))), "gusts")
 
 
 def limit(axis: str, reality: AnyReality) -> float:
@@ -162,7 +170,7 @@ def envelope(
         flights: of each policy, along the whole axis each.
         key: random key; `jax.random.key(0)` by default. Flights of the same number have the same
             noise for each policy and grade.
-        task: the task under a condition; the paper's circle by default.
+        task: of speed and under a condition; the circle by default.
         names: what the table calls the policies; policy_1, policy_2, ... by default.
 
     Returns:
@@ -177,18 +185,17 @@ def envelope(
         raise InputError(f"axis {axis!r}: no such axis. Give one of {', '.join(AXES)}.")
     if flights < 1 or not policies:
         raise InputError("an envelope needs at least one policy and one flight.")
-    along, pilots = AXES[axis], pilots_of(policies)
+    along, pilots, base_task = AXES[axis], pilots_of(policies), task or tasks.circle()
     keys = jax.random.split(jax.random.key(0) if key is None else key, flights)
     if isinstance(along, SpeedRamp):
         hardest = along.fastest
-        reached = [_paced(pilot, reality, along, keys) for pilot in pilots]
+        reached = [_paced(pilot, reality, along, keys, base_task) for pilot in pilots]
     else:
         hardest, paces = (
             along.grades[-1],
             [name for name in AXES if isinstance(AXES[name], SpeedRamp)],
         )
         drone = must_be_virtual(reality, f"Give axes of speed: {', '.join(paces)}.")
-        base_task = task or tasks.circle()
         reached = [_under(pilot, drone, along, keys, base_task) for pilot in pilots]
     labels = names or [f"policy_{number}" for number in range(1, len(policies) + 1)]
     rows = [
@@ -209,28 +216,38 @@ def envelope(
 
 
 def _paced(
-    pilot: PolicyPilot | ForeignPilot, reality: AnyReality, pace: SpeedRamp, keys: Array
+    pilot: PolicyPilot | ForeignPilot,
+    reality: AnyReality,
+    pace: SpeedRamp,
+    keys: Array,
+    base_task: Task,
 ) -> list[float]:
     """The speed that each flight reaches."""
-    task = tasks.tracking(pace.of(pace.fastest), trajectories.RAMP_DURATION_S)
+    if pace.of is None:
+        path, slowest = trajectories.hastening(base_task.reference, pace.fastest), 1.0
+    else:
+        path, slowest = pace.of(pace.fastest), 0.0
+    task = tasks.tracking(path, trajectories.RAMP_DURATION_S)
     scenario, reached = Scenario(task, trajectories.RAMP_DURATION_S), []
     for one in fly_all(reality, pilot, scenario, keys, LOST):
-        share = steps_done(one.rows, one.rate) / round(trajectories.RAMP_DURATION_S * one.rate)
-        reached.append(pace.fastest * share if share else float("nan"))
+        done = steps_done(one.rows, one.rate, one.estimated)
+        share = done / round(trajectories.RAMP_DURATION_S * one.rate)
+        reached.append(slowest + (pace.fastest - slowest) * share if share else float("nan"))
     return reached
 
 
-def steps_done(rows: Rows, rate: int) -> int:
+def steps_done(rows: Rows, rate: int, estimated: bool = False) -> int:
     """Returns rows until a guard trips or the distance's mean over `WINDOW_S` exceeds `WITHIN_M`.
 
     Args:
         rows: one flight.
         rate: its rows a second.
+        estimated: whether the drone's estimates are judged.
     """
-    steps, reason = rows.end(LOST)
+    steps, reason = rows.end(LOST, estimated)
     # The row in which it is lost does not count; the tilt that speed takes trips no guard here.
     end = int(steps) - (reason != TIME_LIMIT)
-    distance = rows.distance[:end]
+    distance = rows.excursion(estimated).position_error[:end]
     window = round(WINDOW_S * rate)
     if len(distance) < window:
         return 0
@@ -262,7 +279,9 @@ def _under(
 
 
 def _holds(flight: SimulatedFlight) -> bool:
-    return flight.reason == TIME_LIMIT and float(np.mean(flight.rows.distance)) <= WITHIN_M
+    return (
+        flight.reason == TIME_LIMIT and float(np.mean(flight.excursion.position_error)) <= WITHIN_M
+    )
 
 
 def summary(flights: polars.DataFrame) -> polars.DataFrame:

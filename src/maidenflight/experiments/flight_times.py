@@ -5,7 +5,7 @@ error in its lag or its thrust feeds back through the policy until the guard tri
 here as the authors' drone ran them. Attitude and rate PIDs are those of firmware 2021.10 at 500 Hz;
 instants of the history are one control period apart and hold the network's raw output; the guard
 reads the estimates 100 times a second, between two actions too; the reference starts at its
-beginning.
+beginning, for the authors' policies at full speed.
 
 Of 216 published flights 159 lasted less than 20 s. In the last row of 157 of them roll or pitch is
 25.8 to 38.6 deg, 29.3 deg in the median and whatever the control structure: that is the 30 deg
@@ -32,6 +32,7 @@ from maidenflight.errors import InputError
 from maidenflight.experiments.real_controller import GUARD_RATE, real_controller
 from maidenflight.experiments.transfer import MAX_DURATION_S
 from maidenflight.flying import guarded
+from maidenflight.flying.guarded import Flown
 from maidenflight.flying.scenario import PUBLISHED_START, Start
 from maidenflight.parameters import Parameters, replace
 from maidenflight.policy import Policy
@@ -39,8 +40,9 @@ from maidenflight.simulator.controllers import control
 from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.controllers.interface import ControlInterface
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.tasks import tasks
-from maidenflight.simulator.tasks.failures import END_REASONS, End
+from maidenflight.simulator.tasks import failures, tasks
+from maidenflight.simulator.tasks.failures import END_REASONS
+from maidenflight.simulator.tasks.tasks import Task
 
 MAX_POSITION_ERROR_M = 2.5
 """Distance from the set-point [m] at which a flight ends: no guard of the drone, but the room; one
@@ -64,9 +66,10 @@ def predict_flight_times(
     start: Start = PUBLISHED_START,
     controller_for: Callable[[ControlInterface], Controller] = real_controller,
     names: Sequence[str] | None = None,
+    policy_tasks: Sequence[Task] | None = None,
     on_policy: Callable[[int, int], None] | None = None,
 ) -> polars.DataFrame:
-    """Flies every policy on the authors' circle until a guard trips.
+    """Flies every policy until a guard trips.
 
     A policy's flights depend on the key, on its weights and on the drone, not on the policies
     beside it nor on how many devices share them. Compiled once for policies of one control
@@ -84,10 +87,13 @@ def predict_flight_times(
         controller_for: the controller of a policy's interface: that of the authors' drone unless
             given. `control.controller_for` makes those that ours are trained with by default.
         names: what table and errors call the policies; policy_1, policy_2, ... by default.
+        policy_tasks: what each flies; the circle of the paper by default, as the authors' did.
         on_policy: called with (policies done, policies).
 
     Returns:
-        One row a flight: policy, control, trial, duration [s], end_reason.
+        One row a flight: policy, control, trial, duration [s], end_reason, and by the estimates
+        that guards look at position_error (mean distance from the set-point [m]), largest_tilt
+        [rad], largest_body_rate [rad/s] and largest_distance [m].
 
     Raises:
         InputError: no policy, trial or time, names that do not tell the policies apart, or a rate
@@ -110,47 +116,46 @@ def predict_flight_times(
             )
     drones = drone if np.ndim(drone.mass) else tree.map(lambda leaf: np.asarray(leaf)[None], drone)
     limits = guarded.Limits(np.int32(rows), np.float32(farthest))  # type: ignore[arg-type]
+    flown_tasks = list(policy_tasks or [tasks.paper_circle()] * len(policies))
     kinds: dict[tuple, list[int]] = {}
-    for place, policy in enumerate(policies):
-        kinds.setdefault((policy.interface, policy.spec), []).append(place)
-    steps, reasons = (np.zeros((len(policies), trials), np.int32) for _ in End._fields)
-    flights_done = 0
+    for place, (policy, task) in enumerate(zip(policies, flown_tasks, strict=True)):
+        kinds.setdefault((policy.interface, policy.spec, task), []).append(place)
+    flown: dict[int, Flown] = {}
     for places in kinds.values():
-        ends = _fly_kind(
-            [policies[place] for place in places],
-            drones,
-            key,
-            trials,
-            limits,
-            start,
-            controller_for,
-        )
-        for place, (steps_done, end_reason) in zip(places, ends, strict=True):
-            steps[place], reasons[place] = steps_done, end_reason
-            flights_done += 1
+        kind = [policies[place] for place in places]
+        settings = key, trials, limits, start, controller_for
+        every = _fly_kind(kind, flown_tasks[places[0]], drones, *settings)
+        for place, one in zip(places, every, strict=True):
+            flown[place] = one
             if on_policy is not None:
-                on_policy(flights_done, len(policies))
+                on_policy(len(flown), len(policies))
+    end, largest, distance = tree.map(
+        lambda *parts: np.concatenate(parts), *(flown[place] for place in range(len(policies)))
+    )
     return polars.DataFrame(
         {
             "policy": np.repeat(names, trials).tolist(),
             "control": np.repeat([policy.interface.name for policy in policies], trials).tolist(),
             "trial": np.tile(np.arange(1, trials + 1), len(policies)),
-            "duration": steps.ravel() / GUARD_RATE,
-            "end_reason": [END_REASONS[reason] for reason in reasons.ravel()],
+            "duration": end.steps / GUARD_RATE,
+            "end_reason": [END_REASONS[reason] for reason in end.reason],
+            "position_error": (np.asarray(distance, np.float64) / end.steps).round(6),
+            **failures.largest(tree.map(lambda part: part[:, None], largest)),
         }
     )
 
 
 def _fly_kind(
     policies: Sequence[Policy],
+    task: Task,
     drones: Parameters,
     key: Array,
     trials: int,
     limits: guarded.Limits,
     start: Start,
     controller_for: Callable[[ControlInterface], Controller],
-) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Rows and reasons of each policy's flights, policies of one kind.
+) -> Iterator[Flown]:
+    """How each policy's flights went, policies of one kind.
 
     They fly in portions of one size: the same program flies few and many, in bounded memory.
     """
@@ -164,7 +169,7 @@ def _fly_kind(
     nominal = tree.map(lambda leaf: leaf[0], drones)
     env = Environment.matching(
         nominal,
-        tasks.circle(),
+        task,
         structure,
         estimator_memory=_MEMORY if late else 0,
         spec=policies[0].spec,
@@ -190,7 +195,7 @@ def _fly_kind(
 
     def fly(
         places: np.ndarray, is_active: np.ndarray, drone_indices: np.ndarray, keys: Array
-    ) -> End:
+    ) -> Flown:
         flying = tree.map(lambda *leaves: np.stack(leaves), *(policies[place] for place in places))
         flights = guarded.Trials(
             flying, tree.map(lambda leaf: leaf[drone_indices], drones), keys, is_active
@@ -201,15 +206,12 @@ def _fly_kind(
     # Drones are drawn first: waiting for a draw would be waiting for the flights before it.
     portions = [portion(first) for first in range(0, blocks * len(policies), size)]
     landed = (
-        part
+        tree.map(lambda part, place=place: part[place], flights)
         for flights in _landed(starmap(fly, portions))
-        for part in zip(flights.steps, flights.reason, strict=True)
+        for place in range(size)
     )
     for _ in policies:
-        steps, reasons = (
-            np.concatenate(values)[:trials] for values in zip(*islice(landed, blocks), strict=True)
-        )
-        yield steps, reasons
+        yield tree.map(lambda *parts: np.concatenate(parts)[:trials], *islice(landed, blocks))
 
 
 _UNDER_WAY = 8
@@ -217,9 +219,9 @@ _UNDER_WAY = 8
 memory is bounded."""
 
 
-def _landed(ends: Iterable[End]) -> Iterator[End]:
-    under_way: deque[End] = deque()
-    for flights in ends:
+def _landed(begun: Iterable[Flown]) -> Iterator[Flown]:
+    under_way: deque[Flown] = deque()
+    for flights in begun:
         under_way.append(flights)
         if len(under_way) > _UNDER_WAY:
             yield tree.map(np.asarray, under_way.popleft())
@@ -252,7 +254,8 @@ def summary(flights: polars.DataFrame) -> polars.DataFrame:
 
     Returns:
         policy, control, trials; mean and quantiles (`QUANTILES`, in percent) of the duration [s];
-        and the share of flights that ended by each of the reasons there are.
+        the share of flights that ended by each of the reasons there are; the mean position_error
+        [m], and the largest tilt [rad], body rate [rad/s] and distance [m].
     """
     duration, reason = polars.col("duration"), polars.col("end_reason")
     reasons = [name for name in END_REASONS if name in set(flights["end_reason"])]
@@ -264,4 +267,6 @@ def summary(flights: polars.DataFrame) -> polars.DataFrame:
             for share in QUANTILES
         ),
         *((reason == name).mean().alias(name) for name in reasons),
+        polars.col("^position_error$").mean(),
+        polars.col("^largest_.*$").max(),
     )

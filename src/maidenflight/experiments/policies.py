@@ -16,7 +16,7 @@ from maidenflight.settings import is_code
 from maidenflight.simulator.controllers.control import find_controller
 
 USUAL_TASK = "circle"
-"""Task of policies that do not say what they were trained for, as the authors' do not."""
+"""Task of policies that were trained for several."""
 
 
 @dataclass(frozen=True)
@@ -79,23 +79,35 @@ class Policies:
         Returns:
             The name of a task, and a note where policies were trained for another.
         """
-        trained = {
-            name: file.task
-            for name, file in zip(self.own_names, self.files, strict=True)
-            if file.task is not None
-        }
-        alike = set(trained.values())
-        chosen_task = task or (
-            alike.pop() if len(alike) == 1 and alike <= set(names.TASKS) else USUAL_TASK
-        )
-        others = {name: task for name, task in trained.items() if task != chosen_task}
-        if not others:
-            return chosen_task, []
-        first = ", ".join(f"{name} for {task}" for name, task in list(others.items())[:3])
-        more = f" and {len(others) - 3} more for others" if len(others) > 3 else ""
-        return chosen_task, [
-            f"they fly the task {chosen_task}, but were trained for another: {first}{more}."
+        said = {file.task for file in self.files if file.task}
+        alike = said or ({names.PAPER_TASK} if self.files else {USUAL_TASK})
+        one = len(alike) == 1 and alike <= set(names.TASKS)
+        chosen = task or (alike.pop() if one else USUAL_TASK)
+        return chosen, self._note_others([chosen] * len(self.files))
+
+    def choose_tasks(self, task: str | None) -> tuple[list[str], list[str]]:
+        """Returns what each of the files flies by itself, and notes for the user.
+
+        Args:
+            task: name of a task for all; by default each flies the one that it was trained for, as
+                far as a real drone flies it, and the authors' the circle of the paper.
+        """
+        real = {*names.REAL_TASKS, names.PAPER_TASK}
+        trained = [file.task or names.PAPER_TASK for file in self.files]
+        chosen = [task or (own if own in real else USUAL_TASK) for own in trained]
+        return chosen, self._note_others(chosen)
+
+    def _note_others(self, flown: Sequence[str]) -> list[str]:
+        """A note where files fly another task than they say that they were trained for."""
+        others = [
+            f"{name} flies {task}, trained for {file.task}"
+            for name, file, task in zip(self.own_names, self.files, flown, strict=True)
+            if file.task not in (None, task)
         ]
+        if not others:
+            return []
+        more = f" and {len(others) - 3} more" if len(others) > 3 else ""
+        return [f"another task than that of the training: {'; '.join(others[:3])}{more}."]
 
 
 def find_policies(places: Sequence[StrPath]) -> list[Path]:

@@ -15,12 +15,13 @@ from jaxtyping import Array
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
 from maidenflight.flying.engine import fly_all
+from maidenflight.flying.firmware_pilot import FirmwarePilot
 from maidenflight.flying.pilots import AnyPolicy, pilots_of
 from maidenflight.flying.scenario import Scenario
 from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.realities.reality import AnyReality, check_reality
-from maidenflight.simulator.tasks import tasks
-from maidenflight.simulator.tasks.failures import ZERO_SHOT
+from maidenflight.simulator.tasks import failures, tasks
+from maidenflight.simulator.tasks.failures import APP, ZERO_SHOT
 from maidenflight.simulator.tasks.tasks import Task
 
 MAX_DURATION_S = 20.0
@@ -33,7 +34,9 @@ class Transfer:
 
     table: polars.DataFrame
     """One row a flight: flight, policy, reality, trial, duration [s], end_reason, position_error
-    [m], command_change and at_limits of `activity`."""
+    [m], command_change and at_limits of `activity`, largest_tilt [rad], largest_body_rate [rad/s]
+    and largest_distance [m]; errors and largest values are of the true state, or by the drone's
+    estimates where these drift."""
     flights: tuple[Flight, ...]
     """Their logs, in the table's order, each up to its end."""
 
@@ -64,7 +67,7 @@ def activity(flight: Flight) -> dict[str, float]:
 
 
 def transfer(
-    policies: Sequence[AnyPolicy] | AnyPolicy,
+    policies: Sequence[AnyPolicy | FirmwarePilot] | AnyPolicy,
     realities: Sequence[AnyReality] | AnyReality,
     trials: int = 3,
     key: Array | None = None,
@@ -77,15 +80,16 @@ def transfer(
     """Flies every policy in every reality.
 
     Each flight starts from hover within 2 cm of the reference's start, as when a drone hands over
-    from its PID. Virtual drones fly all at once; other realities one flight after another.
+    from its PID. It ends at `ZERO_SHOT`; of the firmware's controllers, which lag behind, at `APP`.
+    Virtual drones fly all at once; other realities one flight after another.
 
     Args:
         policies: policies of one control structure and layer sizes, policies by others beside them,
-            or one of either.
+            or one of either; or pilots of the firmware, of one controller.
         realities: where to fly them; one or more.
         trials: flights of each policy in each reality.
         key: random key; `jax.random.key(0)` by default.
-        task: the circle of the paper by default.
+        task: the circle, from rest, by default.
         controller: what carries out their commands; `control.controller_for` their interface
             by default.
         duration: longest flight [s].
@@ -98,7 +102,7 @@ def transfer(
     """
     several: Any = [policies] if isinstance(policies, AnyPolicy) else policies
     for one in several:
-        if not isinstance(one, AnyPolicy):
+        if not isinstance(one, AnyPolicy | FirmwarePilot):
             raise InputError(
                 f"{str(one)[:60]!r} is no Policy; give policy_file.read_policy(FILE).policy."
             )
@@ -106,7 +110,8 @@ def transfer(
     places = [check_reality(one) for one in places]
     if not several or not places or trials < 1:
         raise InputError("a transfer needs at least one policy, one reality and one trial.")
-    pilots = pilots_of(several, controller)
+    by_firmware = isinstance(several[0], FirmwarePilot)
+    pilots = list(several) if by_firmware else pilots_of(several, controller)
     key = jax.random.key(0) if key is None else key
     names = list(names or (f"policy_{number}" for number in range(1, len(pilots) + 1)))
     plan = [(policy, trial) for policy in range(len(pilots)) for trial in range(trials)]
@@ -116,10 +121,11 @@ def transfer(
     for number, reality in enumerate(places):
         keys = jax.random.split(jax.random.fold_in(key, number), len(plan))
         flown_pilots = [pilots[policy] for policy, _ in plan]
-        simulated = fly_all(reality, flown_pilots, scenario, keys, ZERO_SHOT)
+        guard = APP if by_firmware else ZERO_SHOT
+        simulated = fly_all(reality, flown_pilots, scenario, keys, guard)
         for (policy, trial), one in zip(plan, simulated, strict=True):
             flight = one.to_flight(f"flight_{len(table) + 1:02d}")
-            error = np.linalg.norm(one.rows.true_position - one.rows.true_setpoint, axis=1)
+            excursion = one.excursion
             table.append(
                 {
                     "flight": len(table) + 1,
@@ -128,9 +134,37 @@ def transfer(
                     "trial": trial + 1,
                     "duration": round(one.duration, 6),
                     "end_reason": one.end_reason,
-                    "position_error": round(float(np.mean(error, dtype=np.float64)), 6),
+                    "position_error": round(float(np.mean(excursion.position_error)), 6),
                     **activity(flight),
+                    **failures.largest(excursion),
                 }
             )
             flights.append(flight)
     return Transfer(polars.DataFrame(table), tuple(flights))
+
+
+def fly_firmware(
+    controllers: Sequence[str], realities: Sequence[AnyReality], trials: int, key: Array, **how: Any
+) -> tuple[list[polars.DataFrame], list[str]]:
+    """Flies controllers of the firmware as policies fly, where they can hold the drone.
+
+    Args:
+        controllers: names of `CONTROLLERS`.
+        realities: as of `transfer`, as the following ones are.
+        trials: flights of each.
+        key: random key.
+        how: task and duration.
+
+    Returns:
+        Tables of flights, and notes on realities where a controller cannot fly.
+    """
+    tables, notes = [], []
+    for name in controllers:
+        for place in realities:
+            try:
+                pilot = FirmwarePilot(controller=name)
+                flown = transfer([pilot], place, trials, key, names=[f"{name} (firmware)"], **how)
+                tables.append(flown.table)
+            except InputError as error:
+                notes.append(f"the firmware's {name} does not fly in {place.name}: {error}")
+    return tables, notes

@@ -17,6 +17,7 @@ from maidenflight.flights import tables
 from maidenflight.flights.tables import Table
 from maidenflight.inputs import StrPath
 from maidenflight.names import COMMANDS, OPTIONAL_SIGNALS
+from maidenflight.registry import PLOTS
 from maidenflight.simulator.physics.battery import COUNTS, MOST_COUNTS
 
 FAMILY = "# maidenflight flight"
@@ -126,6 +127,15 @@ class Flight:
 
     def __len__(self) -> int:
         return len(self.position)
+
+    def __repr__(self) -> str:
+        """Returns its name, length and origin; its numbers would fill a screen."""
+        origin = f"simulated on {self.simulated}" if self.simulated else "real"
+        return f"<flight {self.name}: {self.duration:.1f} s at {1 / self.period:.4g} Hz, {origin}>"
+
+    def plot(self) -> Any:
+        """Returns a picture of the signals over time, which a notebook shows."""
+        return PLOTS["flight"](self)
 
     @property
     def has_state(self) -> bool:

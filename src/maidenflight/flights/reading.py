@@ -64,6 +64,9 @@ class Flights:
     def __len__(self) -> int:
         return len(self.flights)
 
+    def __getitem__(self, number: int) -> Flight:
+        return self.flights[number]
+
     def __iter__(self) -> Iterator[Flight]:
         return iter(self.flights)
 

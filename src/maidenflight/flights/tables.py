@@ -3,7 +3,6 @@
 Damage is named by its line and column.
 """
 
-import gzip
 import io
 import zlib
 from collections import Counter
@@ -74,8 +73,8 @@ def content(path: Path) -> bytes:
     try:
         raw = inputs.content(path)
         if raw[:2] == _GZIP:
-            raw = gzip.decompress(raw)
-    except (OSError, EOFError, zlib.error) as error:
+            raw = inputs.gunzip(raw)
+    except (OSError, EOFError, ValueError, zlib.error) as error:
         raise InputError(
             f"{path}: cannot be read as a flight log ({error}). Copy it again from where it was "
             "recorded."
@@ -213,6 +212,9 @@ def _why_unreadable(body: str, name: str, columns: int, line: int, reason: str) 
 
 def _from_parquet(raw: bytes, name: str) -> Table:
     try:
+        rows = polars.scan_parquet(io.BytesIO(raw)).select(polars.len()).collect().item()
+        cells = rows * len(polars.read_parquet_schema(io.BytesIO(raw)))
+        inputs.check_growth(len(raw), 8 * cells)
         frame = polars.read_parquet(io.BytesIO(raw))
         head = polars.read_parquet_metadata(io.BytesIO(raw))
     except (

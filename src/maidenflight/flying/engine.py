@@ -23,12 +23,13 @@ from maidenflight.flying.scenario import Change, Scenario, near_reference
 from maidenflight.parameters import Parameters
 from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.physics import dynamics, rotations
+from maidenflight.simulator.physics import dynamics, rotations, sensors
 from maidenflight.simulator.physics.battery import Supply
 from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.realities.reality import MOTORS, AnyReality, Reality, Truth
 from maidenflight.simulator.realities.stepped import Stepped
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone
+from maidenflight.simulator.tasks import failures
 from maidenflight.simulator.tasks.failures import Guard
 from maidenflight.simulator.tasks.tasks import Task
 
@@ -171,6 +172,7 @@ def _fly_together(
             supply=env.supply,
             reality=reality.name,
             drone=drone,
+            estimated=sensors.drifts(drone),
         )
 
 
@@ -200,7 +202,7 @@ def _cut_at_end(rows: Rows, guard: Guard | None, **logged: Any) -> SimulatedFlig
     """A flight up to its end."""
     if guard is None:
         return SimulatedFlight(rows, **logged)
-    end = rows.end(guard)
+    end = rows.end(guard, logged.get("estimated", False))
     rows = jax.tree.map(lambda values: values[: end.steps], rows)
     return SimulatedFlight(rows, reason=int(end.reason), **logged)
 
@@ -235,6 +237,8 @@ def fly(
     steps = round(scenario.duration * commander.rate)
     setpoints, offset, seed = map(np.asarray, _plan(commander.task, commander.rate, steps, key))
     reality.reset((setpoints[0] + offset).astype(np.float64), int(seed))
+    drone = getattr(reality, "parameters", None)
+    estimated = drone is not None and sensors.drifts(drone)
     rows: list[tuple[Measurement, Float[np.ndarray, 4], Truth]] = []
     for setpoint, following in zip(setpoints[:-1], setpoints[1:], strict=True):
         before, measured = _truth(reality), _measurement(reality)
@@ -247,7 +251,8 @@ def fly(
                 reality.step(command)
         after = _truth(reality)
         rows.append((measured, (after if zero_order_hold else before).command, after))
-        if guard is not None and _ends(guard, after, following):
+        judged = (measured, setpoint) if estimated else (after, following)
+        if guard is not None and _ends(guard, *judged):
             break
     return _cut_at_end(
         _stacked(rows, setpoints),
@@ -256,6 +261,7 @@ def fly(
         zero_order_hold=zero_order_hold,
         supply=Supply(full_scale_counts=pilot.full_scale_counts),
         reality=reality.name,
+        estimated=estimated,
     )
 
 
@@ -269,9 +275,10 @@ def _plan(
     return jax.vmap(task.reference)(times), offset, jax.random.bits(begin_key, dtype=jnp.uint32)
 
 
-def _ends(guard: Guard, truth: Truth, setpoint: Float[np.ndarray, "3"]) -> bool:
-    attitude = np.asarray(_attitude(truth.quaternion))
-    return any(guard.trips(truth.position, attitude, truth.body_rates, setpoint).values())
+def _ends(guard: Guard, seen: Truth | Measurement, setpoint: Float[np.ndarray, "3"]) -> bool:
+    attitude = np.asarray(_attitude(seen.quaternion))
+    now = failures.excursion(np.asarray(seen.position), attitude, seen.body_rates, setpoint)
+    return any(guard.trips(now).values())
 
 
 _attitude = jax.jit(rotations.to_attitude)

@@ -81,7 +81,8 @@ class FirmwarePilot:
         require_zero_order_hold(drone.name, hover, self.full_scale_counts)
         if drone.thrust_law is not None:
             drone = replace(drone, thrust_law=law_for(self.full_scale_counts))
-        return drone.environment(scenario.task, self._controller_for(scenario.task))
+        controller = self._controller_for(scenario.task)
+        return drone.environment(scenario.task, controller, changing=scenario.changing)
 
     def begin(self, env: Environment, key: Array, steps: int) -> tuple[Environment, Act, Array]:
         """Begins a flight in JAX; see `PolicyPilot`."""

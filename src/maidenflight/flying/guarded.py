@@ -22,7 +22,7 @@ from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.physics import rotations
 from maidenflight.simulator.policy_spec import OBSERVATION_SIZE
 from maidenflight.simulator.tasks import failures
-from maidenflight.simulator.tasks.failures import BACKUP, End
+from maidenflight.simulator.tasks.failures import BACKUP, End, Excursion
 
 
 class Trials(NamedTuple):
@@ -45,6 +45,16 @@ class Limits(NamedTuple):
     """Longest flight."""
     farthest: Float[Array, ""]
     """Distance from the set-point at which it ends [m]."""
+
+
+class Flown(NamedTuple):
+    """How flights went up to their ends, by the estimates that guards look at."""
+
+    end: End
+    largest: Excursion
+    """The largest of each of its parts."""
+    distance: Float[Any, "..."]
+    """Sum over rows of the distance from the set-point [m]."""
 
 
 POLICIES = "policies"
@@ -84,7 +94,7 @@ def fly_together(
     trials: Trials,
     limits: Limits,
     start: Start,
-) -> End:
+) -> Flown:
     """Flies until the last flight has ended, on each device for itself.
 
     Args:
@@ -104,28 +114,38 @@ def fly_together(
             env_state.history[-1], (policy.spec.history, OBSERVATION_SIZE)
         )
 
-    def fly(trials: Trials, limits: Limits) -> End:
+    def fly(trials: Trials, limits: Limits) -> Flown:
         policies, drones, keys, wanted = trials
 
-        def decide(now: tuple[Array, Any, End]) -> tuple[Array, Any, End]:
+        def decide(now: tuple[Array, Any, Flown]) -> tuple[Array, Any, Flown]:
             row, before, flights = now
             act = partial(_until_next_action, env, every, limits, row)
-            after, reasons = jax.vmap(jax.vmap(act, in_axes=(None, 0, 0, 0)))(
+            after, (reasons, excursions) = jax.vmap(jax.vmap(act, in_axes=(None, 0, 0, 0)))(
                 policies, drones, keys, before
             )
             first = jnp.argmax(reasons > 0, axis=-1)
             reason = jnp.take_along_axis(reasons, first[..., None], axis=-1)[..., 0]
-            over = flights.reason > 0
+            over = flights.end.reason > 0
             end = End(
-                jnp.where(over, flights.steps, row + first + 1),
-                jnp.where(over, flights.reason, reason),
+                jnp.where(over, flights.end.steps, row + first + 1),
+                jnp.where(over, flights.end.reason, reason),
             )
-            return row + every, after, end
+            # Rows up to the end count, with the one that a guard ends.
+            last = jnp.where(reason > 0, first, every - 1)
+            counts = ~over[..., None] & (jnp.arange(every)[None, None] <= last[..., None])
+            rows = jax.tree.map(lambda values: jnp.where(counts, values, 0.0), excursions)
+            largest = jax.tree.map(
+                lambda old, new: jnp.maximum(old, jnp.max(new, axis=-1)), flights.largest, rows
+            )
+            distance = flights.distance + jnp.sum(rows.position_error, axis=-1)
+            return row + every, after, Flown(end, largest, distance)
 
-        first_state = jax.vmap(jax.vmap(take_over, in_axes=(None, 0, 0)))(policies, drones, keys)
-        flights = End(jnp.zeros(wanted.shape, jnp.int32), jnp.where(wanted, 0, failures.TIME_LIMIT))
-        first = jnp.zeros((), jnp.int32), first_state, flights
-        return lax.while_loop(lambda now: jnp.any(now[-1].reason == 0), decide, first)[-1]
+        begun = jax.vmap(jax.vmap(take_over, in_axes=(None, 0, 0)))(policies, drones, keys)
+        end = End(jnp.zeros(wanted.shape, jnp.int32), jnp.where(wanted, 0, failures.TIME_LIMIT))
+        nothing = jnp.zeros(wanted.shape)
+        flights = Flown(end, Excursion(nothing, nothing, nothing), nothing)
+        first = jnp.zeros((), jnp.int32), begun, flights
+        return lax.while_loop(lambda now: jnp.any(now[-1].end.reason == 0), decide, first)[-1]
 
     laid, everywhere = PartitionSpec(POLICIES), PartitionSpec()
     specs = (laid, everywhere)
@@ -142,35 +162,36 @@ def _until_next_action(
     drone: Parameters,
     key: Array,
     before: tuple[EnvState, Float[Array, "H 20"]],
-) -> tuple[tuple[EnvState, Float[Array, "H 20"]], Int[Array, "every"]]:
+) -> tuple[tuple[EnvState, Float[Array, "H 20"]], tuple[Int[Array, "every"], Excursion]]:
     """Drone and history one action, `every` rows of 10 ms, later.
 
-    Also, after each row, why the flight would end.
+    Also, after each row, why the flight would end, and what guards see.
     """
     env_state, history = before
     observation = environment.observation(env, env_state._replace(history=history))
     action = policy(observation)
 
-    def hold(env_state: EnvState, row: Array) -> tuple[EnvState, Array]:
+    def hold(env_state: EnvState, row: Array) -> tuple[EnvState, tuple[Array, Excursion]]:
         after, step_result = stepping.step(
             env, env_state, action, drone, jax.random.fold_in(key, row)
         )
-        reason = end_reason(after, step_result.setpoint, limits.farthest)
-        return after, jnp.where((reason == 0) & (row >= limits.rows), failures.TIME_LIMIT, reason)
+        reason, seen = end_reason(after, step_result.setpoint, limits.farthest)
+        late = (reason == 0) & (row >= limits.rows)
+        return after, (jnp.where(late, failures.TIME_LIMIT, reason), seen)
 
-    env_state, reasons = lax.scan(hold, env_state, row + jnp.arange(1, every + 1))
+    env_state, rows = lax.scan(hold, env_state, row + jnp.arange(1, every + 1))
     instant = environment.observe(
         env_state.measurement, env.task.reference(env_state.time), env_state.action
     )
-    return (env_state, jnp.concatenate([history[1:], instant[None]])), reasons
+    return (env_state, jnp.concatenate([history[1:], instant[None]])), rows
 
 
 def end_reason(
     env_state: EnvState, setpoint: Float[Array, "3"], farthest: Float[Array, ""]
-) -> Int[Array, ""]:
-    """Returns why the drone's guards would stop the policy now, by its measurements.
+) -> tuple[Int[Array, ""], Excursion]:
+    """Returns why the drone's guards would stop the policy now, by its measurements, and those.
 
-    An index of `END_REASONS`; 0: they would not.
+    The first is an index of `END_REASONS`; 0: they would not.
 
     Args:
         env_state: the drone.
@@ -181,5 +202,6 @@ def end_reason(
     """
     measurement, guard = env_state.measurement, BACKUP._replace(position_error=farthest)
     attitude = rotations.to_attitude(measurement.quaternion)
-    tripped = guard.trips(measurement.position, attitude, measurement.body_rates, setpoint)
-    return failures.reason(**tripped, height=env_state.state.position[2] < 0.0)
+    seen = failures.excursion(measurement.position, attitude, measurement.body_rates, setpoint)
+    low = env_state.state.position[2] < 0.0
+    return failures.reason(**guard.trips(seen), height=low), seen

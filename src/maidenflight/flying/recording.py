@@ -59,7 +59,9 @@ def record(
     )
     must_divide(rate)
     keys = jax.random.split(key, flights)
-    simulated = fly_all(check_reality(reality), pilot, Scenario(tasks.circle(), duration), keys)
+    simulated = fly_all(
+        check_reality(reality), pilot, Scenario(tasks.paper_circle(), duration), keys
+    )
     return _logs(simulated, keys, rate)
 
 

@@ -12,7 +12,7 @@ from maidenflight.parameters import Parameters
 from maidenflight.simulator.physics import battery
 from maidenflight.simulator.physics.battery import Supply
 from maidenflight.simulator.tasks import failures
-from maidenflight.simulator.tasks.failures import END_REASONS, TIME_LIMIT, End, Guard
+from maidenflight.simulator.tasks.failures import END_REASONS, TIME_LIMIT, End, Excursion, Guard
 
 
 class Rows(NamedTuple):
@@ -42,11 +42,20 @@ class Rows(NamedTuple):
         away = np.subtract(self.true_position, self.true_setpoint, dtype=np.float64)
         return np.linalg.norm(away, axis=1)
 
-    def end(self, guard: Guard) -> End:
-        """Returns when a guard that looks at the true state ends the flight, and why."""
+    def excursion(self, estimated: bool = False) -> Excursion:
+        """Returns how far the drone is from hover at the set-point, in each period.
+
+        By the true state at its end; or by the estimates at its beginning, as the drone's own
+        guards see it.
+        """
         judged = self.true_position, self.true_attitude, self.true_body_rates, self.true_setpoint
-        tripped = guard.trips(*(np.asarray(part) for part in judged))
-        return failures.first_end(failures.reason(**tripped))
+        if estimated:
+            judged = self.position, self.attitude, self.body_rates, self.setpoint
+        return failures.excursion(*(np.asarray(part) for part in judged))
+
+    def end(self, guard: Guard, estimated: bool = False) -> End:
+        """Returns when a guard ends the flight, and why; see `excursion`."""
+        return failures.first_end(failures.reason(**guard.trips(self.excursion(estimated))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +76,13 @@ class SimulatedFlight:
     """Why it ended, an index of `END_REASONS`."""
     drone: Parameters | None = None
     """The virtual drone that flew, where one did."""
+    estimated: bool = False
+    """Whether it is judged by the drone's estimates, because they drift."""
+
+    @property
+    def excursion(self) -> Excursion:
+        """How far the drone is from hover at the set-point, in each period."""
+        return self.rows.excursion(self.estimated)
 
     @property
     def end_reason(self) -> str:

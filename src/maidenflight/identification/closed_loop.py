@@ -40,7 +40,7 @@ from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.controllers.interface import ControlInterface
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.tasks import tasks
-from maidenflight.simulator.tasks.failures import BACKUP
+from maidenflight.simulator.tasks.failures import BACKUP, excursion
 
 PRIOR: Mapping[str, tuple[str, float]] = {
     "latency": ("added", 0.004),
@@ -268,7 +268,7 @@ def _simulation(
     oldest = float(np.max(drones.estimator_delay))
     env = Environment.matching(
         nominal,
-        tasks.circle(),
+        tasks.paper_circle(),
         controller,
         spec=policies[0].spec,
         estimator_memory=2 + int(np.ceil(oldest * Environment.estimate_rate)) if oldest else 0,
@@ -311,6 +311,6 @@ def _until_it_falls(
     names = ("position", "velocity", "attitude", "body_rates", "ratio")
     rows = [getattr(flights, name)[policy, flight] for name in names]
     # As the drone's guard ends a real flight, which does not look at the distance.
-    fallen = BACKUP.trips(rows[0], rows[2], rows[3], rows[0])["tilt"]
+    fallen = BACKUP.trips(excursion(rows[0], rows[2], rows[3], rows[0]))["tilt"]
     end = int(np.argmax(fallen)) if fallen.any() else len(fallen)
     return behaviour(*(row[:end] for row in rows), drone, period)  # type: ignore[arg-type]

@@ -19,7 +19,7 @@ from maidenflight.parameters.frames import (
     rotors,
     x_frame,
 )
-from maidenflight.parameters.named import DRONES, NamedDrone, crazyflie, named_drone, sources
+from maidenflight.parameters.named import DRONES, NamedDrone, crazyflie, drone, sources
 from maidenflight.parameters.quantities import QUANTITIES, Parameters
 from maidenflight.parameters.quantity import Quantity
 from maidenflight.parameters.toml import (
@@ -49,13 +49,13 @@ __all__ = [
     "component",
     "crazyflie",
     "document",
+    "drone",
     "from_document",
     "from_toml",
     "full_scale_counts",
     "h_frame",
     "levers",
     "name_of",
-    "named_drone",
     "noiseless",
     "part_names",
     "plain",

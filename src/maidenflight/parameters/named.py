@@ -278,7 +278,7 @@ DRONES: dict[str, NamedDrone] = {
 """Named drones, for the command line's `--drone NAME` and `--start NAME`."""
 
 
-def named_drone(name: str, mass: float | None = None) -> Parameters:
+def drone(name: str, mass: float | None = None) -> Parameters:
     """Returns a named drone.
 
     Args:
@@ -286,18 +286,20 @@ def named_drone(name: str, mass: float | None = None) -> Parameters:
         mass: of what flies [kg], batteries and decks included; its own by default.
 
     Raises:
-        InputError: the drone has no mass of its own, or cannot lift that mass.
+        InputError: no such drone, it has no mass of its own, or it cannot lift that mass.
     """
-    drone = DRONES[name]
+    if name not in DRONES:
+        raise InputError(f"{name!r}: no named drone. Expected one of {', '.join(DRONES)}.")
+    named = DRONES[name]
     if mass is not None:
-        return (isometric if drone.frameless else with_mass)(drone.make(), mass, name)
-    if drone.frameless:
+        return (isometric if named.frameless else with_mass)(named.make(), mass, name)
+    if named.frameless:
         raise InputError(
             f"{name} is a flight controller without a frame. Say how much yours weighs, as in "
             f"maidenflight drone {name} --mass GRAMS -o mine.toml, and correct what is in that "
             "file."
         )
-    return drone.make()
+    return named.make()
 
 
 def sources(name: str, mass: float | None = None) -> dict[str, str]:

@@ -11,9 +11,10 @@ import tomlkit
 from maidenflight import inputs, results
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
+from maidenflight.parameters import named
 from maidenflight.parameters.components import check, plain
 from maidenflight.parameters.frames import GEOMETRY, LAYOUTS
-from maidenflight.parameters.named import DRONES, crazyflie, named_drone
+from maidenflight.parameters.named import DRONES, crazyflie
 from maidenflight.parameters.quantities import QUANTITIES, Parameters
 from maidenflight.parameters.scaling import with_mass
 
@@ -211,7 +212,7 @@ def read_drone(drone: StrPath, mass: float | None = None) -> Parameters:
             more than the drone lifts.
     """
     if str(drone) in DRONES:
-        return named_drone(str(drone), mass)
+        return named.drone(str(drone), mass)
     parameters = from_document(document(drone), str(drone))
     return parameters if mass is None else with_mass(parameters, mass, str(drone))
 

@@ -23,5 +23,6 @@ from .tasks.tasks import Task as Task
 from .tasks.tasks import circle as circle
 from .tasks.tasks import figure_eight as figure_eight
 from .tasks.tasks import hover as hover
+from .tasks.tasks import paper_circle as paper_circle
 from .tasks.tasks import take_off as take_off
 from .tasks.tasks import tracking as tracking

@@ -132,7 +132,10 @@ def _read(path: str | PathLike[str]) -> _Saved:
         InputError: the file is damaged, or of another version.
     """
     try:
-        with np.load(io.BytesIO(inputs.content(path)), allow_pickle=False) as content:
+        raw = inputs.content(path)
+        with zipfile.ZipFile(io.BytesIO(raw)) as packed:
+            inputs.check_growth(len(raw), sum(entry.file_size for entry in packed.infolist()))
+        with np.load(io.BytesIO(raw), allow_pickle=False) as content:
             title, version, *words = str(content["title"]).split("\n")
             stages, fingerprint = words if title == _TITLE else ("", "")
             saved = _Saved(

@@ -65,6 +65,29 @@ def best_scores(evaluations: Sequence[Progress]) -> list[dict[str, float]]:
     return [_plain(best(number), number) for number in range(count)]
 
 
+SIMILAR_SURVIVAL, SIMILAR_ERROR = 0.05, 1.5
+"""Difference of survival, and ratio of position errors, beyond which policies differ much; ours."""
+
+
+def describe_spread(best: Sequence[dict[str, float]]) -> list[str]:
+    """Returns how far policies of different seeds are apart, and what to do where that is much.
+
+    Args:
+        best: their scores; see `best_scores`.
+    """
+    if len(best) < 2:
+        return []
+    survival, error = ([one[name] for one in best] for name in ("survival", "position_error"))
+    spread = (
+        f"spread over {len(best)} seeds: survival {min(survival):.0%} to {max(survival):.0%}, "
+        f"position error {100 * min(error):.1f} to {100 * max(error):.1f} cm"
+    )
+    much = max(survival) - min(survival) > SIMILAR_SURVIVAL
+    much = much or max(error) > SIMILAR_ERROR * min(error)
+    cure = "they differ much; train more of them (--policies) and fly the best"
+    return [f"{spread}: {cure}." if much else f"{spread}."]
+
+
 def describe(now: Progress) -> str:
     """Returns mean scores of policies in training, as text."""
     score = now.score

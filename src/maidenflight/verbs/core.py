@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from maidenflight.experiments.policies import Policies, read_policies
     from maidenflight.experiments.real_controller import FIRMWARE as REAL_FIRMWARE
     from maidenflight.experiments.real_controller import real_controller
-    from maidenflight.experiments.transfer import transfer
+    from maidenflight.experiments.transfer import fly_firmware, transfer
     from maidenflight.flights import flight_plan
     from maidenflight.flights.flight_plan import FlightPlan
     from maidenflight.flights.log import Flight
@@ -76,7 +76,7 @@ if TYPE_CHECKING:
     from maidenflight.studies.study import read_study as read_study
     from maidenflight.training import checkpoint, defaults, folder, loggers
     from maidenflight.training.checkpoint import Checkpoint
-    from maidenflight.training.scores import Scores
+    from maidenflight.training.scores import Scores, describe_spread
     from maidenflight.training.settings import Settings, override, recorded
     from maidenflight.training.train import Progress as Training
     from maidenflight.training.train import train

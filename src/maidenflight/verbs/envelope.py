@@ -19,20 +19,21 @@ class Envelope(InRealities):
     """Find how hard a flight may be before POLICIES fail.
 
     A flight succeeds while its mean distance from the set-point is at most 10 cm and no guard
-    trips; the envelope is what 95 % of flights reach. Speed grows within a flight, on a reference
-    that gets faster; each grade of another condition is a flight of 20 s of what the policies were
-    trained for. raptor and policies by others fly as in transfer. All of it is simulated.
+    trips; the envelope is what 95 % of flights reach, about the task that the policies were trained
+    for. Its speed grows within a flight; each grade of another condition is a flight of 20 s.
+    raptor and policies by others fly as in transfer. All of it is simulated.
     """
 
     output = Output("envelope", "Folder for the results.")
     resumable_from = run_folder.ENVELOPE.name
 
-    along: tuple[str, ...] = setting(
+    along: tuple[str, ...] | None = setting(
         several(choice(*names.AXES)),
-        names.AXES[:2],
-        "What grows harder: speed on a circle or a figure-eight, gusts, payload, an emptier "
-        "battery, a damaged propeller, latency; may be repeated. Conditions other than speed are "
-        "for virtual drones.",
+        None,
+        "What grows harder: speed on the task's own path, on a circle or a figure-eight, gusts, "
+        "payload, an emptier battery, a damaged propeller, latency; may be repeated. Conditions "
+        "other than speed are for virtual drones.",
+        usual="speed and gusts",
     )
     flights: int = setting(whole(1, 1000), 20, "Flights of each policy along each axis.")
     resume: bool = setting(
@@ -44,11 +45,11 @@ class Envelope(InRealities):
         """Flies; writes `envelope.csv`, whole again after each axis, and a picture."""
         import polars
 
-        fleet, (task, notes) = self.fleet, self.choose_task(self.task, progress)
+        fleet, (task, notes) = self.fleet, self.fleet.choose_task(self.task)
         record = results.plain(self.make_flight_record(task, within=core.envelope.WITHIN_M))
         path = output / run_folder.ENVELOPE.name
         parts = _read_parts(path, record) if self.resume else {}
-        axes = dict.fromkeys(self.along)
+        axes = dict.fromkeys(self.along or core.envelope.choose_axes(task))
         plan = [(place, axis) for place in self.realities for axis in axes]
         for number, (place, axis) in enumerate(plan):
             if (place.name, axis) in parts:
@@ -72,8 +73,9 @@ class Envelope(InRealities):
         return self.conclude(
             {"envelope": rows},
             [_tabulate(rows)],
-            fleet.path_of(core.comparison.best_in_envelope(summary, fleet.own_names)),
-            "greatest mean share of all axes",
+            all_rows.with_columns(
+                duration=polars.col("reached").fill_nan(0.0) / polars.col("hardest")
+            ),
             output,
             written={"envelope": [path], "picture": [picture]},
             read={"policies": fleet.inputs},

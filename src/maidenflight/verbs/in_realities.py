@@ -9,7 +9,7 @@ from maidenflight import names
 from maidenflight.registry import EXPORTERS
 from maidenflight.settings import choice, or_code, setting
 from maidenflight.terminal import Table
-from maidenflight.verb import Progress, Result, Verb
+from maidenflight.verb import Result, Verb
 from maidenflight.verbs import core, shared
 
 
@@ -18,6 +18,12 @@ class FliesPolicies(Verb):
 
     policies: tuple[str, ...] = shared.policies()
     control: str | None = shared.control_of_authors()
+    task: str | None = setting(
+        or_code(choice(*names.TASKS)),
+        None,
+        "What they fly (what they were trained for by default).",
+        group=shared.FLIGHTS,
+    )
 
     def check_early(self) -> None:
         """Refuses a drone that is not there."""
@@ -28,19 +34,11 @@ class FliesPolicies(Verb):
         """Returns the policies."""
         return core.read_policies(self.policies, self.control)
 
-    def choose_task(self, task: str | None, progress: Progress) -> tuple[str, list[str]]:
-        """Returns the task, and notes on policies that were trained for another task."""
-        chosen, notes = self.fleet.choose_task(task)
-        for note in notes:
-            progress.note(note)
-        return chosen, notes
-
     def conclude(
         self,
         content: Mapping[str, Any],
         summary: Sequence[Table | str],
-        best: Path | None,
-        reason: str,
+        flights: "core.DataFrame",
         output: Path,
         **parts: Any,
     ) -> Result:
@@ -49,13 +47,14 @@ class FliesPolicies(Verb):
         Args:
             content: of the flights, for `--json`.
             summary: likewise for people.
-            best: the best policy, if any of ours flew.
-            reason: why it is the best.
+            flights: by which `comparison.choose_best` chooses.
             output: where the results are.
             parts: the other parts of the result.
         """
         task = parts["record"]["settings"].get("task")
-        best_line = [f"best: {best} ({reason})"] if best and len(self.fleet.files) > 1 else []
+        best = self.fleet.path_of(core.comparison.choose_best(flights, self.fleet.own_names))
+        rule = core.comparison.RULE
+        best_line = [f"best: {best} ({rule})"] if best and len(self.fleet.files) > 1 else []
         return Result(
             content={
                 **content,
@@ -89,12 +88,6 @@ class InRealities(FliesPolicies):
         "Your drone, a TOML file or a name: policies fly virtual:7@DRONE unless --reality says.",
     )
     accept_bounds: bool = shared.accept_bounds()
-    task: str | None = setting(
-        or_code(choice(*names.TASKS)),
-        None,
-        "What they fly (what they were trained for by default).",
-        group=shared.FLIGHTS,
-    )
 
     def check(self) -> None:
         """Refuses what is no drone, no reality or no policy."""

@@ -16,8 +16,10 @@ class Predict(FliesPolicies):
     """Predict how long POLICIES would fly on the real drone.
 
     POLICIES are files or folders. Those of maidenflight and of Gronauer et al., of all control
-    structures together, fly the circle on the identified drone as the authors' drone ran them: at
-    their rate, by its firmware, from hover, until a guard trips. All of it is simulated.
+    structures together, fly on the identified drone as the authors' drone ran them: at their rate,
+    by its firmware, from hover, until a guard trips. Each flies the task of its training, the
+    authors' the paper's circle. Errors and largest values are by the estimates that guards look
+    at. All of it is simulated.
     """
 
     output = Output(run_folder.PREDICTION.name, "CSV file for the flights, one row each.")
@@ -57,7 +59,7 @@ class Predict(FliesPolicies):
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Predicts; writes a row a flight."""
-        fleet, (_, notes) = self.fleet, self.choose_task("circle", progress)
+        fleet, (tasks, notes) = self.fleet, self.fleet.choose_tasks(self.task)
         progress.move(0, None, "compiling")
         usual = core.drones.choose_prediction(self.drone)
         randomization = usual if self.randomize is None else self.randomize
@@ -71,6 +73,7 @@ class Predict(FliesPolicies):
             if self.firmware == core.REAL_FIRMWARE
             else partial(core.control.controller_for, firmware=self.firmware),
             names=fleet.own_names,
+            policy_tasks=[core.find_task(task) for task in tasks],
             on_policy=lambda done, of: progress.move(done, of, "policies flown"),
         )
         drone = shared.own_files(self.drone)
@@ -78,32 +81,34 @@ class Predict(FliesPolicies):
         run_folder.PREDICTION.write(output, prediction, record)
         parts = prediction.partition_by("policy", maintain_order=True)
         ends = [Counter(part["end_reason"].to_list()) for part in parts]
-        rows = core.flight_times.summary(prediction).to_dicts()
+        summary = core.flight_times.summary(prediction)
+        rows = summary.to_dicts()
         means = [round(row["mean"], 6) for row in rows]
         quantiles = {f"{one / 100:g}": f"quantile_{one}" for one in core.flight_times.QUANTILES}
         policies = [
             {
                 "file": str(path),
                 "control": row["control"],
+                "task": task,
                 "mean_duration": mean,
+                **{name: row[name] for name in ("position_error", *core.comparison.LARGEST)},
                 "quantiles": {share: round(row[name], 6) for share, name in quantiles.items()},
                 "end_reasons": dict(reasons.most_common()),
             }
-            for path, row, mean, reasons in zip(fleet.paths, rows, means, ends, strict=True)
+            for path, task, row, mean, reasons in zip(
+                fleet.paths, tasks, rows, means, ends, strict=True
+            )
         ]
-        best = [path for path, mean in zip(fleet.paths, means, strict=True) if mean == max(means)]
-        alike = "".join(f", as {path}" for path in best[1:])
         return self.conclude(
             {"policies": policies},
             [_tabulate(rows, ends)],
-            best[0],
-            f"longest mean, {max(means):.2f} s{alike}",
+            prediction,
             output,
             written={"prediction": [output]},
             read={"drone": drone, "policies": fleet.paths},
             record=record,
             rows=rows,
-            notes=notes,
+            notes=notes + core.comparison.describe_margins(summary),
             value=prediction,
         )
 
@@ -112,6 +117,7 @@ def _tabulate(summary: list[Row], ends: list[Counter[str]]) -> Table:
     """Returns a table of flight times, with the most frequent end of each policy's flights."""
     columns = {"policy": "{policy}", "control": "{control}", "mean": "{mean:.2f s}"}
     columns |= {f"{share} %": f"{{quantile_{share}:.2f s}}" for share in (10, 50, 90)}
+    columns |= {"error": "{position_error:.1f cm}", **shared.LARGEST}
     columns |= {"most frequent end": "{end} ({count} of {trials})"}
     rows = []
     for row, reasons in zip(summary, ends, strict=True):

@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from maidenflight import names, results, run_folder
+from maidenflight import cores, names, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.registry import EXPORTERS, LOGGERS, VIEWERS
 from maidenflight.settings import (
@@ -298,6 +298,7 @@ class Train(Verb):
             policies = self._train(learner, saved, on_progress)
         if len(stages := core.checkpoint.stages(saved)) > 1:
             record["settings"]["extended_from"] = list(stages[:-1])
+        record["cores"] = cores.count()
         record["drone"] = core.identity.identity_of(self.drone_file)
         written = core.folder.write_policies(
             output, policies, record, self.drone_file.parameters, scores.table
@@ -306,7 +307,8 @@ class Train(Verb):
         rows = [{"policy": f"policy_{number}", **one} for number, one in enumerate(best, 1)]
         return Result(
             content={"policies": [str(path) for path in written["policies"]], "scores": best},
-            summary=_tabulate(rows),
+            summary=[*_tabulate(rows), *core.describe_spread(best)],
+            notes=core.drones.describe_unknown(self.drone_file),
             written=written,
             read={"drone": drone},
             record=record,

@@ -2,9 +2,10 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-from maidenflight import run_folder
-from maidenflight.settings import number, setting, whole
+from maidenflight import names, run_folder
+from maidenflight.settings import choice, number, setting, several, whole
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row
 from maidenflight.verbs import core, shared
@@ -27,6 +28,12 @@ class Transfer(InRealities):
 
     trials: int = setting(whole(1, 1000), 3, "Flights of each policy in each reality.")
     duration: float = setting(number(0.1, 600.0), 20.0, "Longest flight [s].")
+    against: tuple[str, ...] = setting(
+        several(choice(*names.CONTROLLERS), empty=True),
+        names.CONTROLLERS[:1],
+        "Controllers of the firmware that fly the same, beside the policies; may be repeated.",
+        rare=True,
+    )
     rate: int | None = setting(
         whole(1, 1000),
         None,
@@ -38,30 +45,29 @@ class Transfer(InRealities):
     def compute(self, output: Path, progress: Progress) -> Result:
         """Flies; writes `flights.csv` with a row a flight, and every flight's log."""
         fleet, own = self.fleet, self.fleet.own
-        task, notes = self.choose_task(self.task, progress)
+        task, notes = fleet.choose_task(self.task)
         progress.move(0, None, "compiling and flying")
         if self.rate is not None:
             own = [replace(one, interface=replace(one.interface, rate=self.rate)) for one in own]
-        transfer = core.transfer(
-            [*own, *fleet.foreign],
-            self.realities,
-            self.trials,
-            self.key,
-            task=core.find_task(task),
-            duration=self.duration,
-            names=fleet.names,
-        )
+        flying: Any = self.realities, self.trials, self.key
+        how: Any = {"task": core.find_task(task), "duration": self.duration}
+        transfer = core.transfer([*own, *fleet.foreign], *flying, names=fleet.names, **how)
+        rivals, left_out = core.fly_firmware(self.against, *flying, **how)
         record = self.make_flight_record(task)
         logs = core.logs.write_logs(output, {one.name: one for one in transfer.flights}, record)
         table = run_folder.FLIGHTS.write(output / run_folder.FLIGHTS.name, transfer.table)
         flights, summary = transfer.table.to_dicts(), core.comparison.summarize(transfer.table)
         notes += core.comparison.describe_limit_cycles(summary)
+        notes += core.comparison.describe_margins(summary) + left_out
         rows = summary.to_dicts()
+        against = [row for one in rivals for row in core.comparison.summarize(one).to_dicts()]
         return self.conclude(
-            {"flights": flights, "summary": rows},
-            [*([tabulate_flights(flights)] if len(flights) <= _FEW else []), _tabulate(rows)],
-            fleet.path_of(core.comparison.best_in_transfer(transfer.table, fleet.own_names)),
-            "longest mean flight; among equals no limit cycle and the smallest mean error",
+            {"flights": flights, "summary": rows, "against": against},
+            [
+                *([tabulate_flights(flights)] if len(flights) <= _FEW else []),
+                _tabulate([*rows, *against]),
+            ],
+            transfer.table,
             output,
             written={"flights": [table], "flight_logs": logs},
             read={"policies": fleet.inputs},
@@ -72,14 +78,18 @@ class Transfer(InRealities):
         )
 
 
-_MEASURES = {"error": "{position_error:.1f cm}", "change of u": "{command_change:.3f}"}
+_TITLE = "error: mean distance from the set-point; u: in 10 ms; largest tilt and rate, of a guard's"
+_MEASURES = {
+    **{"error": "{position_error:.1f cm}", "change of u": "{command_change:.3f}"},
+    **shared.LARGEST,
+}
 
 
 def tabulate_flights(flights: list[Row]) -> Table:
     """Returns a table of zero-shot flights."""
     columns = {name: f"{{{name}}}" for name in ("flight", "policy", "reality", "trial")}
     columns |= {"duration": "{duration:.2f s}", "ended by": "{end_reason}", **_MEASURES}
-    title = "Zero-shot flights, simulated; error: mean distance from the set-point; u: in 10 ms"
+    title = f"Zero-shot flights, simulated; {_TITLE}"
     return Table(title, columns, flights)
 
 
@@ -90,9 +100,7 @@ def _tabulate(summary: list[Row]) -> Table:
         "reality": "{reality}",
         "reached the time limit": "{time_limit} of {flights}",
         "mean duration": "{duration:.2f s}",
-        **{f"mean {name}": cell for name, cell in _MEASURES.items()},
+        **_MEASURES,
     }
-    title = (
-        "Zero-shot flights by policy, simulated; error: distance from the set-point; u: in 10 ms"
-    )
+    title = f"Zero-shot flights by policy, simulated; {_TITLE}"
     return Table(title, columns, summary)

@@ -26,7 +26,7 @@ def punched(knee: float, slope: float, seed: int = 0) -> Flight:
         speed[start : start + 100] = 1.0
     kept = np.exp(-PERIOD / LAG)
     turned = lfilter([1 - kept], [1.0, -kept], np.minimum(speed, knee + slope * (speed - knee)))
-    force = 12 * 9.81 * turned**2 + 0.5 * generator.normal(size=rows)
+    force = 12 * 9.81 * np.asarray(turned) ** 2 + 0.5 * generator.normal(size=rows)
     command = np.repeat((speed**2)[:, None], 4, axis=1).astype(np.float32)
     across = np.zeros(rows)
     return replace(

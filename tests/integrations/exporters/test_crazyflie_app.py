@@ -54,7 +54,7 @@ from maidenflight.simulator.physics import dynamics, rotations
 from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.rollouts import rollout
-from maidenflight.simulator.tasks import tasks, trajectories
+from maidenflight.simulator.tasks import tasks
 from maidenflight.simulator.tasks.look_ahead import LookAhead
 
 PAGE = Path(__file__).parents[3] / "docs/real-drones.md"
@@ -270,7 +270,7 @@ def flight() -> tuple[Measurement, np.ndarray]:
     episodes = fly(env_state, jax.random.key(1))
     times = jnp.asarray(np.arange(200) / 100, jnp.float32)
     return Measurement(*(jnp.asarray(part) for part in episodes.measurement)), np.asarray(
-        jax.vmap(trajectories.circle())(times)
+        jax.vmap(tasks.circle().reference)(times)
     )
 
 
@@ -353,9 +353,9 @@ def test_a_policy_that_looks_ahead_sees_the_circle_to_come(
 ) -> None:
     policy, (measured, setpoints) = policy_of(AHEAD), flight
     found = asked_in_flight(load(AHEAD), milliseconds(measured, 10))
-    angle = 2 * np.pi * (np.arange(200)[:, None] / 100 + [0.2, 0.4, 0.6]) / 3
-    later = [0.25 - 0.25 * np.cos(angle), 0.25 * np.sin(angle), np.ones_like(angle)]
-    shares = HOVER_THRUST / 60000, np.stack(later, axis=-1)
+    times = jnp.asarray(np.arange(200)[:, None] / 100 + [0.2, 0.4, 0.6], jnp.float32)
+    later = jax.vmap(jax.vmap(tasks.circle().reference))(times)
+    shares = HOVER_THRUST / 60000, np.asarray(later)
     actions = actions_in_python(policy, measured, setpoints, *shares)
     commands = np.repeat((np.clip(actions, -1, 1) + 1) / 2, 10, axis=0)
     np.testing.assert_allclose(found["forces"] * (65535 / 60000), commands, rtol=0, atol=1e-5)
@@ -709,7 +709,7 @@ def test_it_takes_over_within_ten_steps_where_the_position_loop_runs(load: Load)
 def test_set_points_on_board(load: Load) -> None:
     app = load()
     app.until(1000)
-    app.set(enable=1, radius=0.3, period=1.2, height=1.1)
+    app.set(enable=1, radius=0.3, period=1.2, ramp=0.0, height=1.1)
     for milliseconds, place in (
         (1, (0, 0)),
         (300, (0.3, 0.3)),

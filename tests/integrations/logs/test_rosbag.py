@@ -15,6 +15,7 @@ from numpy.testing import assert_allclose
 
 import maidenflight as mf
 from made_flights import sensed
+from maidenflight import inputs
 from maidenflight.errors import InputError
 from maidenflight.flights import compensation
 from maidenflight.flights.log import Flight
@@ -252,6 +253,16 @@ def test_damaged_recordings_are_refused_or_named(suffix: str, tmp_path: Path) ->
         except InputError:
             continue
         assert flights.notes
+
+
+def test_a_recording_whose_chunks_grow_more_than_logs_do_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = made.bag(tmp_path / "bag", made.px4_messages(sensed(60)))
+    monkeypatch.setattr(inputs, "UNBOUNDED", 1000)
+    monkeypatch.setattr(inputs, "MOST_GROWTH", 0.1)
+    with pytest.raises(InputError, match=r"bag\.mcap: .* unpack to .* as no log does"):
+        read_flights(path)
 
 
 @pytest.mark.slow

@@ -258,7 +258,8 @@ def test_limits_of_a_session_before_are_set_anew_and_recorded_with_the_drone(tmp
     order = [body.split(b"\0")[2] for port, way, body in fake.heard if (port, way) == (2, 3)]
     last = len(order) - order[::-1].index(b"enable") - 1
     assert order.index(b"distance") < last
-    settings = results.read_record(flight.log)["settings"]
+    assert flight.log is not None
+    settings = (results.read_record(flight.log) or {})["settings"]
     assert settings["drone"] == "00000012000000abffffffff"
     assert (settings["firmware"], settings["on_board"]) == ("2a18fc299d7b", "deadbeef")
     assert any(line.split()[:2] == ["propellers", "balanced"] for line in said)

@@ -11,12 +11,12 @@ import pytest
 from maidenflight.errors import InputError
 from maidenflight.integrations.raptor import px4
 from maidenflight.integrations.raptor.checkpoint import example, layers_of
-from maidenflight.policy import Policy, untrained
+from maidenflight.policy import Policy, untrained_policy
 from maidenflight.simulator.policy_spec import PolicySpec
 
 
 def made() -> Policy:
-    one = untrained(jax.random.key(0), spec=PolicySpec(form="raptor"))
+    one = untrained_policy(jax.random.key(0), spec=PolicySpec(form="raptor"))
     weights, (first, last), gru = one.network
     return one.with_network(
         ((weights[0], 8.0 * weights[1]), (first + 0.3, last + jnp.array([0.1, 0.2, 0.3, 0.4])), gru)

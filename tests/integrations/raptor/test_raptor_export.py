@@ -3,8 +3,6 @@
 import dataclasses
 import hashlib
 import json
-import re
-import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -231,24 +229,6 @@ def test_the_command_exports_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     with h5py.File("raptor_policy/policy.h5") as file:
         record = json.loads(file.attrs["maidenflight"])["record"]
     assert record["settings"]["to"] == "raptor"
-
-
-def test_the_command_and_the_code_of_the_page_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pytest.importorskip("foundation_policy", reason="not installed (extra [raptor])")
-    monkeypatch.chdir(tmp_path)
-    policy_file.write_policy("mine/policy_1.json", made())
-    page = (Path(__file__).parents[3] / "docs" / "export.md").read_text()
-    (section,) = re.findall(r"^## RAPTOR's checkpoint\n(.*?)^## ", page, re.M | re.S)
-    (command,), (snippet,) = (
-        re.findall(rf"^```{language}\n(.*?)^```", section, re.M | re.S)
-        for language in ("sh", "python")
-    )
-    cli.commands(shlex.split(command, comments=True)[1:], standalone_mode=False)
-    capsys.readouterr()
-    exec(compile(snippet, "docs/export.md", "exec"), {})
-    assert len(capsys.readouterr().out.strip("[]\n").split()) == 4
 
 
 def test_training_checks_before_it_begins_that_the_checkpoint_can_hold_what_comes() -> None:

@@ -105,7 +105,7 @@ def test_without_thrust_the_motors_stand_still_and_it_forgets() -> None:
 @partial(jax.jit, static_argnums=(0, 1))
 def farthest(full: bool, seconds: int) -> jax.Array:
     """Distances [m] from the paper's circle at every tick."""
-    task = tasks.circle()
+    task = tasks.paper_circle()
     controller = mellinger.mellinger(task.reference if full else None)
     env = Environment(task=task, controller=controller, steps_per_command=1)
     start = dynamics.at_hover(task.reference(jnp.float32(0.0)), QUICK)

@@ -92,12 +92,6 @@ def test_a_low_battery_saturates_and_has_less_thrust_than_commanded():
     np.testing.assert_array_less(battery.motor_ratio(full, float32(3.2), AUTHORS), 255 / 256)
 
 
-def test_a_motor_that_is_off_gives_no_thrust():
-    np.testing.assert_array_equal(
-        battery.thrust_command(np.zeros(4, np.float32), float32(3.7), AUTHORS), 0
-    )
-
-
 def test_thrust_grows_with_ratio_and_stays_in_range_at_any_voltage():
     ratio = jnp.arange(256.0) / 256
     for voltage in (2.0, 3.0, 3.7, 4.2, 60.0):

@@ -168,22 +168,6 @@ def test_a_mirrored_command_gives_a_mirrored_motion(
         np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("stronger", "axis", "what"),
-    [
-        ((2, 3), 0, "the left rotors roll the drone to its right"),
-        ((1, 2), 1, "the back rotors push the nose down"),
-        ((1, 3), 2, "the clockwise rotors 2 and 4 turn the drone counter-clockwise"),
-    ],
-)
-def test_the_signs_of_torque_are_the_papers(stronger, axis, what):
-    rotor_speed = np.full(4, 0.7, np.float32)
-    rotor_speed[list(stronger)] = 0.8
-    found = np.asarray(angular_acceleration(drone(rotor_speed=rotor_speed), STILL, PAPER))
-    assert found[axis] > 1, what
-    np.testing.assert_allclose(np.delete(found, axis), 0, atol=1e-3)
-
-
 def test_torque_of_four_forces_by_hand():
     lever = 0.0396 / np.sqrt(2)
     expected = [

@@ -42,13 +42,6 @@ def test_the_quaternion_is_scipys_up_to_its_sign(attitude):
 
 
 @given(attitudes)
-def test_the_matrix_is_a_proper_rotation(attitude):
-    matrix = np.asarray(to_matrix(from_attitude(attitude)))
-    np.testing.assert_allclose(matrix @ matrix.T, np.eye(3), atol=1e-6)
-    np.testing.assert_allclose(np.linalg.det(matrix), 1, atol=1e-6)
-
-
-@given(attitudes)
 def test_attitude_to_quaternion_and_back_is_the_same_attitude(attitude):
     np.testing.assert_allclose(to_attitude(from_attitude(attitude)), attitude, atol=5e-5)
 

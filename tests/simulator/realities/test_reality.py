@@ -1,5 +1,6 @@
 """Realities by name, and what counts as one."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,6 @@ import pytest
 from maidenflight import parameters
 from maidenflight.errors import InputError
 from maidenflight.registry import REALITIES
-from maidenflight.simulator.realities import reality as realities
 from maidenflight.simulator.realities.reality import MOTORS, check_reality, reality
 from maidenflight.simulator.realities.virtual_drone import VARIANTS, VirtualDrone
 from numpy_drone import NumpyDrone
@@ -31,7 +31,7 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """A module of one's own in the working folder."""
     (tmp_path / "own_simulator.py").write_text(MODULE)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sys.path", list(realities.sys.path))
+    monkeypatch.setattr("sys.path", list(sys.path))
     return "own_simulator"
 
 

@@ -11,7 +11,7 @@ from maidenflight.parameters import QUANTITIES, check, crazyflie, replace
 from maidenflight.simulator import environment
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.controllers.position_pid import position_pid
-from maidenflight.simulator.physics import dynamics
+from maidenflight.simulator.physics import dynamics, sensors
 from maidenflight.simulator.physics.battery import FIRMWARE_2021, PLUS
 from maidenflight.simulator.realities.virtual_drone import (
     FAR_RANGES,
@@ -66,8 +66,11 @@ def test_drones_about_another_differ_from_it_as_drawn_crazyflies_from_theirs(var
 
 
 def test_a_crazyflie_about_which_one_is_drawn_keeps_what_was_identified():
-    centre = replace(crazyflie(), motor_coasting=0.12, drag=(0.4, 0.2, 0.0))
+    centre = replace(crazyflie(), motor_coasting=0.12, drag=(0.4, 0.2, 0.0), velocity_walk=0.08)
     drone = virtual_drone(5, "virtual", centre)
+    assert drone.parameters.velocity_walk == np.float32(0.08)
+    assert sensors.drifts(drone.parameters)
+    assert not sensors.drifts(virtual_drone(5).parameters)
     assert drone.thrust_law == FIRMWARE_2021
     assert virtual_drone(5, "virtual", centre, PLUS).thrust_law == PLUS
     assert drone.parameters.motor_coasting == np.float32(0.12)

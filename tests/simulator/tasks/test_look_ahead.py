@@ -47,7 +47,9 @@ def expected(where, time, position):
     return where(times) - np.asarray(position)[..., None, :]
 
 
-@pytest.mark.parametrize(("task", "where"), [(tasks.circle(), circle_at), (tasks.hover(), held_at)])
+@pytest.mark.parametrize(
+    ("task", "where"), [(tasks.paper_circle(), circle_at), (tasks.hover(), held_at)]
+)
 @pytest.mark.parametrize("time", [0.0, 1.234, 40.0])
 def test_an_observation_ends_with_the_reference_to_come(task, where, time):
     env, place = (

@@ -14,7 +14,7 @@ from maidenflight.simulator.physics import dynamics, rotations
 from maidenflight.simulator.tasks import failures, rewards, tasks, trajectories
 
 PAPER = crazyflie()
-CIRCLE = tasks.circle()
+CIRCLE = tasks.paper_circle()
 SETPOINT = float32([0.1, 0.2, 1.0])
 reward = jax.jit(rewards.paper_reward)
 too_far = jax.jit(failures.too_far)
@@ -85,11 +85,11 @@ def test_a_circles_penalties_of_actions_are_the_papers_unless_others_are_asked_f
         ((0.0, 0.0), 0.103),
         ((0.1, 0.2), 1.303),
     ):
-        task = tasks.circle(action_penalty=rates[0], action_rate_penalty=rates[1])
+        task = tasks.paper_circle(action_penalty=rates[0], action_rate_penalty=rates[1])
         np.testing.assert_allclose(task.reward(state, SETPOINT, action, previous), -paid, rtol=1e-5)
-        assert task is tasks.circle(0.5, 3.0, 1.0, *rates), "nothing compiles twice"
+        assert task is tasks.paper_circle(0.5, 3.0, 1.0, *rates), "nothing compiles twice"
         assert hash(task) != hash(CIRCLE)
-    assert tasks.circle(action_penalty=1e-4, action_rate_penalty=1e-3) is CIRCLE
+    assert tasks.paper_circle(action_penalty=1e-4, action_rate_penalty=1e-3) is CIRCLE
 
 
 @pytest.mark.parametrize("direction", [(1, 0, 0), (0, -1, 0), (0, 0, 1), (0.6, 0, -0.8)])
@@ -332,8 +332,8 @@ def test_a_circle_has_the_size_period_and_height_it_was_asked_for():
 
 
 def test_the_same_task_is_the_same_object_so_that_nothing_compiles_twice():
-    assert tasks.circle() is tasks.circle(0.5, period=3.0) is CIRCLE
-    assert hash(tasks.circle(diameter=1.0)) != hash(CIRCLE)
+    assert tasks.paper_circle() is tasks.paper_circle(0.5, period=3.0) is CIRCLE
+    assert hash(tasks.paper_circle(diameter=1.0)) != hash(CIRCLE)
     for make in (
         tasks.hover,
         tasks.take_off,

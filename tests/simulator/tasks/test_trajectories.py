@@ -8,7 +8,7 @@ import pytest
 
 from arrays import float32
 from maidenflight.errors import InputError
-from maidenflight.simulator.tasks import trajectories
+from maidenflight.simulator.tasks import tasks, trajectories
 
 PATH = ((0.0, 0.0, 0.0, 1.0), (1.0, 0.5, 0.0, 1.2), (1.5, 0.5, -0.5, 1.1), (3.0, 0.0, 0.2, 0.9))
 SHAPES = {
@@ -109,6 +109,38 @@ def test_a_quickening_reference_starts_at_rest_and_gains_speed_evenly_to_its_fas
     if make is trajectories.quickening_circle:
         np.testing.assert_allclose(speeds, 2.0 * times / end, atol=1e-3)
         assert np.trapezoid(speeds, times) == pytest.approx(0.5 * 2.0 * end, rel=1e-4)
+
+
+def test_a_hastening_path_is_the_same_and_three_times_as_fast_in_the_end():
+    plain = trajectories.circle()
+    reference = trajectories.hastening(plain, 3.0)
+    # By hand: 30 s and half of twice 30 s more.
+    np.testing.assert_allclose(
+        jax.vmap(reference)(jnp.array([0.0, 15.0, 31.0])),
+        jax.vmap(plain)(jnp.array([0.0, 22.5, 63.0])),
+        atol=1e-4,
+    )
+    speeds = np.linalg.norm(jax.vmap(velocity(reference))(jnp.array([0.0, 15.0, 31.0])), axis=1)
+    np.testing.assert_allclose(speeds / (np.pi * 0.5 / 3.0), [1.0, 2.0, 3.0], rtol=1e-4)
+
+
+def test_a_circle_from_rest_never_accelerates_as_a_jump_would():
+    """The phase is by hand: half of the ramp is lost; the acceleration is that of 7 degrees."""
+    plain, reference = trajectories.circle(), tasks.circle().reference
+    times = np.linspace(0.0, 4.5, 451)
+    acceleration = np.linalg.norm(
+        jax.vmap(velocity(velocity(reference)))(jnp.asarray(float32(times))), axis=1
+    )
+    assert acceleration[0] < 1e-3
+    assert acceleration.max() < 9.81 * np.tan(np.radians(7.0))
+    assert np.abs(np.diff(acceleration)).max() < 0.03
+    np.testing.assert_allclose(
+        jax.vmap(reference)(jnp.array([1.5, 2.0, 7.7])),
+        jax.vmap(plain)(jnp.array([0.75, 1.25, 6.95])),
+        atol=1e-5,
+    )
+    at_once = tasks.circle(ramp=0.0).reference
+    np.testing.assert_allclose(at_once(jnp.float32(1.0)), plain(jnp.float32(1.0)), atol=1e-6)
 
 
 def test_a_pentagram_has_five_equal_edges_at_one_speed_and_corners_of_36_degrees():

@@ -179,7 +179,7 @@ def plan(
     on_stage(OTHERS + 1, OTHERS + 3, "information of each manoeuvre")
     names = _names(request.interest, flights[0])
     parts = _information(drone, [flights[number] for number in fitting_indices], names)
-    stage_count = [names.index(name) for name in request.interest or names]
+    interest = [names.index(name) for name in request.interest or names]
     fitting = {
         list(library_plans)[number]: part
         for number, part in zip(fitting_indices, parts, strict=True)
@@ -187,7 +187,7 @@ def plan(
     on_stage(OTHERS + 2, OTHERS + 3, "flying the plan and a hover")
     while True:
         rounds = ROUNDS if seconds >= ROUNDS * SHORTEST_ROUND else 1
-        blocks, excess = _blocks(fitting, seconds, stage_count, rounds)
+        blocks, excess = _blocks(fitting, seconds, interest, rounds)
         blocks = sorted(blocks, key=lambda block: _agility(result[block.manoeuvre]))
         proposal = FlightPlan(tuple(blocks) * rounds, room, height, request.seed)
         rows = [fly_plans(one, [proposal], keys[-1:], request.firmware)[0].rows for one in drones]

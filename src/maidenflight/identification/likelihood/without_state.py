@@ -185,7 +185,7 @@ def _names_of(
 def _force(
     problem: Problem, settings: Likelihood, motors: MotorResponse | None, limit: float
 ) -> Answer | None:
-    """What the accelerometer tells, given the lag of measured speeds or perhaps of the gyro."""
+    """Fits what the accelerometer shows, given the lag of measured speeds or the gyro."""
     names, start = _names_of(problem, FORCE, OF_ACCELEROMETER), problem.start
     if not names:
         return None
@@ -193,8 +193,8 @@ def _force(
     model = AccelerometerErrors.of(problem.flights, priors, limit)
     groups = FORCE_GROUPS if problem.over is None else {}
     measured = all(one.rotor_speed is not None for one in problem.flights)
-    removed_names: list[str] = [*DELAYS]
     answer, plausible = None, {}
+    removed_names: list[str] = list(DELAYS)
     if not (measured and motors and motors.is_identifiable and set(DELAYS) < set(names)):
         answer = _ask_sensor(problem, settings, model, names, groups, start)
         plausible = _plausible(problem, tuple(answer.samples), priors)

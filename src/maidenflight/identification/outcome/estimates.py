@@ -29,6 +29,7 @@ from maidenflight.identification.search.box import Box
 from maidenflight.identification.signals.motor_response import DelayEstimate
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import Parameters, replace
+from maidenflight.registry import PLOTS
 from maidenflight.simulator.randomization import Ensemble
 
 _FEWEST_SEGMENTS = 6
@@ -125,6 +126,12 @@ class Identification:
         for name, (low, high) in self.unidentified.items():
             rows.append(f"{name:24} not identifiable  [{low:.4g}, {high:.4g}] is plausible")
         return "\n".join([*rows, *(f"note: {note}" for note in self.notes)])
+
+    __repr__ = __str__
+
+    def plot(self) -> Any:
+        """Returns a picture of the estimates and their intervals, which a notebook shows."""
+        return PLOTS["identification"](self)
 
     def drone_file(self, record: Mapping[str, Any] | None = None) -> DroneFile:
         """Returns the drone file of the result; nothing in it depends on how long the work took.

@@ -137,6 +137,7 @@ def _tracking(
 _TASKS: dict[str, Callable[..., Task]] = {
     "hover": tasks.hover,
     "circle": tasks.circle,
+    "paper_circle": tasks.paper_circle,
     "take_off": tasks.take_off,
     "tracking": _tracking,
 }

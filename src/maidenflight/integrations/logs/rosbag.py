@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import polars
 
+from maidenflight import inputs
 from maidenflight.errors import InputError, optional
 from maidenflight.flights.formats import LoggedFlights, Recording
 from maidenflight.flights.log import Flight
@@ -118,6 +119,8 @@ def _opened(path: Path, name: str) -> Iterator[Bag]:
     storage: Any = Reader.STORAGE_PLUGINS[kind](path)
     try:
         storage.open()
+        grown = sum(chunk.uncompressed_size for chunk in getattr(storage, "chunks", ()))
+        inputs.check_growth(path.stat().st_size, grown)
         types: dict[str, Any] = {}
         for connection in storage.connections:
             text = connection.msgdef.data
@@ -153,10 +156,17 @@ def _opened(path: Path, name: str) -> Iterator[Bag]:
         storage.close()
 
 
+_MOST_BYTES = 16_000_000
+"""Of a message."""
+
+
 def _decompress(raw: bytes) -> bytes:
     """Decompresses a message of a bag that was compressed message by message."""
     module = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
-    return import_module(module).decompress(bytes(raw))
+    plain = import_module(module).ZstdDecompressor().decompress(bytes(raw), _MOST_BYTES)
+    if len(plain) == _MOST_BYTES:
+        raise ValueError("a message grows more than any does")
+    return plain
 
 
 def _refuse_undefined(bag: Bag, topics: Iterable[str]) -> None:

@@ -10,7 +10,6 @@ space of observations, which the file holds, what an observation is (`interface.
 """
 
 import importlib
-import json
 import zipfile
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,7 +20,7 @@ from jaxtyping import Float
 from maidenflight import inputs
 from maidenflight.errors import InputError, optional
 from maidenflight.inputs import StrPath
-from maidenflight.integrations.policies.unpickling import objects_of, unpickled
+from maidenflight.integrations.policies.unpickling import data_of, objects_of, unpickled
 from maidenflight.simulator.controllers.interface import NOTE
 from maidenflight.simulator.policy_spec import PolicySpec
 
@@ -144,8 +143,7 @@ def _algorithm(path: StrPath) -> str:
         InputError: the file is none of Stable-Baselines3, or of an algorithm that is not known.
     """
     try:
-        with zipfile.ZipFile(path) as file:
-            data = json.loads(file.read("data"))
+        data = data_of(path)
         module = str(data["policy_class"]["__module__"])
     except (OSError, ValueError, LookupError, TypeError, zipfile.BadZipFile) as error:
         raise InputError(

@@ -10,12 +10,12 @@ Source: Python, docs of `pickle`, section Restricting Globals.
 import base64
 import importlib
 import io
-import json
 import pickle
 import zipfile
 from collections.abc import Collection
 from typing import Any
 
+from maidenflight import inputs
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 
@@ -66,6 +66,22 @@ def unpickled(content: bytes) -> Any:
     return _Reader(io.BytesIO(content)).load()
 
 
+def data_of(path: StrPath) -> dict[str, Any]:
+    """Returns the settings that a `model.zip` holds.
+
+    Raises:
+        ValueError: it is damaged, or grows more than such files do.
+        OSError: it cannot be read.
+        KeyError: it holds none.
+        zipfile.BadZipFile: it is no such file.
+    """
+    with zipfile.ZipFile(path) as file:
+        entries = file.infolist()
+        packed = sum(entry.compress_size for entry in entries)
+        inputs.check_growth(packed, sum(entry.file_size for entry in entries))
+        return inputs.from_json(file.read("data").decode())
+
+
 def objects_of(path: StrPath, unused: Collection[str]) -> dict[str, Any]:
     """Returns pickled objects of a `model.zip`, by name, which its own reader need not read then.
 
@@ -78,8 +94,7 @@ def objects_of(path: StrPath, unused: Collection[str]) -> dict[str, Any]:
     """
     found = {}
     try:
-        with zipfile.ZipFile(path) as file:
-            data = json.loads(file.read("data"))
+        data = data_of(path)
         for name, entry in data.items():
             if isinstance(entry, dict) and _SERIALIZED in entry and name not in unused:
                 found[name] = unpickled(base64.b64decode(entry[_SERIALIZED]))

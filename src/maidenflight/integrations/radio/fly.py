@@ -178,9 +178,9 @@ class Fly(Verb):
         expected, policy = self._expected()
         care = Care(
             expected,
-            not self.no_propeller_test,
-            _countdown if self.yes else _enter,
-            {"policy": policy} if policy else {},
+            test_propellers=not self.no_propeller_test,
+            confirmed=_countdown if self.yes else _enter,
+            settings={"policy": policy} if policy else {},
         )
         if self.plan is not None:
             course = core.flight_plan.read(self.plan)

@@ -9,6 +9,7 @@ from maidenflight.reporting.figures import charts, intervals
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec
 
 _END_WORDS = {
+    "speed": "speed, times that of the task",
     "circle": "top speed on a circle of 1 m [m/s]",
     "figure_eight": "top speed on a figure-eight of 2 m [m/s]",
     "gusts": "gusts of 1 s [m/s]",

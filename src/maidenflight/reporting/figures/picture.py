@@ -56,11 +56,11 @@ def svg(figure: Figure, width: int = WIDTH, note: str = "") -> str:
     # Letters of the title are larger and bold.
     words = [textwrap.wrap(figure.title, int(width / 1.5 / _LETTER))]
     words.append(textwrap.wrap(note, int(width / _LETTER)))
-    svg = _drawn(figure, words, columns, inner)
-    [size] = re.findall(r'^<svg [^>]*? width="(\d+)"', svg)
+    picture = _drawn(figure, words, columns, inner)
+    [size] = re.findall(r'^<svg [^>]*? width="(\d+)"', picture)
     if any("width" not in panel for panel in figure.panels if "layer" in panel):
-        svg = _drawn(figure, words, columns, inner + (width - int(size)) // columns)
-    return _in_light_and_dark(svg, figure.title)
+        picture = _drawn(figure, words, columns, inner + (width - int(size)) // columns)
+    return _in_light_and_dark(picture, figure.title)
 
 
 def _drawn(figure: Figure, words: Sequence[list[str]], columns: int, inner: int) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from math import degrees
 from typing import Any
 
 import polars
@@ -22,6 +23,12 @@ from maidenflight.reporting.tables import Cell, Column
 
 NAMES = {"pwm": "PWM", "attitude_rate": "Attitude rate", "attitude": "Attitude"}
 """Control structures as people call them."""
+LARGEST: dict[str, Column | str] = {
+    "largest_tilt": tables.number("Largest tilt, of 30 [deg]", 1, degrees(1.0)),
+    "largest_body_rate": tables.number("Largest rate, of 800 [deg/s]", 0, degrees(1.0)),
+    "largest_distance": tables.number("Farthest [cm]", 1, 100.0),
+}
+"""Of the guards' limits."""
 _COLUMNS: dict[str, Column | str] = {
     "flight": "Flight",
     "policy": "Policy",
@@ -32,6 +39,7 @@ _COLUMNS: dict[str, Column | str] = {
     "position_error": tables.number("Mean position error [cm]", 2, 100.0),
     "command_change": tables.number("Change of commands in 10 ms [%]", 1, 100.0),
     "at_limits": tables.number("Commands at a limit [%]", 1, 100.0),
+    **LARGEST,
 }
 """Of test flights, as far as they have them."""
 
@@ -136,7 +144,9 @@ def _predictions(test_flights: polars.DataFrame) -> Markup:
         **{f"quantile_{share}": tables.number(f"{share} % [s]", 2) for share in (10, 50, 90)},
         "end": Column("Most frequent end", usual_end),
     }
-    return tables.sortable("prediction", flight_times.summary(test_flights), columns)
+    summary = flight_times.summary(test_flights)
+    columns |= {name: column for name, column in LARGEST.items() if name in summary.columns}
+    return tables.sortable("prediction", summary, columns)
 
 
 def recorded(run: Run) -> Markup:

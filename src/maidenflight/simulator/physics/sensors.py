@@ -70,6 +70,12 @@ def walk_bias(
     return decay * bias + spread * normal
 
 
+def drifts(parameters: Parameters) -> bool:
+    """Tests whether the estimates of position and velocity drift, as those of a real drone."""
+    walks = parameters.position_walk, parameters.height_walk, parameters.velocity_walk
+    return any(bool(np.any(np.asarray(walk) > 0)) for walk in walks)
+
+
 def walk_estimate(
     drift: Float[Array, "6"],
     elapsed: Float[Array, ""],

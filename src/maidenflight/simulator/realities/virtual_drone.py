@@ -165,8 +165,7 @@ FAR_RANGES: dict[str, tuple[float, float]] = {
 """What the `far` variant has instead, of the size identified from the authors' flights
 (docs/identification.md).
 
-The random-walk drift of their estimates is left out: guards of zero-shot flights look at the true
-position, which no policy could then hold.
+The random-walk drift of their estimates is left out; a drone about another has that one's.
 """
 FAR_TORQUE_BIAS_STD_N_M = np.array([5e-5, 5e-5, 3e-5], np.float32)
 """Standard deviation of the constant torques of the `far` variant [N m]; those of the authors'
@@ -241,6 +240,9 @@ _UNCHANGED = (
     "wind",
     "ground_effect",
     "gravity",
+    "position_walk",
+    "height_walk",
+    "velocity_walk",
 )
 """What a drone about another has as that one."""
 

@@ -43,6 +43,51 @@ class End(NamedTuple):
     """Index of `END_REASONS`; 0 while it flies."""
 
 
+class Excursion(NamedTuple):
+    """How far a drone is from hover at its set-point, in what guards look at."""
+
+    tilt: Float[Any, "..."]
+    """The larger of roll and pitch [rad]."""
+    body_rate: Float[Any, "..."]
+    """The larger of their rates [rad/s]."""
+    position_error: Float[Any, "..."]
+    """Distance from the set-point [m]."""
+
+
+def excursion(
+    position: Float[ArrayLike, "... 3"],
+    attitude: Float[ArrayLike, "... 3"],
+    body_rates: Float[ArrayLike, "... 3"],
+    setpoint: Float[ArrayLike, "... 3"],
+) -> Excursion:
+    """Returns how far a drone is from hover at its set-point.
+
+    Args:
+        position: [m].
+        attitude: roll, pitch, yaw [rad].
+        body_rates: [rad/s].
+        setpoint: [m].
+    """
+    values: list[Any] = [setpoint, position, attitude, body_rates]
+    library: Any = jnp
+    if not isinstance(position, jax.Array):
+        library, values = np, [np.asarray(part, np.float64) for part in values]
+    wanted, place, angles, rates = values
+    x, y, z = (wanted[..., axis] - place[..., axis] for axis in range(3))
+    tilt, rate = (
+        library.maximum(library.abs(part[..., 0]), library.abs(part[..., 1]))
+        for part in (angles, rates)
+    )
+    return Excursion(tilt, rate, library.sqrt(x * x + y * y + z * z))
+
+
+def largest(excursions: Excursion) -> dict[str, Any]:
+    """Returns the largest of each part along its last axis, by columns of a table of flights."""
+    names = ("largest_tilt", "largest_body_rate", "largest_distance")
+    worst = (np.max(np.asarray(part, np.float64), axis=-1).round(6) for part in excursions)
+    return dict(zip(names, worst, strict=True))
+
+
 class Guard(NamedTuple):
     """Limits at which a flight is ended; what is None may be anything, but finite."""
 
@@ -53,37 +98,13 @@ class Guard(NamedTuple):
     position_error: Float[Any, ""] = np.inf
     """Distance from the set-point [m]."""
 
-    def trips(
-        self,
-        position: Float[ArrayLike, "... 3"],
-        attitude: Float[ArrayLike, "... 3"],
-        body_rates: Float[ArrayLike, "... 3"],
-        setpoint: Float[ArrayLike, "... 3"],
-    ) -> dict[str, Any]:
-        """Returns which limits are exceeded, as `reason` takes them.
-
-        Args:
-            position: [m].
-            attitude: roll, pitch, yaw [rad].
-            body_rates: [rad/s].
-            setpoint: [m].
-        """
-        values: list[Any] = [setpoint, position, attitude, body_rates]
-        library: Any = jnp
-        if not isinstance(position, jax.Array):
-            library, values = np, [np.asarray(part, np.float64) for part in values]
-        wanted, place, angles, rates = values
-        x, y, z = (wanted[..., axis] - place[..., axis] for axis in range(3))
-        distance = library.sqrt(x * x + y * y + z * z)
-        tilt, rate = (
-            library.maximum(library.abs(part[..., 0]), library.abs(part[..., 1]))
-            for part in (angles, rates)
-        )
+    def trips(self, now: Excursion) -> dict[str, Any]:
+        """Returns which limits are exceeded, as `reason` takes them."""
+        total: Any = sum(now)
+        library: Any = jnp if isinstance(total, jax.Array) else np
         return {
-            "not_finite": ~library.isfinite(distance + tilt + rate),
-            "body_rate": rate > self.body_rate,
-            "tilt": tilt > self.tilt,
-            "position_error": distance > self.position_error,
+            "not_finite": ~library.isfinite(total),
+            **{name: getattr(now, name) > limit for name, limit in self._asdict().items()},
         }
 
 
@@ -92,6 +113,8 @@ BACKUP = Guard(float(np.radians(30.0)), float(np.radians(800.0)))
 Experiments)."""
 ZERO_SHOT = BACKUP._replace(position_error=MAX_POSITION_ERROR_M)
 """Of zero-shot flights: the same, and the distance at which an episode fails."""
+APP = BACKUP._replace(position_error=0.6)
+"""Of the exported app by default."""
 LOST = Guard(position_error=MAX_POSITION_ERROR_M)
 """Of flights at any speed, whose tilt is no failure."""
 

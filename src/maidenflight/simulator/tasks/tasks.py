@@ -167,10 +167,33 @@ def circle(
     diameter: float = 0.5,
     period: float = 3.0,
     height: float = 1.0,
+    ramp: float = trajectories.START_S,
+) -> Task:
+    """Follows a circle, clock-wise, that starts from rest; 5 s an episode.
+
+    Args:
+        diameter: [m].
+        period: [s], once the ramp is over.
+        height: [m].
+        ramp: time in which the speed grows from zero [s].
+
+    Source: the circle is that of Gronauer et al. 2022, sec. Experimental Setup; the ramp is ours.
+    """
+    return _closed("circle", trajectories.circle(diameter, period, height), period, 5.0, ramp)
+
+
+@cached_by_arguments
+def paper_circle(
+    diameter: float = 0.5,
+    period: float = 3.0,
+    height: float = 1.0,
     action_penalty: float = ACTION_PENALTY,
     action_rate_penalty: float = ACTION_RATE_PENALTY,
 ) -> Task:
-    """Follows a circle, clock-wise, from a random point on it; 5 s an episode.
+    """Follows the circle of the paper, clock-wise, at full speed from the first instant on.
+
+    Episodes of 5 s start about rest at a random point on it. From hover such a start takes a jump,
+    which studies of the paper and its authors' policies need and a real drone does not.
 
     Start values are uniform: +-5 cm about the reference, roll and pitch +-20 deg, yaw +-18 deg,
     velocity +-0.1 m/s a world axis, body rates +-50 deg/s (yaw 20); rotor speeds are normal about
@@ -191,7 +214,9 @@ def circle(
         paper_reward, action_penalty=action_penalty, action_rate_penalty=action_rate_penalty
     )
     return Task(
-        "circle", reference, reset, reward, strayed, duration=5.0, failure_margin=position_margin
+        *("paper_circle", reference, reset, reward, strayed),
+        duration=5.0,
+        failure_margin=position_margin,
     )
 
 
@@ -297,10 +322,20 @@ def tracking(
 
 @cached_by_arguments
 def figure_eight(period: float = trajectories.NORMAL) -> Task:
-    """Flies a level figure-eight in a period [s], from anywhere on it, one period an episode."""
-    return tracking(trajectories.figure_eight(period), period, latest_start=period)._replace(
-        name="figure_eight"
-    )
+    """Flies a level figure-eight in a period [s], from rest, one period an episode."""
+    return _closed("figure_eight", trajectories.figure_eight(period), period, period)
+
+
+def _closed(
+    name: str,
+    curve: Trajectory,
+    period: float,
+    duration: float,
+    ramp: float = trajectories.START_S,
+) -> Task:
+    """A task whose episodes start anywhere on a closed curve, or on its way from rest to speed."""
+    reference = trajectories.quickening(curve, ramp, smooth=True)
+    return tracking(reference, duration, latest_start=ramp + period)._replace(name=name)
 
 
 @cached_by_arguments

@@ -32,6 +32,9 @@ COLUMNS = ("time", "x", "y", "z")
 
 RAMP_DURATION_S = 30.0
 """Time in which a quickening reference comes to its fastest [s]."""
+START_S = 1.5
+"""Time in which a curve that starts from rest comes to its own speed [s]; ours. On the paper's
+circle its acceleration then stays within 1.2 m/s^2, 7 degrees of tilt."""
 SLOW, NORMAL, FAST = 15.0, 5.5, 3.5
 """Periods of a figure-eight [s] (SimpleFlight, second-hand)."""
 
@@ -124,19 +127,44 @@ def figure_eight(period: float = NORMAL, width: float = 2.0, height: float = 1.0
 
 
 @cached_by_arguments
-def quickening(trajectory: Trajectory, duration: float = RAMP_DURATION_S) -> Trajectory:
+def quickening(
+    trajectory: Trajectory, duration: float = RAMP_DURATION_S, smooth: bool = False
+) -> Trajectory:
     """Returns the same path, from rest.
 
-    Its speed grows linearly and is the trajectory's own at the end.
+    Its speed is a growing share of the trajectory's own, and all of it at the end.
 
     Args:
         trajectory: the trajectory, for ever.
-        duration: time until it runs at its own speed [s].
+        duration: time until it runs at its own speed [s]; 0: at once.
+        smooth: the share grows as 3 u^2 - 2 u^3 with u = time / duration, so that the acceleration
+            has no jump; else as u.
     """
+    if duration == 0.0:
+        return trajectory
 
     def reference(time: Float[Array, ""]) -> Float[Array, "3"]:
         early = jnp.minimum(time, duration)
-        return trajectory(early * early / (2.0 * duration) + jnp.maximum(time - duration, 0.0))
+        u = early / duration
+        mean_share = u * u * (1.0 - u / 2.0) if smooth else u / 2.0
+        return trajectory(early * mean_share + jnp.maximum(time - duration, 0.0))
+
+    return reference
+
+
+@cached_by_arguments
+def hastening(trajectory: Trajectory, fastest: float) -> Trajectory:
+    """Returns the same path, faster: its speed grows evenly to `fastest` times its own.
+
+    Args:
+        trajectory: the trajectory, for ever.
+        fastest: of its own speed, after `RAMP_DURATION_S` [-].
+    """
+
+    def reference(time: Float[Array, ""]) -> Float[Array, "3"]:
+        early = jnp.minimum(time, RAMP_DURATION_S)
+        gained = (fastest - 1.0) * early * early / (2.0 * RAMP_DURATION_S)
+        return trajectory(early + gained + fastest * jnp.maximum(time - RAMP_DURATION_S, 0.0))
 
     return reference
 

@@ -1,0 +1,106 @@
+"""Pictures of flights, identifications and policies, as notebooks show them."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from maidenflight import results
+from maidenflight.flights.log import Flight
+from maidenflight.identification.outcome.estimates import Identification
+from maidenflight.inputs import StrPath
+from maidenflight.parameters import crazyflie
+from maidenflight.policy import Actor, Policy
+from maidenflight.reporting.figures import charts
+from maidenflight.reporting.figures.charts import Entry, Figure, Spec
+from maidenflight.reporting.figures.identification import estimates
+from maidenflight.reporting.figures.picture import svg
+from maidenflight.simulator.physics.sensors import Measurement
+
+_COLOURS = ("blue", "orange", "green", "purple")
+_MOST_ROWS = 500
+"""Rows of a line, at most."""
+_OFFSETS = np.linspace(-0.5, 0.5, 21)
+"""Distances to the set-point [m]."""
+
+
+class Picture(NamedTuple):
+    """A figure that a notebook shows, and that is written as SVG."""
+
+    figure: Figure
+
+    def _repr_svg_(self) -> str:
+        return svg(self.figure)
+
+    def save(self, path: StrPath) -> None:
+        """Writes the picture as an SVG file."""
+        results.write(path, svg(self.figure))
+
+
+def plot_identification(identification: Identification) -> Picture:
+    """Draws the estimates with their intervals, as shares of what is plausible."""
+    known, unknown = identification.estimates, identification.unidentified
+    return Picture(estimates(known, unknown, {}, identification.parameters))
+
+
+def plot_flight(flight: Flight) -> Picture:
+    """Draws position, attitude, body rates and commands over time."""
+    rows = slice(None, None, 1 + len(flight) // _MOST_ROWS)
+    time = flight.period * np.arange(len(flight))[rows]
+    signals = {
+        "position x, y, z [m]": flight.position,
+        "roll, pitch, yaw [deg]": np.degrees(flight.attitude),
+        "body rates x, y, z [deg/s]": np.degrees(flight.body_rates),
+        "commands 1 to 4 [full thrust]": flight.command,
+    }
+    panels = [
+        _lines(title, "time [s]", time, dict(zip("1234", values[rows].T, strict=False)))
+        for title, values in signals.items()
+        if np.isfinite(values).any()
+    ]
+    return Picture(
+        Figure(
+            flight.name, panels, _legend("x, roll, 1", "y, pitch, 2", "z, yaw, 3", "4"), columns=2
+        )
+    )
+
+
+def plot_policy(policy: Policy) -> Picture:
+    """Draws the commands of a drone at rest 1 m high over the set-point's distance on each axis."""
+    actor, still = Actor(policy, 1.0 / float(crazyflie().thrust_to_weight)), (0.0, 0.0, 0.0)
+    place = np.array([0.0, 0.0, 1.0])
+    level = Measurement(*map(jnp.asarray, (place, still, (0.0, 0.0, 0.0, 1.0), still)))
+    panels = []
+    for number, axis in enumerate("xyz"):
+        commands = []
+        for offset in _OFFSETS:
+            actor.reset()
+            setpoint = place + offset * np.eye(3)[number]
+            points = policy.spec.look_ahead.points
+            ahead = np.tile(setpoint, (points, 1)) if points else None
+            commands.append(actor.act(level, setpoint, ahead).command)
+        lines = dict(zip("1234", np.array(commands).T, strict=True))
+        panels.append(_lines(f"set-point along {axis}", "distance [m]", _OFFSETS, lines))
+    names = [f"command {n} [{unit}]" for n, unit in enumerate(policy.interface.units, 1)]
+    return Picture(Figure(f"{policy!r} at rest", panels, _legend(*names), columns=3))
+
+
+def _legend(*names: str) -> list[Entry]:
+    return [
+        Entry(name, colour, "line", str(number))
+        for number, (name, colour) in enumerate(zip(names, _COLOURS, strict=True), 1)
+    ]
+
+
+def _lines(title: str, x: str, places: np.ndarray, lines: Mapping[str, np.ndarray]) -> Spec:
+    rows = [
+        {"series": series, "x": place, "y": value}
+        for series, values in lines.items()
+        for place, value in zip(places, values, strict=True)
+    ]
+    domain = {"domain": list("1234"), "range": [charts.paint(one) for one in _COLOURS]}
+    colour = {"field": "series", "type": "nominal", "scale": domain, "legend": None}
+    channels = {"x": charts.number("x", x), "y": charts.number("y", scale={"zero": False})}
+    layer = charts.layer("", {"type": "line", "strokeWidth": 1}, **channels, color=colour)
+    return charts.panel(charts.rows(rows), [layer], title=title, height=150)
