@@ -11,6 +11,7 @@ import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
@@ -147,7 +148,7 @@ def speed_share(flights: Sequence[Flight], drone: Parameters) -> float | None:
 
 def rows_of(
     name: str, drone: Drone, found: Identification, share: float | None
-) -> Iterator[dict[str, object]]:
+) -> Iterator[dict[str, Any]]:
     """A row for each quantity that was measured, SI units."""
     for quantity, (least, most) in drone.truth.items():
         draws = (
@@ -173,7 +174,7 @@ def rows_of(
         }
 
 
-def lag_rows(data: Path) -> Iterator[dict[str, object]]:
+def lag_rows(data: Path) -> Iterator[dict[str, Any]]:
     """Lag and latency of each log and folder by measured speeds, and without them; times in ms."""
     for folder in LAG_FOLDERS:
         flights = read_flights(data / "usd" / folder).flights
@@ -195,13 +196,13 @@ def lag_rows(data: Path) -> Iterator[dict[str, object]]:
                     }
 
 
-def _cell(row: dict[str, object]) -> str:
+def _cell(row: dict[str, Any]) -> str:
     """A row of the page's table; times in ms."""
     scale = 1e3 if row["quantity"] in (TOTAL, "motor_time_constant") else 1.0
 
     def text(key: str) -> str:
         value = row[key]
-        return "" if value is None else f"{scale * float(str(value)):.3g}"
+        return "" if value is None else f"{scale * float(value):.3g}"
 
     truth = text("least") if row["least"] == row["most"] else f"{text('least')} to {text('most')}"
     ratio = row["high_over_low"]
