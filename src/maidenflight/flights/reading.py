@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypedDict, Unpack
 
 import numpy as np
 
@@ -80,16 +80,30 @@ COMMANDS = names.COMMANDS
 """What a logged command may stand for; see docs/flight-log.md."""
 
 
+class LogSettings(TypedDict, total=False):
+    """What a user says of logs, in place of what they say themselves."""
+
+    commands: str | None
+    """One of `COMMANDS`: zero-order hold if a policy at the log's rate commanded the motors. Logs
+    of a Crazyflie's variables do not say, and are taken as subsampled, as of the firmware's PID, by
+    default. Taken the wrong way, latency is half a row off."""
+    battery_law: str | None
+    """A key of `compensation.LAWS`, by which a Crazyflie's PWM is read as thrust."""
+    ignore: Collection[str]
+    """Signals of `log.OPTIONAL` to pass over as if they had not been logged."""
+    faulty: str
+    """One of `names.FAULTY_LOGS`: what is done with logs whose check-up fails. The others of a
+    folder come from the same recorder, and are refused with them by default."""
+    drone: str | None
+    """A named drone, whose battery law is taken where a log does not decide."""
+
+
 def read_flights(
     path: StrPath,
     on_file: Callable[[int, int], None] | None = None,
     most: float = math.inf,
     lead_in: int = LEAD_IN,
-    commands: str | None = None,
-    battery_law: str | None = None,
-    ignore: Collection[str] = (),
-    faulty: str = names.FAULTY_LOGS[0],
-    drone: str | None = None,
+    **settings: Unpack[LogSettings],
 ) -> Flights:
     """Reads and checks flights.
 
@@ -100,16 +114,7 @@ def read_flights(
         most: flight to keep [s]. Of more, segments of every flight stay, one file being in
             memory beside them.
         lead_in: rows of commands that a window of a segment has before it.
-        commands: one of `COMMANDS`, whatever the logs say: zero-order hold if a policy at the
-            log's rate commanded the motors. Logs of a Crazyflie's variables do not say, and are
-            taken as subsampled, as of the firmware's PID, by default. Taken the wrong way,
-            latency is half a row off.
-        battery_law: a key of `compensation.LAWS`, by which a Crazyflie's PWM is read as thrust,
-            whatever the logs say.
-        ignore: signals of `log.OPTIONAL` to pass over as if they had not been logged.
-        faulty: one of `names.FAULTY_LOGS`: what is done with logs whose check-up fails. The others
-            of a folder come from the same recorder, and are refused with them unless told.
-        drone: a named drone, whose battery law is taken where a log does not decide.
+        **settings: what the user says of the logs; see `LogSettings`.
 
     Returns:
         Gapless pieces of flights in which the drone flies, in the order of the files' names. A
@@ -120,19 +125,7 @@ def read_flights(
         InputError: nothing there; a single file that is damaged or in an unknown format; a log
             whose check-up fails; nothing usable in the whole set; or an unknown argument.
     """
-    if faulty not in names.FAULTY_LOGS:
-        raise InputError(f"faulty {faulty!r}; expected {' or '.join(names.FAULTY_LOGS)}.")
-    if commands not in (*COMMANDS, None):
-        raise InputError(f"commands {commands!r}; expected {' or '.join(COMMANDS)}.")
-    if battery_law is not None:
-        compensation.logged_law({compensation.LAW_OF_THE_HEAD: battery_law}, str(path))
-    for signal in ignore:
-        if signal not in log.OPTIONAL:
-            raise InputError(
-                f"ignore = {signal!r}; expected {' or '.join(log.OPTIONAL)}, which a log may lack."
-            )
-    law = compensation.OF_DRONE.get(drone or "")
-    options = _ReadOptions(commands, battery_law, frozenset(ignore), faulty, law)
+    options = _ReadOptions.of(settings, str(path))
     path = Path(path)
     paths, refused = _files(path)
     reading = _ReadLog([], [], _unread(path), refused, {}, {}, [])
@@ -141,7 +134,7 @@ def read_flights(
         for flight in _read(paths, path.is_file(), reading, options, on_file)
     )
     flights, duration = sampled(read, most, lead_in)
-    if reading.faulty and faulty == names.FAULTY_LOGS[0]:
+    if reading.faulty and options.faulty == names.FAULTY_LOGS[0]:
         raise InputError(
             f"{path}: {len(reading.faulty)} of {len(paths)} logs contradict physics, "
             "and the others most likely come from the same recorder. Mend them, or leave these out "
@@ -178,13 +171,32 @@ def read_flights(
 
 
 class _ReadOptions(NamedTuple):
-    """What the user says of the logs; see `read_flights`."""
+    """What the user says of the logs; see `LogSettings`."""
 
     commands: str | None
     battery_law: str | None
     ignore: frozenset[str]
     faulty: str
     law_of_drone: str | None
+
+    @classmethod
+    def of(cls, settings: LogSettings, place: str) -> "_ReadOptions":
+        """Checks settings; the place is what errors name."""
+        faulty = settings.get("faulty", names.FAULTY_LOGS[0])
+        commands, law = settings.get("commands"), settings.get("battery_law")
+        ignore = settings.get("ignore", ())
+        if faulty not in names.FAULTY_LOGS:
+            raise InputError(f"faulty {faulty!r}; expected {' or '.join(names.FAULTY_LOGS)}.")
+        if commands not in (*COMMANDS, None):
+            raise InputError(f"commands {commands!r}; expected {' or '.join(COMMANDS)}.")
+        if law is not None:
+            compensation.logged_law({compensation.LAW_OF_THE_HEAD: law}, place)
+        for signal in ignore:
+            if signal not in log.OPTIONAL:
+                expected = " or ".join(log.OPTIONAL)
+                raise InputError(f"ignore = {signal!r}; expected {expected}, which a log may lack.")
+        of_drone = compensation.OF_DRONE.get(settings.get("drone") or "")
+        return cls(commands, law, frozenset(ignore), faulty, of_drone)
 
 
 class _FaultError(InputError):

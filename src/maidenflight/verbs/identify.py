@@ -151,8 +151,12 @@ class Identify(Verb):
 
         flights = core.read_flights(
             *(self.logs, lambda done, of: show(*overall.read(done, of)), self.most_seconds),
-            *(settings.lead_in, self.commands, self.battery_law, self.ignore, self.faulty),
-            self.start,
+            settings.lead_in,
+            commands=self.commands,
+            battery_law=self.battery_law,
+            ignore=self.ignore,
+            faulty=self.faulty,
+            drone=self.start,
         )
         identification = core.identify(
             flights,

@@ -54,7 +54,10 @@ class Match(Verb):
         loaded, loop = core.read_policies(self.policies), core.ClosedLoop()
         policies = dict(zip(loaded.own_names, loaded.own, strict=True))
         flights = core.read_flights(
-            *(self.logs, None, self.most_seconds, 0, self.commands, self.battery_law, self.ignore)
+            *(self.logs, None, self.most_seconds, 0),
+            commands=self.commands,
+            battery_law=self.battery_law,
+            ignore=self.ignore,
         )
         matched_flights = core.flights_of_policies(flights.flights, policies)
         if not matched_flights:
