@@ -376,15 +376,24 @@ def test_the_action_that_keeps_level_asks_for_hover_and_nothing_else(flown, stru
     )
 
 
-@pytest.mark.parametrize("poison", [np.nan, np.inf, -np.inf])
-def test_a_number_that_is_not_finite_stops_the_motors_and_is_not_remembered(flown, poison):
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("velocity", (0, np.nan, 0)),
+        ("velocity", (0, np.inf, 0)),
+        ("body_rates", (0, 0, -np.inf)),
+        ("quaternion", (0, 0, 0, 0)),
+        ("quaternion", (0, 0, 0, 1.2)),
+        ("position", (1e6, 0, 1)),
+    ],
+)
+def test_senseless_numbers_stop_the_motors_and_are_not_remembered(flown, field, value):
     drone, (measurements, setpoints) = flown(restless()), walk(4)
     drone.reset(np.zeros(4))
     drone.step(measurements[0], setpoints[0])
     action = drone.action
-    finite, command = drone.step(
-        measurements[1]._replace(velocity=np.array([0, poison, 0], np.float32)), setpoints[1]
-    )
+    senseless = measurements[1]._replace(**{field: np.array(value, np.float32)})
+    finite, command = drone.step(senseless, setpoints[1])
     assert not finite
     assert command.tolist() == [0, 0, 0, 0]
     assert np.array_equal(drone.action, action)

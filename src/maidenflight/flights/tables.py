@@ -126,23 +126,30 @@ def from_text(text: str, name: str) -> Table:
         # numpy.savetxt writes the header as a comment.
         start -= len(above) + 1
         comments.pop()
-    body = text[start:].rstrip("\n")
+    # By places in the text: a long log is hundreds of megabytes, and each copy as much again.
+    end = len(text)
+    while end > start and text[end - 1] == "\n":
+        end -= 1
     line = len(comments) + 1
-    if not body.strip():
+    header_end = text.find("\n", start, end)
+    header = text[start : end if header_end < 0 else header_end]
+    if header_end < 0 and not header.strip():
         raise InputError(f"{name}: no rows, the file is empty. Leave it out.")
-    header, _, rows = body.partition("\n")
     names = _names(header, name, line)
-    if not rows:
+    if header_end < 0:
         raise InputError(f"{name}: no rows below the header in line {line}. Leave it out.")
-    rows, _, last = rows.rpartition("\n")
+    last = text.rfind("\n", header_end + 1, end)
     notes: tuple[str, ...] = ()
-    if rows and (last.count(",") < len(names) - 1 or not text.endswith("\n")):
-        notes = (f"{name}: 1 row dropped: the last line ({line + body.count(chr(10))}) is cut off",)
-        body = body[: -len(last) - 1]
+    cut_off = text.count(",", last + 1, end) < len(names) - 1 or not text.endswith("\n")
+    if last > 0 and cut_off:
+        number = line + text.count("\n", start, end)
+        notes = (f"{name}: 1 row dropped: the last line ({number}) is cut off",)
+        end = last
     try:
-        frame = _frame(body)
+        frame = _frame(text[start:end].encode())
     except (polars.exceptions.PolarsError, ValueError) as error:
-        raise InputError(_why_unreadable(body, name, len(names), line, str(error))) from error
+        why = _why_unreadable(text[start:end], name, len(names), line, str(error))
+        raise InputError(why) from error
     if frame.width != len(names):
         raise InputError(
             f"{name}: line {line} is no header of {frame.width} columns. Write names separated by "
@@ -154,15 +161,15 @@ def from_text(text: str, name: str) -> Table:
     return Table(name, frame, comments[0] if comments else "", head, line + 1, notes)
 
 
-def _frame(body: str) -> polars.DataFrame:
+def _frame(body: bytes) -> polars.DataFrame:
     """The columns' types are guessed from the first rows, which is six times as fast as from all.
 
     Where that fails, from all.
     """
     try:
-        return polars.read_csv(body.encode(), infer_schema_length=1000)
+        return polars.read_csv(body, infer_schema_length=1000)
     except polars.exceptions.PolarsError:
-        return polars.read_csv(io.StringIO(body), infer_schema_length=None)
+        return polars.read_csv(body, infer_schema_length=None)
 
 
 def _names(header: str, name: str, line: int) -> list[str]:
