@@ -99,8 +99,8 @@ def findings(
     reading, identity = standing.reading, standing.identity
     decks = ", ".join(standing.decks)
     return [
-        Finding("drone", identity.get("drone", "") or "not told"),
-        Finding("firmware", identity.get("firmware", "") or "not told"),
+        Finding("drone", identity.get("drone", "") or "unknown"),
+        Finding("firmware", identity.get("firmware", "") or "unknown"),
         *_policy_findings(standing, expected),
         Finding(
             "link",
@@ -124,7 +124,9 @@ def findings(
         Finding(
             "decks",
             decks or "none",
-            "" if decks else f"no deck that tells the position; mount a Flow deck v2 and {_AGAIN}",
+            ""
+            if decks
+            else f"no deck that measures the position; mount a Flow deck v2 and {_AGAIN}",
         ),
         _propellers(standing.propellers_passed),
         Finding(
@@ -145,12 +147,12 @@ def _policy_findings(standing: PreflightState, expected: Expected | None) -> lis
         code, propellers = standing.identity.get("on_board"), standing.identity.get("propellers")
         if standing.has_look_ahead:
             problems.append(
-                "the policy on board looks ahead, but set-points by radio tell no more than where "
+                "the policy on board looks ahead, but set-points by radio say no more than where "
                 "the drone shall be now; flash one trained without --look-ahead, or fly mf.task 0 "
                 "or 1"
             )
         if not code:
-            problems.append("the app on board tells no mf.hash; export and flash it anew")
+            problems.append("the app on board has no mf.hash; export and flash it anew")
         elif expected.code and code != expected.code:
             problems.append(
                 f"policy {code} is on board, not {expected.code}; export that file and flash it"
@@ -208,7 +210,7 @@ def _firmware_findings(reading: Reading) -> list[Finding]:
         if reading.supervisor & bit
     ]
     if not reading.supervisor & (CAN_BE_ARMED | ARMED | AUTO_ARMED | CAN_FLY):
-        against.append("the firmware refuses to be armed; its console (cfclient) tells why")
+        against.append("the firmware refuses to be armed; its console (cfclient) says why")
     return [Finding("supervisor", f"{reading.supervisor:#x}", "; ".join(against))]
 
 
