@@ -76,14 +76,14 @@ class PreflightState:
 class Finding(NamedTuple):
     """A row of the table."""
 
-    what: str
+    name: str
     value: str
     problem: str = ""
     """Why the drone must not take off, and what to do; empty where it may."""
 
     def __str__(self) -> str:
         """Returns the row as text."""
-        return f"{self.what:12} {self.value:28} {self.problem or 'ok'}"
+        return f"{self.name:12} {self.value:28} {self.problem or 'ok'}"
 
 
 def findings(
@@ -205,8 +205,8 @@ def _estimate(standing: PreflightState, limits: Limits) -> str:
 def _firmware_findings(reading: Reading) -> list[Finding]:
     """What the firmware's supervisor says."""
     against = [
-        f"the firmware says that it has {what}; put it level, switch it off and on"
-        for bit, what in ((LOCKED, "locked"), (CRASHED, "crashed"), (TUMBLED, "tumbled"))
+        f"the firmware says that it has {state}; put it level, switch it off and on"
+        for bit, state in ((LOCKED, "locked"), (CRASHED, "crashed"), (TUMBLED, "tumbled"))
         if reading.supervisor & bit
     ]
     if not reading.supervisor & (CAN_BE_ARMED | ARMED | AUTO_ARMED | CAN_FLY):
