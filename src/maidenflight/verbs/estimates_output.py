@@ -88,7 +88,7 @@ def summarize(result: Identification) -> list[str]:
     left_out = ", ".join(result.unidentified)
     return [
         f"identified: {', '.join(values)}{more}, from {flights}, {result.source.seconds:.0f} s",
-        f"not identified: {left_out}; the start's values stay, and training with --randomize "
+        f"not identified: {left_out}, no more than before these flights; training with --randomize "
         "posterior covers the plausible ranges"
         if left_out
         else "not identified: nothing; the flights determine every parameter that was fitted",
