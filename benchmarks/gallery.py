@@ -99,12 +99,14 @@ def _of_charts(run: Path, to: Path) -> None:
 
 def _of_terminal(run: Path, to: Path) -> None:
     """Writes what two commands print."""
-    for words in (["log", run / "recorded"], ["doctor"]):
+    for words in (["log", Path(run.name, "recorded")], ["doctor"]):
         done = subprocess.run(
             [*_MAIDENFLIGHT, *words],
             check=True,
             stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
             text=True,
+            cwd=run.resolve().parent,
             env=os.environ | {"FORCE_COLOR": "1", "COLUMNS": str(_COLUMNS)},
         )
         console = Console(record=True, width=_COLUMNS, file=io.StringIO())

@@ -37,13 +37,13 @@ class InputError(ValueError):
 
 
 @contextmanager
-def optional(package: str, extra: str, what: str, remark: str = "") -> Iterator[None]:
+def optional(package: str, extra: str, purpose: str, remark: str = "") -> Iterator[None]:
     """Imports an optional package, in a `with` statement.
 
     Args:
         package: what is imported.
         extra: the extra that brings it.
-        what: what needs it.
+        purpose: what needs it.
         remark: on its installation.
 
     Raises:
@@ -54,14 +54,14 @@ def optional(package: str, extra: str, what: str, remark: str = "") -> Iterator[
     except ImportError as error:
         missing = getattr(error, "name", None) or package
         raise InputError(
-            f"{missing.partition('.')[0]} is not installed, but {what} needs it. In maidenflight's "
-            f"source folder: pip install '.[{extra}]'{remark and f' ({remark})'}"
+            f"{missing.partition('.')[0]} is not installed, but {purpose} needs it. In "
+            f"maidenflight's source folder: pip install '.[{extra}]'{remark and f' ({remark})'}"
         ) from error
 
 
-def imported(package: str, extra: str, what: str, remark: str = "") -> Any:
+def imported(package: str, extra: str, purpose: str, remark: str = "") -> Any:
     """Returns an optional package; arguments and errors as of `optional`."""
-    with optional(package, extra, what, remark):
+    with optional(package, extra, purpose, remark):
         return import_module(package)
 
 

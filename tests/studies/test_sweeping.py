@@ -108,7 +108,7 @@ def test_what_waits_for_a_task_that_failed_is_not_begun(tmp_path: Path) -> None:
     class Failing(Here):
         def ended(self, timeout: float) -> list[TaskResult]:
             endings = super().ended(timeout)
-            return [dataclasses.replace(one, how=FAILED, message="no") for one in endings]
+            return [dataclasses.replace(one, outcome=FAILED, message="no") for one in endings]
 
     failing = Failing()
     with pytest.raises(InputError, match="2 of 6 tasks failed, and 4 wait"):

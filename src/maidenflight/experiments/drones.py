@@ -147,7 +147,7 @@ def possible_drones(
     if today is not None:
         if randomization not in (0.0, TRIMS):
             raise InputError(
-                f"randomization {randomization} with logs of the day, which tell trims and thrust; "
+                f"randomization {randomization} with logs of the day, which fix trims and thrust; "
                 f"leave it out, or give {TRIMS} or 0."
             )
         flights = read_flights(today).flights

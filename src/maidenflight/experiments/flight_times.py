@@ -32,7 +32,7 @@ from maidenflight.errors import InputError
 from maidenflight.experiments.real_controller import GUARD_RATE, real_controller
 from maidenflight.experiments.transfer import MAX_DURATION_S
 from maidenflight.flying import guarded
-from maidenflight.flying.guarded import Flown
+from maidenflight.flying.guarded import FlightOutcome
 from maidenflight.flying.scenario import PUBLISHED_START, Start
 from maidenflight.parameters import Parameters, replace
 from maidenflight.policy import Policy
@@ -120,17 +120,17 @@ def predict_flight_times(
     kinds: dict[tuple, list[int]] = {}
     for place, (policy, task) in enumerate(zip(policies, flown_tasks, strict=True)):
         kinds.setdefault((policy.interface, policy.spec, task), []).append(place)
-    flown: dict[int, Flown] = {}
+    by_policy: dict[int, FlightOutcome] = {}
     for places in kinds.values():
         kind = [policies[place] for place in places]
         settings = key, trials, limits, start, controller_for
         every = _fly_kind(kind, flown_tasks[places[0]], drones, *settings)
         for place, one in zip(places, every, strict=True):
-            flown[place] = one
+            by_policy[place] = one
             if on_policy is not None:
-                on_policy(len(flown), len(policies))
+                on_policy(len(by_policy), len(policies))
     end, largest, distance = tree.map(
-        lambda *parts: np.concatenate(parts), *(flown[place] for place in range(len(policies)))
+        lambda *parts: np.concatenate(parts), *(by_policy[place] for place in range(len(policies)))
     )
     return polars.DataFrame(
         {
@@ -154,7 +154,7 @@ def _fly_kind(
     limits: guarded.Limits,
     start: Start,
     controller_for: Callable[[ControlInterface], Controller],
-) -> Iterator[Flown]:
+) -> Iterator[FlightOutcome]:
     """How each policy's flights went, policies of one kind.
 
     They fly in portions of one size: the same program flies few and many, in bounded memory.
@@ -195,7 +195,7 @@ def _fly_kind(
 
     def fly(
         places: np.ndarray, is_active: np.ndarray, drone_indices: np.ndarray, keys: Array
-    ) -> Flown:
+    ) -> FlightOutcome:
         flying = tree.map(lambda *leaves: np.stack(leaves), *(policies[place] for place in places))
         flights = guarded.Trials(
             flying, tree.map(lambda leaf: leaf[drone_indices], drones), keys, is_active
@@ -219,8 +219,8 @@ _UNDER_WAY = 8
 memory is bounded."""
 
 
-def _landed(begun: Iterable[Flown]) -> Iterator[Flown]:
-    under_way: deque[Flown] = deque()
+def _landed(begun: Iterable[FlightOutcome]) -> Iterator[FlightOutcome]:
+    under_way: deque[FlightOutcome] = deque()
     for flights in begun:
         under_way.append(flights)
         if len(under_way) > _UNDER_WAY:

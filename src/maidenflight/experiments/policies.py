@@ -79,8 +79,8 @@ class Policies:
         Returns:
             The name of a task, and a note where policies were trained for another.
         """
-        said = {file.task for file in self.files if file.task}
-        alike = said or ({names.PAPER_TASK} if self.files else {USUAL_TASK})
+        own_tasks = {file.task for file in self.files if file.task}
+        alike = own_tasks or ({names.PAPER_TASK} if self.files else {USUAL_TASK})
         one = len(alike) == 1 and alike <= set(names.TASKS)
         chosen = task or (alike.pop() if one else USUAL_TASK)
         return chosen, self._note_others([chosen] * len(self.files))
@@ -97,11 +97,11 @@ class Policies:
         chosen = [task or (own if own in real else USUAL_TASK) for own in trained]
         return chosen, self._note_others(chosen)
 
-    def _note_others(self, flown: Sequence[str]) -> list[str]:
+    def _note_others(self, tasks: Sequence[str]) -> list[str]:
         """A note where files fly another task than they say that they were trained for."""
         others = [
             f"{name} flies {task}, trained for {file.task}"
-            for name, file, task in zip(self.own_names, self.files, flown, strict=True)
+            for name, file, task in zip(self.own_names, self.files, tasks, strict=True)
             if file.task not in (None, task)
         ]
         if not others:

@@ -164,8 +164,10 @@ def fly_firmware(
         for place in realities:
             try:
                 pilot = FirmwarePilot(controller=name)
-                flown = transfer([pilot], place, trials, key, names=[f"{name} (firmware)"], **how)
-                tables.append(flown.table)
+                baseline = transfer(
+                    [pilot], place, trials, key, names=[f"{name} (firmware)"], **how
+                )
+                tables.append(baseline.table)
             except InputError as error:
                 notes.append(f"the firmware's {name} does not fly in {place.name}: {error}")
     return tables, notes

@@ -40,7 +40,7 @@ class TableFormat(NamedTuple):
     `compensated` says whether its commands are PWM that a battery law reads as thrust.
     """
 
-    what: str
+    description: str
     recognises: Callable[[Table], bool]
     flights: Callable[[Table], LoggedFlights]
     compensated: bool = False
@@ -52,7 +52,7 @@ class PackedTable(NamedTuple):
     Its files have no ending.
     """
 
-    what: str
+    description: str
     recognises: Callable[[bytes], bool]
     """By its first `HEAD` bytes, or more."""
     table: Callable[[bytes, str], Table]
@@ -62,7 +62,7 @@ class PackedTable(NamedTuple):
 class Recording(NamedTuple):
     """A binary way of writing flights down, with signals that have rates of their own."""
 
-    what: str
+    description: str
     suffixes: tuple[str, ...]
     """Endings of its files, in lower case."""
     begins: bytes
@@ -166,7 +166,7 @@ def unknown(table: Table) -> str:
     lacking = [signal for signal, words in _NEEDED.items() if not words.search(columns)]
     lack = f" It seems to hold no {' and no '.join(lacking)}, without which" if lacking else ""
     lack += " no drone can be identified." if lacking else ""
-    names = [kind.what for kind in map(_imported, LOG_FORMATS) if not isinstance(kind, str)]
+    names = [kind.description for kind in map(_imported, LOG_FORMATS) if not isinstance(kind, str)]
     return (
         f"{table.name}: unknown format; its columns are {columns[:60]!r}.{lack} Known are "
         f"{'; '.join(names)}.{_unusable()} {_help(table)}"
@@ -252,12 +252,12 @@ def _table(file: Path, name: str, names: Iterable[str] = LOG_FORMATS) -> Table:
     recordings = list(_formats(Recording, names))
     recording = next((kind for kind in recordings if raw.startswith(kind.begins)), None)
     if recording is not None and not recording.named:
-        raise InputError(f"{name}: a {recording.what}, compressed. Decompress it.")
+        raise InputError(f"{name}: a {recording.description}, compressed. Decompress it.")
     promised = next((kind for kind in recordings if file.suffix.lower() in kind.suffixes), None)
     if promised is not None:
         raise InputError(
-            f"{name}: not a {promised.what} (it begins with {raw[:4]!r}). Copy it again, or give "
-            "it the ending of what it is."
+            f"{name}: not a {promised.description} (it begins with {raw[:4]!r}). Copy it again, or "
+            "give it the ending of what it is."
         )
     try:
         return tables.parsed(raw, file, name)

@@ -146,7 +146,7 @@ class Flight:
     def arrays(self) -> dict[str, np.ndarray]:
         """What has a number for each row, by its group in `GROUPS`, `OPTIONAL` or `TRUTH`."""
         groups = (group for group in (*GROUPS, *OPTIONAL, *TRUTH) if group != "time")
-        return {group: found for group in groups if (found := getattr(self, group)) is not None}
+        return {group: values for group in groups if (values := getattr(self, group)) is not None}
 
     def part(self, start: int, stop: int) -> "Flight":
         """Returns the rows from `start` to before `stop`."""

@@ -275,9 +275,9 @@ def _plan(
     return jax.vmap(task.reference)(times), offset, jax.random.bits(begin_key, dtype=jnp.uint32)
 
 
-def _ends(guard: Guard, seen: Truth | Measurement, setpoint: Float[np.ndarray, "3"]) -> bool:
-    attitude = np.asarray(_attitude(seen.quaternion))
-    now = failures.excursion(np.asarray(seen.position), attitude, seen.body_rates, setpoint)
+def _ends(guard: Guard, measured: Truth | Measurement, setpoint: Float[np.ndarray, "3"]) -> bool:
+    attitude = np.asarray(_attitude(measured.quaternion))
+    now = failures.excursion(np.asarray(measured.position), attitude, measured.body_rates, setpoint)
     return any(guard.trips(now).values())
 
 

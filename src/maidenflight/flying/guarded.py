@@ -47,7 +47,7 @@ class Limits(NamedTuple):
     """Distance from the set-point at which it ends [m]."""
 
 
-class Flown(NamedTuple):
+class FlightOutcome(NamedTuple):
     """How flights went up to their ends, by the estimates that guards look at."""
 
     end: End
@@ -94,7 +94,7 @@ def fly_together(
     trials: Trials,
     limits: Limits,
     start: Start,
-) -> Flown:
+) -> FlightOutcome:
     """Flies until the last flight has ended, on each device for itself.
 
     Args:
@@ -114,10 +114,10 @@ def fly_together(
             env_state.history[-1], (policy.spec.history, OBSERVATION_SIZE)
         )
 
-    def fly(trials: Trials, limits: Limits) -> Flown:
+    def fly(trials: Trials, limits: Limits) -> FlightOutcome:
         policies, drones, keys, wanted = trials
 
-        def decide(now: tuple[Array, Any, Flown]) -> tuple[Array, Any, Flown]:
+        def decide(now: tuple[Array, Any, FlightOutcome]) -> tuple[Array, Any, FlightOutcome]:
             row, before, flights = now
             act = partial(_until_next_action, env, every, limits, row)
             after, (reasons, excursions) = jax.vmap(jax.vmap(act, in_axes=(None, 0, 0, 0)))(
@@ -138,12 +138,12 @@ def fly_together(
                 lambda old, new: jnp.maximum(old, jnp.max(new, axis=-1)), flights.largest, rows
             )
             distance = flights.distance + jnp.sum(rows.position_error, axis=-1)
-            return row + every, after, Flown(end, largest, distance)
+            return row + every, after, FlightOutcome(end, largest, distance)
 
         begun = jax.vmap(jax.vmap(take_over, in_axes=(None, 0, 0)))(policies, drones, keys)
         end = End(jnp.zeros(wanted.shape, jnp.int32), jnp.where(wanted, 0, failures.TIME_LIMIT))
         nothing = jnp.zeros(wanted.shape)
-        flights = Flown(end, Excursion(nothing, nothing, nothing), nothing)
+        flights = FlightOutcome(end, Excursion(nothing, nothing, nothing), nothing)
         first = jnp.zeros((), jnp.int32), begun, flights
         return lax.while_loop(lambda now: jnp.any(now[-1].end.reason == 0), decide, first)[-1]
 
@@ -175,9 +175,9 @@ def _until_next_action(
         after, step_result = stepping.step(
             env, env_state, action, drone, jax.random.fold_in(key, row)
         )
-        reason, seen = end_reason(after, step_result.setpoint, limits.farthest)
+        reason, excursion = end_reason(after, step_result.setpoint, limits.farthest)
         late = (reason == 0) & (row >= limits.rows)
-        return after, (jnp.where(late, failures.TIME_LIMIT, reason), seen)
+        return after, (jnp.where(late, failures.TIME_LIMIT, reason), excursion)
 
     env_state, rows = lax.scan(hold, env_state, row + jnp.arange(1, every + 1))
     instant = environment.observe(
@@ -202,6 +202,6 @@ def end_reason(
     """
     measurement, guard = env_state.measurement, BACKUP._replace(position_error=farthest)
     attitude = rotations.to_attitude(measurement.quaternion)
-    seen = failures.excursion(measurement.position, attitude, measurement.body_rates, setpoint)
+    excursion = failures.excursion(measurement.position, attitude, measurement.body_rates, setpoint)
     low = env_state.state.position[2] < 0.0
-    return failures.reason(**guard.trips(seen), height=low), seen
+    return failures.reason(**guard.trips(excursion), height=low), excursion

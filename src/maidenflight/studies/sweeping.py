@@ -208,7 +208,7 @@ class _Driving:
         """Takes note of how a task ended."""
         key, task = ending.key, self._tasks[ending.key]
         del self._running[key]
-        if ending.how == DONE:
+        if ending.outcome == DONE:
             self._there.add(key)
             counted = find_verb(task.kind).counted
             self._policies += task.settings[counted] if counted else 0
@@ -221,7 +221,7 @@ class _Driving:
         self._store.write(_place(task), f"{task.label}\n{ending.message.strip()}\n")
         times, most = (
             (self._lost_times, LOSSES)
-            if ending.how == LOST
+            if ending.outcome == LOST
             else (self._failed_times, self._retries)
         )
         times[key] = times.get(key, 0) + 1

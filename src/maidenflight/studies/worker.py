@@ -42,7 +42,7 @@ class TaskResult:
     """How a task ended."""
 
     key: str
-    how: str
+    outcome: str
     """`DONE`, `FAILED` or `LOST`."""
     message: str = ""
     """The traceback of one that failed, or what is known of one that was lost."""

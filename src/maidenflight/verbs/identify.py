@@ -147,7 +147,9 @@ class Identify(Verb):
             show(*overall.reach(now))
             if now.unidentifiable:
                 unidentifiable = ", ".join(now.unidentifiable)
-                progress.note(f"these flights cannot tell {unidentifiable}; plausible ranges stay")
+                progress.note(
+                    f"not identifiable from these flights: {unidentifiable}; plausible ranges stay"
+                )
 
         flights = core.read_flights(
             *(self.logs, lambda done, of: show(*overall.read(done, of)), self.most_seconds),

@@ -56,7 +56,7 @@ def write_logs(folder: Path, flights: Mapping[str, Flight], record: dict[str, An
 def write_maps(logs: Path) -> list[Path]:
     """Writes maps of columns beside tables in no known format, and returns them."""
     files = [logs] if logs.is_file() else log_files(logs)
-    return [found for file in files if (found := formats.write_map(file)) is not None]
+    return [path for file in files if (path := formats.write_map(file)) is not None]
 
 
 def to_content(flights: Flights) -> dict[str, Any]:

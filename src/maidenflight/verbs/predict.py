@@ -30,7 +30,7 @@ class Predict(FliesPolicies):
         shared.width_or(names.TRIMS, names.POSTERIOR),
         None,
         "trim: constant torques and thrust differ as between the identified flights, the default "
-        "where the drone's file tells how; posterior: drones drawn from its posterior; or the half "
+        "where the drone's file says how; posterior: drones drawn from its posterior; or the half "
         "width of the parameters' box, 0 for the drone as it is.",
     )
     today: Path | None = setting(

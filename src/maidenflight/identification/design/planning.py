@@ -360,7 +360,7 @@ def _names(interest: Sequence[str] | None, flight: Flight | None) -> tuple[str, 
         if name not in names:
             raise InputError(
                 f"{name}: not a parameter that "
-                f"{'a plan' if flight is None else 'a log at this rate'} can tell; "
+                f"{'a plan' if flight is None else 'a log at this rate'} can identify; "
                 f"{', '.join(names)} are."
             )
     return names

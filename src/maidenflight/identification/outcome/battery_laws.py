@@ -61,32 +61,34 @@ def law_chances(flights: Sequence[Flight]) -> list[LawChance]:
     doubtful = [one for one in flights if one.assumed_law and np.isfinite(one.battery).any()]
     if not doubtful:
         return []
-    taken = str(doubtful[0].assumed_law)
+    assumed_law = str(doubtful[0].assumed_law)
     command = np.concatenate([one.command for one in doubtful]).astype(float)
     volts = np.concatenate([one.battery for one in doubtful]).astype(float)
     flying = np.isfinite(volts) & (command > 0.02).all(axis=1)
     if not flying.any():
         return []
     command, volts = command[flying], volts[flying]
-    own, spread = np.log(command), _spread(doubtful, taken)
+    own, spread = np.log(command), _spread(doubtful, assumed_law)
     chances = []
-    for law, usual in compensation.usual_laws(command, volts, taken).items():
-        other = np.maximum(compensation.reread(command, volts, taken, law), 1e-3)
+    for law, usual in compensation.usual_laws(command, volts, assumed_law).items():
+        other = np.maximum(compensation.reread(command, volts, assumed_law, law), 1e-3)
         slope = float(np.polyfit(own.ravel(), np.log(other).ravel(), 1)[0])
-        blocks, deviation = _spread(doubtful, taken, law)
+        blocks, deviation = _spread(doubtful, assumed_law, law)
         steady = (spread[1] / max(deviation, 1e-6)) ** min(blocks / _BLOCKS, _MOST)
         ratio = float(command.mean() / other.mean())
         chances.append(LawChance(law, usual * steady, ratio, slope))
     total = sum(one.probability for one in chances)
     chances = [one._replace(probability=one.probability / total) for one in chances]
-    return [one for one in chances if one.law == taken or one.probability > _LEAST]
+    return [one for one in chances if one.law == assumed_law or one.probability > _LEAST]
 
 
-def _spread(flights: Sequence[Flight], taken: str, law: str | None = None) -> tuple[int, float]:
+def _spread(
+    flights: Sequence[Flight], assumed_law: str, law: str | None = None
+) -> tuple[int, float]:
     """Number of blocks, and standard deviation of the logarithm of thrust per command in them."""
-    if law not in (None, taken):
+    if law not in (None, assumed_law):
         flights = [
-            replace(one, command=compensation.reread(one.command, one.battery, taken, law))
+            replace(one, command=compensation.reread(one.command, one.battery, assumed_law, law))
             for one in flights
         ]
     blocks = thrust_per_command(flights)

@@ -116,7 +116,7 @@ def _cure(name: str, bound: float, estimates: Mapping[str, Estimate]) -> str:
         and np.isclose(bound, _measured_lags(estimates), rtol=1e-4).any()
     ):
         return (
-            "rotor speeds and accelerometer tell no lag beyond; leave them out (--ignore "
+            "rotor speeds and accelerometer show no lag beyond; leave them out (--ignore "
             "rotor_speed --ignore accelerometer)"
         )
     wider = widened(name, bound, bounds)

@@ -111,7 +111,7 @@ def drone_of_the_day(
     fitted_rows, errors = trims.with_standard_errors(rows)
     if not len(fitted_rows):
         raise InputError(
-            f"none of {len(rows)} flights of the day tells a constant torque. Give one of "
+            f"none of {len(rows)} flights of the day determines a constant torque. Give one of "
             f"{2 * SEGMENT_S:g} s or more with the motors' commands."
         )
     text, values = dict(estimates), {}

@@ -121,6 +121,6 @@ def must_tell(names: Collection[str], unidentifiable: Collection[str]) -> None:
     """
     if not names:
         raise InputError(
-            f"these flights cannot tell {', '.join(unidentifiable)}: "
+            f"not identifiable from these flights: {', '.join(unidentifiable)}; "
             "intervals are as wide as what is plausible without them. Fly with more excitation."
         )

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from maidenflight.identification.drone_file import GroupGain
 from maidenflight.identification.outcome.plausible import ExpectedInterval
 
-MOTOR_LAG, EXPECTING = "motor lag", "what flights can tell"
+MOTOR_LAG, EXPECTING = "motor lag", "what flights determine"
 CHOICE, FITTING, INTERVALS = "choosing parameters", "fitting", "intervals"
 STAGES = (MOTOR_LAG, EXPECTING, CHOICE, FITTING, INTERVALS)
 """Stages of an identification, in order. Not every one has all, and the last three come again where

@@ -79,9 +79,9 @@ def note_saturation(limit: float) -> list[str]:
 
 def _regressors(flight: Flight, lag: float) -> Float[np.ndarray, "M 4"]:
     """Speed, its square, specific force along z, and the greatest command of late, by step."""
-    kept = np.exp(-flight.period / max(lag, 1e-3))
+    decay = np.exp(-flight.period / max(lag, 1e-3))
     command = flight.speed_command
-    speed = lfilter([1 - kept], [1.0, -kept], command, axis=0, zi=kept * command[:1])[0]
+    speed = lfilter([1 - decay], [1.0, -decay], command, axis=0, zi=decay * command[:1])[0]
     late = round(flight.accelerometer_delay / flight.period)
     force = np.asarray(flight.accelerometer, float)[:, 2]
     rows = max(1, round(MEMORY / flight.period))

@@ -85,7 +85,7 @@ def _refuse_another_rate(name: str, times: list[np.ndarray]) -> None:
     """Time is rounded, so only the whole of a flight tells its rate."""
     if not np.isfinite(times[0]).any():
         raise InputError(
-            f"{name}: column time holds no number. It tells flights apart; put seconds there."
+            f"{name}: column time holds no number. It separates flights; put seconds there."
         )
     longest = max(times, key=len)
     longest = longest[np.isfinite(longest)]

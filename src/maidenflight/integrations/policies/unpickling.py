@@ -51,9 +51,9 @@ class _Reader(pickle.Unpickler):
         known = name in _FUNCTIONS.get(module, ())
         inside = any(module == one or module.startswith(f"{one}.") for one in _CLASSES)
         if (known or inside) and "." not in name:
-            found = getattr(importlib.import_module(module), name)
-            if known or isinstance(found, type):
-                return found
+            part = getattr(importlib.import_module(module), name)
+            if known or isinstance(part, type):
+                return part
         raise pickle.UnpicklingError(f"it names {module}.{name}, which could run any code")
 
 
@@ -92,15 +92,15 @@ def objects_of(path: StrPath, unused: Collection[str]) -> dict[str, Any]:
     Raises:
         InputError: one names what is not known, or the file is damaged.
     """
-    found = {}
+    values = {}
     try:
         data = data_of(path)
         for name, entry in data.items():
             if isinstance(entry, dict) and _SERIALIZED in entry and name not in unused:
-                found[name] = unpickled(base64.b64decode(entry[_SERIALIZED]))
+                values[name] = unpickled(base64.b64decode(entry[_SERIALIZED]))
     except Exception as error:  # whatever a damaged pickle raises
         raise InputError(
             f"{path}: cannot be read without running code in it ({error!s:.160}). Only files "
             "that hold numbers, spaces and networks are read."
         ) from error
-    return found
+    return values

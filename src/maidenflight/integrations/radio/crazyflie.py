@@ -275,10 +275,12 @@ class Crazyflie:
     @property
     def link_quality(self) -> float:
         """Share of the rows since `count_rows` that came, 0 to 1."""
-        seen = sorted(self._seen)
-        if len(seen) < 2:
+        sequence = sorted(self._seen)
+        if len(sequence) < 2:
             return 0.0
-        return min(len(seen) / (1 + (seen[-1] - seen[0]) % (1 << 24) / (1000 * PERIOD)), 1.0)
+        return min(
+            len(sequence) / (1 + (sequence[-1] - sequence[0]) % (1 << 24) / (1000 * PERIOD)), 1.0
+        )
 
     def confirm(self, values: Mapping[str, float]) -> None:
         """Sets parameters of the app and asks for them; `unconfirmed` tells what came back."""

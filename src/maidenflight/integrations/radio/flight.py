@@ -188,7 +188,7 @@ def _arm(drone: Drone, clock: Clock, stops: Callable[[], int], say: Callable[[st
         if drone.lost or clock.now() > until:
             raise _BrokenOff(
                 Trip(
-                    drone.lost or "the firmware does not arm; its console (cfclient) tells why",
+                    drone.lost or "the firmware does not arm; its console (cfclient) says why",
                     cut=True,
                 )
             )

@@ -76,14 +76,14 @@ class PreflightState:
 class Finding(NamedTuple):
     """A row of the table."""
 
-    what: str
+    name: str
     value: str
     problem: str = ""
     """Why the drone must not take off, and what to do; empty where it may."""
 
     def __str__(self) -> str:
         """Returns the row as text."""
-        return f"{self.what:12} {self.value:28} {self.problem or 'ok'}"
+        return f"{self.name:12} {self.value:28} {self.problem or 'ok'}"
 
 
 def findings(
@@ -99,8 +99,8 @@ def findings(
     reading, identity = standing.reading, standing.identity
     decks = ", ".join(standing.decks)
     return [
-        Finding("drone", identity.get("drone", "") or "not told"),
-        Finding("firmware", identity.get("firmware", "") or "not told"),
+        Finding("drone", identity.get("drone", "") or "unknown"),
+        Finding("firmware", identity.get("firmware", "") or "unknown"),
         *_policy_findings(standing, expected),
         Finding(
             "link",
@@ -124,7 +124,9 @@ def findings(
         Finding(
             "decks",
             decks or "none",
-            "" if decks else f"no deck that tells the position; mount a Flow deck v2 and {_AGAIN}",
+            ""
+            if decks
+            else f"no deck that measures the position; mount a Flow deck v2 and {_AGAIN}",
         ),
         _propellers(standing.propellers_passed),
         Finding(
@@ -145,12 +147,12 @@ def _policy_findings(standing: PreflightState, expected: Expected | None) -> lis
         code, propellers = standing.identity.get("on_board"), standing.identity.get("propellers")
         if standing.has_look_ahead:
             problems.append(
-                "the policy on board looks ahead, but set-points by radio tell no more than where "
+                "the policy on board looks ahead, but set-points by radio say no more than where "
                 "the drone shall be now; flash one trained without --look-ahead, or fly mf.task 0 "
                 "or 1"
             )
         if not code:
-            problems.append("the app on board tells no mf.hash; export and flash it anew")
+            problems.append("the app on board has no mf.hash; export and flash it anew")
         elif expected.code and code != expected.code:
             problems.append(
                 f"policy {code} is on board, not {expected.code}; export that file and flash it"
@@ -203,12 +205,12 @@ def _estimate(standing: PreflightState, limits: Limits) -> str:
 def _firmware_findings(reading: Reading) -> list[Finding]:
     """What the firmware's supervisor says."""
     against = [
-        f"the firmware says that it has {what}; put it level, switch it off and on"
-        for bit, what in ((LOCKED, "locked"), (CRASHED, "crashed"), (TUMBLED, "tumbled"))
+        f"the firmware says that it has {state}; put it level, switch it off and on"
+        for bit, state in ((LOCKED, "locked"), (CRASHED, "crashed"), (TUMBLED, "tumbled"))
         if reading.supervisor & bit
     ]
     if not reading.supervisor & (CAN_BE_ARMED | ARMED | AUTO_ARMED | CAN_FLY):
-        against.append("the firmware refuses to be armed; its console (cfclient) tells why")
+        against.append("the firmware refuses to be armed; its console (cfclient) says why")
     return [Finding("supervisor", f"{reading.supervisor:#x}", "; ".join(against))]
 
 

@@ -75,8 +75,8 @@ def _tables(policy: Policy, seed: int) -> Iterator[tuple[str, bytes]]:
     """Paths and contents of layers and example."""
     for number, (kind, activation, tables) in enumerate(layers_of(policy)):
         group = f"actor/layers/{number}"
-        told = f"activation_function: {activation}\n" if activation else ""
-        yield f"{group}/meta", f"{told}type: {kind}\n".encode()
+        header = f"activation_function: {activation}\n" if activation else ""
+        yield f"{group}/meta", f"{header}type: {kind}\n".encode()
         for parameter, numbers in tables.items():
             yield from _table(f"{group}/{parameter}/parameters", numbers, kind == "dense")
     for what, numbers in zip(("input", "output"), example(policy, seed), strict=True):
@@ -111,8 +111,8 @@ def commands(policy: Policy) -> str:
     assert policy.gru is not None
     for state, (error, angles, velocity, rates) in STATES.items():
         turned = Rotation.from_euler("ZYX", angles[::-1], degrees=True).as_matrix().ravel()
-        seen = np.concatenate([error, turned, velocity, rates, np.zeros(4)])
-        values = np.maximum(weights @ seen + biases, 0.0)
+        inputs = np.concatenate([error, turned, velocity, rates, np.zeros(4)])
+        values = np.maximum(weights @ inputs + biases, 0.0)
         memory = remembered(policy.gru, values[None], np.zeros((1, policy.gru.size)))[0]
         controls = controls_of(last @ memory + level)
         lines.append(f"{state}," + ",".join(f"{control:.4f}" for control in controls))
