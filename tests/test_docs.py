@@ -215,14 +215,6 @@ def test_the_commands_on_the_envelope_run(tmp_path: Path, monkeypatch: pytest.Mo
         assert Path(str(number), "envelope.svg").exists()
 
 
-def test_the_python_on_firmware_in_the_loop_runs() -> None:
-    (snippet,) = blocks("docs/real-drones.md", "python", "Firmware in the loop")
-    names: dict[str, Any] = {}
-    exec(compile(snippet, "docs/real-drones.md", "exec"), names)
-    assert len(names["message"]) == 76
-    assert names["plant"].number == 1
-
-
 @pytest.mark.slow
 def test_the_python_of_the_identification_page_runs(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

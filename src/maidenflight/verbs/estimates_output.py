@@ -58,7 +58,7 @@ def tabulate_estimates(
     columns |= {"truth": "{truth}"} if truth is not None else {}
     return [
         Table("Identified parameters", columns | {"unit": "{unit}"}, rows),
-        "between flights, or segments of them: standard deviation; the next may be as far off",
+        "between flights: standard deviation from one flight, or segment of it, to the next",
         *(["between trials: standard deviation, of the optimiser only"] if replayed else []),
     ]
 
@@ -87,8 +87,8 @@ def summarize(result: Identification) -> list[str]:
     flights = f"{result.source.flights} flight{'s' * (result.source.flights > 1)}"
     left_out = ", ".join(result.unidentified)
     return [
-        f"identified: {', '.join(values)}{more}, from {flights} of {result.source.seconds:.0f} s",
-        f"not identified: {left_out}; the start's values stay, and training with --randomize "
+        f"identified: {', '.join(values)}{more}, from {flights}, {result.source.seconds:.0f} s",
+        f"not identified: {left_out}, no more than before these flights; training with --randomize "
         "posterior covers the plausible ranges"
         if left_out
         else "not identified: nothing; the flights determine every parameter that was fitted",

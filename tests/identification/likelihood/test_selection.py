@@ -66,6 +66,14 @@ def test_progress_goes_through_the_stages_in_order(found):
 
 
 @pytest.mark.slow
+def test_nothing_is_found_that_flights_did_not_change(found):
+    identified, _ = found
+    for name in identified.estimates:
+        width = np.ptp(identified.expected[name].prior)
+        assert np.std(identified.posterior[name]) < 0.9 * width / np.sqrt(12)
+
+
+@pytest.mark.slow
 def test_what_was_chosen_has_the_planted_values(found):
     estimates = found[0].estimates
     assert estimates["spin_down_ratio"].value == pytest.approx(1.8, rel=0.06)

@@ -19,6 +19,8 @@ from maidenflight.identification.likelihood.inertial_errors import Accelerometer
 from maidenflight.identification.likelihood.sensor_signals import signals
 from maidenflight.identification.methods import Likelihood, Replay
 from maidenflight.identification.outcome.estimates import Identification
+from maidenflight.identification.outcome.plausible import prior_ranges
+from maidenflight.identification.search.box import physical_bounds
 from maidenflight.parameters import Parameters, component, crazyflie, replace
 from maidenflight.simulator.physics.battery import MOST_COUNTS
 from maidenflight.simulator.realities.virtual_drone import virtual_drone
@@ -223,6 +225,13 @@ def test_what_a_calm_flight_hides_keeps_the_starts_value() -> None:
         draws = found.posterior[name]
         assert low <= draws.min() < low + 0.1 * (high - low)
         assert high - 0.1 * (high - low) < draws.max() <= high
+
+
+def test_nothing_is_found_that_flights_did_not_change(found: Identification) -> None:
+    start = replace(crazyflie(), mass=DRONE.parameters.mass)
+    priors = prior_ranges(start, physical_bounds(start))
+    for name in found.estimates.keys() & priors.keys() - {"thrust_to_weight", "inertia_z"}:
+        assert np.std(found.posterior[name]) < np.ptp(priors[name]) / np.sqrt(12), name
 
 
 def test_parameters_can_be_named(excited: list[Flight]) -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from made_flights import calm
 from maidenflight.identification.outcome.estimates import note_worse_than_start
+from maidenflight.identification.outcome.plausible import unchanged
 from maidenflight.identification.outcome.problem import Problem
 from maidenflight.identification.search.box import physical_bounds
 from maidenflight.parameters.named import racer_5_inch
@@ -40,3 +41,18 @@ def test_thrust_is_searched_as_far_as_flights_show(start: Any, share: float, mos
     assert physical_bounds(racer_5_inch())["thrust_to_weight"] == (1.01, 15.0)
     own = Problem.of([flight], start, bounds={"thrust_to_weight": (2.0, 5.0)})
     assert own.bounds["thrust_to_weight"] == (2.0, 5.0)
+
+
+def test_what_flights_did_not_change_is_told_from_what_they_did() -> None:
+    """A latency anywhere in its range is no finding; one known to a fifth of it is."""
+    generator = np.random.default_rng(0)
+    priors = {"latency": (0.0, 0.02), "drag_z": (0.0, 0.5), "spin_down_ratio": (0.7, 2.5)}
+    samples = {
+        "latency": generator.uniform(0.0, 0.018, 500),
+        "drag_z": generator.normal(0.3, 0.05, 500),
+        "spin_down_ratio": generator.normal(1.0, 0.45, 500),
+        "thrust_to_weight": generator.normal(2.0, 0.5, 500),
+    }
+    assert set(unchanged(samples, priors, {})) == {"latency", "spin_down_ratio"}
+    (ends,) = unchanged(samples, priors, {"spin_down_ratio": 1.0}).values()
+    assert ends == pytest.approx((0.0, 0.018), abs=0.001)

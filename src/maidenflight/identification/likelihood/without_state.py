@@ -110,6 +110,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     motors = estimate_motor_response(problem.flights, problem.generator.spawn(1)[0], problem.start)
     limit = saturation(problem.flights, float(problem.start.motor_time_constant))
     force = _force(problem, settings, motors, limit)
+    force = None if force is None else _without_unchanged(problem, force)
     torque = _torque(problem, settings, force, limit)
     answer = [one for one in (force, torque) if one is not None]
     unidentifiable = {name: ends for one in answer for name, ends in one.unidentifiable.items()}
@@ -118,7 +119,6 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     drone, draws, spread, notes = _with_inertia_z(
         problem.start, answer[-1].best.drone, draws, spread, unidentifiable
     )
-    unidentifiable |= _unchanged(problem, force, unidentifiable)
     names = tuple(name for name in draws if name not in unidentifiable)
     must_tell(names, unidentifiable)
     box = box_of(problem, names)
@@ -274,21 +274,26 @@ def _plausible(
     return answer
 
 
-def _unchanged(problem: Problem, force: Answer | None, known: Ranges) -> Ranges:
-    """What the accelerometer tells no better than before, although it tells others beside it.
+def _without_unchanged(problem: Problem, force: Answer) -> Answer:
+    """Leaves out what the accelerometer shows no better than before, although it shows others.
 
-    It keeps the value that belongs to the others, as a latency does to a lag.
+    A latency keeps the value and samples that belong to the lag; others are the start's.
     """
-    if force is None:
-        return {}
     names = tuple(
-        name for name in force.samples if name not in (HOVERING, LAG) and name not in known
+        name
+        for name in force.samples
+        if name not in (HOVERING, LAG) and name not in force.unidentifiable
     )
     if not names:
-        return {}
+        return force
     samples = {name: force.samples[name] for name in names}
     added = {name: 1.0 for group in FORCE_GROUPS.values() for name in group}
-    return unchanged(samples, _plausible(problem, names, _force_priors(problem)), added)
+    plausible = _plausible(problem, names, _force_priors(problem))
+    ranges = unchanged(samples, plausible, added)
+    left_out = {name: plausible[name] for name in names if name in ranges and name not in DELAYS}
+    kept = {name: ends for name, ends in ranges.items() if name in DELAYS}
+    answer = force.without(left_out, problem.start, problem.generator)
+    return replace_(answer, unidentifiable={**answer.unidentifiable, **kept})
 
 
 def _force_priors(problem: Problem) -> dict[str, tuple[float, float]]:

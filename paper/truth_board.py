@@ -1,0 +1,260 @@
+"""What identification finds on public drones of which something was measured, beside the truth.
+
+Measured rotor speeds are hidden and used only to judge, but INDIflight's, whose bench is the truth.
+Writes paper/notes/truth-board.md and a CSV; `--only` computes some drones again, and `--lag` adds
+the lag of every log and folder at 500, 250 and 100 Hz.
+
+    python paper/truth_board.py --data ../shared/data -o truth_board
+"""
+
+import argparse
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import polars
+from scipy.signal import butter, sosfiltfilt
+
+import maidenflight as mf
+from maidenflight import results
+from maidenflight.flights.log import Flight, by_log, thinned
+from maidenflight.flights.reading import read_flights
+from maidenflight.flights.rotors import rotors
+from maidenflight.identification.outcome.estimates import Identification
+from maidenflight.identification.signals.motor_response import estimate_motor_response
+from maidenflight.identification.start import read_start
+from maidenflight.parameters import Parameters, crazyflie
+
+PAGE = Path(__file__).parent / "notes" / "truth-board.md"
+TOTAL = "lag + latency"
+LAG_FOLDERS = ("brushed", "brushless", "payload")
+EVERY = (1, 2, 5)
+"""Rows of a log to one that is kept, in the table of lags."""
+
+
+@dataclass(frozen=True)
+class Drone:
+    """A public drone."""
+
+    files: tuple[str, ...]
+    """Patterns below the data's folder."""
+    start: str
+    """Named drone to begin with."""
+    mass: float | None
+    """[g]; None for the named drone's."""
+    truth: dict[str, tuple[float, float]] = field(default_factory=dict)
+    """Lowest and highest measured value by parameter, SI units; `TOTAL` is a sum."""
+    source: str = ""
+    hide: bool = True
+    """Whether measured speeds are hidden."""
+
+
+DRONES = {
+    "brushed": Drone(
+        ("usd/brushed/jana*",), "crazyflie_2.0", 34.7, {TOTAL: (0.080, 0.089)}, "rotor speeds"
+    ),
+    "brushless": Drone(
+        ("usd/brushless/eckart*",),
+        "crazyflie_brushless",
+        37.0,
+        {TOTAL: (0.042, 0.046)},
+        "rotor speeds",
+    ),
+    "payload": Drone(
+        ("usd/payload/eckart*",),
+        "crazyflie_brushless",
+        44.4,
+        {TOTAL: (0.037, 0.044)},
+        "rotor speeds",
+    ),
+    "IMU only": Drone(
+        ("usd_imu/log*",),
+        "crazyflie",
+        27.0,
+        {
+            "motor_time_constant": (0.0716, 0.073),
+            "thrust_to_weight": (2.10, 2.10),
+            "inertia_x": (1.09e-5, 1.27e-5),
+            "inertia_y": (1.16e-5, 1.41e-5),
+        },
+        "Eschmann et al. 2024, scaled to 9.81; regressed both ways",
+    ),
+    "INDIflight": Drone(
+        ("real/indiflight/*.BFL",),
+        "racer_5_inch",
+        428.0,
+        {
+            TOTAL: (0.0265, 0.0285),
+            "thrust_to_weight": (4.29, 4.29),
+            "thrust_linear": (0.54, 0.54),
+            "inertia_x": (7.206e-4, 7.206e-4),
+            "inertia_y": (7.757e-4, 7.757e-4),
+        },
+        "bench",
+        hide=False,
+    ),
+    "neural-swarm": Drone(
+        ("real/neural_swarm/randomwalk*",),
+        "crazyflie_2.0",
+        34.0,
+        {"thrust_to_weight": (1.70, 1.84)},
+        "load cell, 3.49 to 3.69 V",
+    ),
+    "SimpleFlight cf0": Drone(
+        ("real/simpleflight/cf0*",),
+        "crazyflie_2.0",
+        32.1,
+        {"motor_time_constant": (0.025, 0.025)},
+        "their search, not measured",
+    ),
+    "NanoBench": Drone(
+        tuple(
+            f"nanobench/{flight}_rep1.csv.gz"
+            for flight in ("B2_circle_fast", "B2_circle_medium", "B3_figure8_fast", "B7_oval_fast")
+        ),
+        "crazyflie_2.1+",
+        None,
+        {"thrust_to_weight": (1.122, 1.122)},
+        "weight over mean command",
+    ),
+}
+
+
+def read(drone: Drone, data: Path) -> list[Flight]:
+    """Flights of a drone, in the order of their files."""
+    files = [file for pattern in drone.files for file in sorted(data.glob(pattern))]
+    return [flight for file in files for flight in read_flights(file, drone=drone.start)]
+
+
+def speed_share(flights: Sequence[Flight], drone: Parameters) -> float | None:
+    """R^2 of measured rotor speeds by a drone's motors under the logged commands, 0.5 to 20 Hz."""
+    explained = whole = 0.0
+    for flight in flights:
+        if flight.rotor_speed is None or flight.duration < 3:
+            continue
+        most = min(20.0, 0.4 / flight.period)
+        band = butter(2, [2 * flight.period * hertz for hertz in (0.5, most)], "band", output="sos")
+        measured, found = (
+            sosfiltfilt(band, np.nan_to_num(np.asarray(speed, float)), axis=0)
+            for speed in (flight.rotor_speed, rotors(flight, drone).speed)
+        )
+        product = (measured * found).sum(axis=0) ** 2 / np.maximum((found**2).sum(axis=0), 1e-12)
+        explained, whole = explained + product.sum(), whole + (measured**2).sum()
+    return float(explained / whole) if whole else None
+
+
+def rows_of(
+    name: str, drone: Drone, found: Identification, share: float | None
+) -> Iterator[dict[str, Any]]:
+    """A row for each quantity that was measured, SI units."""
+    for quantity, (least, most) in drone.truth.items():
+        draws = (
+            found.posterior["motor_time_constant"] + found.posterior["latency"]
+            if quantity == TOTAL
+            else found.posterior.get(quantity)
+        )
+        row = {"drone": name, "quantity": quantity, "least": least, "most": most}
+        row |= {"rotor_speed_r2": share, "source": drone.source}
+        if draws is None:
+            yield row | dict.fromkeys(("found", "low", "high", "high_over_low", "inside"))
+            continue
+        low, value, high = (float(end) for end in np.quantile(draws, [0.025, 0.5, 0.975]))
+        told = quantity in found.estimates or (
+            quantity == TOTAL and "motor_time_constant" in found.estimates
+        )
+        yield row | {
+            "found": value if told else None,
+            "low": low,
+            "high": high,
+            "high_over_low": high / low if low > 0 else None,
+            "inside": low <= most and high >= least,
+        }
+
+
+def lag_rows(data: Path) -> Iterator[dict[str, Any]]:
+    """Lag and latency of each log and folder by measured speeds, and without them; times in ms."""
+    for folder in LAG_FOLDERS:
+        flights = read_flights(data / "usd" / folder).flights
+        for every in EVERY:
+            for log, parts in (*by_log(flights).items(), (f"{folder} together", list(flights))):
+                hidden = [thinned(replace(one, rotor_speed=None), every) for one in parts]
+                ends = []
+                for some in (parts, hidden):
+                    seen = estimate_motor_response(some, np.random.default_rng(0), crazyflie())
+                    if seen is not None:
+                        total = seen.lag + seen.latency
+                        ends.append(1e3 * np.quantile(total, [0.025, 0.5, 0.975]))
+                if len(ends) == 2:
+                    (_, measured, _), (low, value, high) = (end.tolist() for end in ends)
+                    yield {"flights": log, "every": every, "measured": measured, "found": value} | {
+                        "low": low,
+                        "high": high,
+                        "holds": low <= measured <= high,
+                    }
+
+
+def _cell(row: dict[str, Any]) -> str:
+    """A row of the page's table; times in ms."""
+    scale = 1e3 if row["quantity"] in (TOTAL, "motor_time_constant") else 1.0
+
+    def text(key: str) -> str:
+        value = row[key]
+        return "" if value is None else f"{scale * float(value):.3g}"
+
+    truth = text("least") if row["least"] == row["most"] else f"{text('least')} to {text('most')}"
+    ratio = row["high_over_low"]
+    share = row["rotor_speed_r2"]
+    cells = [
+        *(row["drone"], f"{row['quantity']}{' [ms]' if scale > 1 else ''}", truth),
+        *(text("found") or "not identified", f"[{text('low')}, {text('high')}]"),
+        *("" if ratio is None else f"{ratio:.2f}", "yes" if row["inside"] else "**no**"),
+        *("" if share is None else f"{share:.2f}", row["source"]),
+    ]
+    return f"| {' | '.join(map(str, cells))} |"
+
+
+HEAD = """# Truth board
+
+What `identify` finds on public drones of which something was measured, beside the measured value,
+with 95 % intervals. Measured rotor speeds are hidden and only judge (R2: share of their variance
+from 0.5 to 20 Hz that the identified motors predict from commands), but those of INDIflight.
+Rebuilt by `python paper/truth_board.py --data ../shared/data`.
+
+| drone | quantity | truth | found | interval | high / low | inside | R2 of speed | truth by |
+|---|---|---|---|---|---|---|---|---|
+"""
+
+
+def main() -> None:
+    """Writes the board."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", type=Path, required=True, help="folder of the public logs")
+    parser.add_argument("--only", nargs="*", default=list(DRONES), help="drones to identify again")
+    parser.add_argument("--lag", action="store_true", help="add the lag of every log")
+    parser.add_argument("-o", "--output", type=Path, default=Path("truth_board"))
+    given = parser.parse_args()
+    table = given.output / "truth_board.csv"
+    rows = polars.read_csv(table).to_dicts() if table.exists() else []
+    for name in given.only:
+        drone, flights = DRONES[name], read(DRONES[name], given.data)
+        used = [replace(one, rotor_speed=None) if drone.hide else one for one in flights]
+        start = read_start(drone.start, drone.mass).parameters
+        found = mf.identify(used, start=start, key=jax.random.key(0))
+        new = list(rows_of(name, drone, found, speed_share(flights, found.parameters)))
+        rows = [row for row in rows if row["drone"] != name] + new
+        rows.sort(key=lambda row: list(DRONES).index(str(row["drone"])))
+        results.write(table, polars.DataFrame(rows, infer_schema_length=None).write_csv())
+        print("\n".join(map(_cell, new)), flush=True)
+    PAGE.write_text(HEAD + "\n".join(map(_cell, rows)) + "\n")
+    if given.lag:
+        lags = polars.DataFrame(lag_rows(given.data))
+        results.write(given.output / "lags.csv", lags.write_csv())
+        with polars.Config(tbl_rows=200, tbl_cols=20, tbl_hide_dataframe_shape=True):
+            print(lags)
+
+
+if __name__ == "__main__":
+    main()
