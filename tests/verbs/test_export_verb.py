@@ -10,7 +10,7 @@ from maidenflight import policy, policy_file
 from maidenflight.deployment import keywords_of
 from maidenflight.deployment.check import check_export
 from maidenflight.errors import InputError
-from maidenflight.parameters import GEOMETRY, crazyflie, plain, plus_frame, replace
+from maidenflight.parameters import GEOMETRY, crazyflie, plain, plus_frame, read_drone, replace
 from maidenflight.registry import EXPORTERS
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.policy_spec import PolicySpec
@@ -52,6 +52,14 @@ def test_an_app_for_the_firmwares_mixer_is_not_made_of_a_policy_for_another_fram
             check_export("crazyflie", interface, spec, drone)
         written = Export(policy=path).run(tmp_path / "c").value
         assert any("rotor_x" in file.read_text() for file in written)
+
+
+def test_the_app_is_not_made_for_the_brushless_which_is_another_platform() -> None:
+    interface, spec = control.pwm().interface, PolicySpec(hidden=(8,))
+    brushless = read_drone("crazyflie_brushless")
+    with pytest.raises(InputError, match=r"platform cf21bl.*Export to c"):
+        check_export("crazyflie", interface, spec, brushless)
+    check_export("c", interface, spec, brushless)
 
 
 def test_an_app_is_exported_for_the_drone_s_propellers(tmp_path: Path) -> None:
