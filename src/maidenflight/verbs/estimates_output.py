@@ -92,6 +92,19 @@ def summarize(result: Identification) -> list[str]:
         "posterior covers the plausible ranges"
         if left_out
         else "not identified: nothing; the flights determine every parameter that was fitted",
+        *_describe_thrust(result),
+    ]
+
+
+def _describe_thrust(result: Identification) -> list[str]:
+    """Returns the full thrust, by which alone a wrong scale of real commands shows."""
+    if HOVERING not in result.estimates or result.source.simulated:
+        return []
+    drone = result.parameters
+    full = float(drone.mass * drone.gravity * drone.thrust_to_weight)
+    return [
+        f"compare: full thrust {full:.3g} N, {full / 4:.3g} N a motor; a wrong scale of commands "
+        "shows nowhere else"
     ]
 
 
@@ -135,13 +148,6 @@ def describe_fit(result: Identification, start: str) -> list[str]:
             "centre, on which inertias and torques depend;",
             "if yours differ, give --mass, or your drone with --start.",
         ]
-    if HOVERING in result.estimates:
-        drone = result.parameters
-        full = float(drone.mass * drone.gravity * drone.thrust_to_weight)
-        lines.append(
-            f"full thrust {full:.3g} N, {full / 4:.3g} N a motor: compare it with your motors'; "
-            "a wrong scale of commands (half of u, 1.25 u) shows nowhere else"
-        )
     if result.noise:
         levels = (
             f"{name} {value:.3g} {QUANTITIES[name].unit}".removesuffix(" -")
