@@ -9,13 +9,17 @@ needs Chromium for the report, Pillow, and for the last picture the extra viewer
 
 import io
 import os
+import re
 import shutil
 import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
 import click
 from PIL import Image
+from rich.console import Console
+from rich.text import Text
 
 from maidenflight.reporting import run as runs
 from maidenflight.reporting.figures.corner import corner
@@ -25,6 +29,8 @@ from maidenflight.reporting.figures.training import learning_curves
 from maidenflight.reporting.sections.head import NAMES
 
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
+_MAIDENFLIGHT = (sys.executable, "-m", "maidenflight")
+_COLUMNS = 110
 LARGEST = 200_000
 """Of a picture [bytes]."""
 _ALONE = """<style>body {padding: 12px !important}</style><script>
@@ -69,6 +75,8 @@ def _of_report(run: Path, to: Path) -> None:
         shot = f"--screenshot={home / 'shot.png'}"
         _browsed(page, home, "1120,1590", shot)
         _small(home / "shot.png", to / "report.png", 1000)
+        _browsed(page, home, "500,1590", shot)
+        _small(home / "shot.png", to / "phone.png", 500)
         _browsed(page + _ALONE, home, "1000,560", shot, query="theme=light&autoplay")
         _small(home / "shot.png", to / "viewer.png", 1000)
 
@@ -83,16 +91,35 @@ def _of_charts(run: Path, to: Path) -> None:
         "corner": corner(draws, best),
         "delays": delay_posterior(read.posterior, read.estimates, runs.truth(read)),
         "learning": learning_curves(read.training),
+        "flight": read.recorded[0].plot().figure,
     }
     for name, figure in figures.items():
-        (to / f"{name}.svg").write_text(svg(figure, 900 if name == "learning" else 560))
+        (to / f"{name}.svg").write_text(svg(figure, 900 if name in ("learning", "flight") else 560))
+
+
+def _of_terminal(run: Path, to: Path) -> None:
+    """Writes what two commands print."""
+    for words in (["log", run / "recorded"], ["doctor"]):
+        done = subprocess.run(
+            [*_MAIDENFLIGHT, *words],
+            check=True,
+            stdout=subprocess.PIPE,
+            text=True,
+            env=os.environ | {"FORCE_COLOR": "1", "COLUMNS": str(_COLUMNS)},
+        )
+        console = Console(record=True, width=_COLUMNS, file=io.StringIO())
+        console.print(Text.from_ansi(done.stdout))
+        picture = console.export_svg(title=f"maidenflight {' '.join(map(str, words))}")
+        # Fonts would be fetched from elsewhere.
+        picture = re.sub(r"@font-face \{.*?\}", "", picture, flags=re.DOTALL)
+        (to / f"{words[0]}.svg").write_text(picture)
 
 
 def _of_rerun(run: Path, to: Path) -> None:
     with tempfile.TemporaryDirectory() as made:
         recording, shot = Path(made, "view.rrd"), Path(made, "shot.png")
         flight = run / "transfer" / "flight_01.csv"
-        subprocess.run(["maidenflight", "view", flight, "-o", recording], check=True)
+        subprocess.run([*_MAIDENFLIGHT, "report", flight, "--view", recording], check=True)
         subprocess.run(
             ["rerun", recording, "--screenshot-to", shot, "--window-size", "1000x620"], check=True
         )
@@ -109,6 +136,7 @@ def main(run: Path, output: Path) -> None:
     shutil.copy(run / "identification.svg", output)
     _of_report(run, output)
     _of_charts(run, output)
+    _of_terminal(run, output)
     if shutil.which("rerun"):
         _of_rerun(run, output)
     else:

@@ -409,7 +409,7 @@ def test_estimates_have_units_to_read_and_say_what_they_rest_on(capsys: Any) -> 
     assert re.search(r"latency +7\.15 +7\.08 \.\. 7\.21 +0\.22 +ms", out)
     assert re.search(r"torque_bias_x +-58\.83 +-97\.05 \.\. -23\.16 +110 +1e-6 N m", out)
     assert re.search(r"inertia_x +not identified +9\.3 \.\. 20 \(plausible\) +1e-6 kg m2", out)
-    assert "identified: latency 7.15 [7.08, 7.21] ms and 1 more, from 4 flights of 120 s\n" in out
+    assert "identified: latency 7.15 [7.08, 7.21] ms and 1 more, from 4 flights, 120 s\n" in out
     assert "\nnot identified: inertia_x, drag_x, no more than before these flights" in out
     assert "with 95 % interval: gyro x 80 [70, 90]\n" in out
     assert "taken from crazyflie: mass 28 g and rotors 39.6 mm from the centre" in out

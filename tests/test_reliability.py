@@ -33,6 +33,7 @@ FREE = {
     "integrations/monitoring/loggers.py": "event files, written by their own packages",
     "integrations/monitoring/live.py": "recordings, written by rerun while training goes on",
     "training/checkpoint.py": "an archive in memory",
+    "integrations/raptor/px4.py": "likewise",
     "cache.py": "the cache of compiled programs",
     "studies/store.py": "a folder of a result, renamed when all of it is written",
     "integrations/simulators/crazyflow.py": "what its process prints, in a temporary folder",

@@ -20,6 +20,7 @@ from maidenflight.verb import find_verb
 ROOT = Path(maidenflight.__file__).parent
 ONLY_OF_COMMANDS = {
     "verbose",
+    "yes",
     "trust",
     "map_columns",
     "resume",

@@ -57,10 +57,8 @@ def test_actions_are_told_from_a_flights_log(ablations: Any) -> None:
     """With PWM control commands are the actions, cut off at [-1, 1] and known to the step of the
     motors' timers."""
     drone = VirtualDrone("itself", replace(crazyflie(), time_step=0.001))
-    untrained_policy = policy.untrained_policy(jax.random.key(1), spec=PolicySpec(hidden=(8,)))
-    lively = untrained_policy.with_network(
-        ((untrained_policy.weights[0], 3.0 * untrained_policy.weights[1]), untrained_policy.biases, None)
-    )
+    made = policy.untrained_policy(jax.random.key(1), spec=PolicySpec(hidden=(8,)))
+    lively = made.with_network(((made.weights[0], 3.0 * made.weights[1]), made.biases, None))
     # Flights of a shape that the script's own have, too, so that they compile once.
     flights = transfer([lively, lively], [drone], 2, duration=0.3).flights[:2]
     level = 2.0 * float(dynamics.hover_command(drone.parameters)) - 1.0
@@ -155,9 +153,8 @@ def test_variants_are_trained_flown_and_drawn_and_nothing_twice(
         task: Any, controller: Any, box: Any, keys: Any, settings: Any
     ) -> list[policy.Policy]:
         asked.append((task, controller, float(box.centre.latency), settings))
-        return [
-            policy.untrained_policy(key, controller.interface, PolicySpec(hidden=(8,))) for key in keys
-        ]
+        spec = PolicySpec(hidden=(8,))
+        return [policy.untrained_policy(key, controller.interface, spec) for key in keys]
 
     monkeypatch.setattr(ablations, "train", train)
     monkeypatch.setattr(ablations, "QUICK", {"pwm": settings})

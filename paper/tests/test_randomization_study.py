@@ -220,7 +220,8 @@ def test_policies_fly_under_the_structure_that_is_asked_for() -> None:
     """One that turns the motors off: the drone falls 0.25 m within half a second; with none named
     it flies as the authors' did."""
     hover = 2 * float(dynamics.hover_command(parameters.crazyflie())) - 1
-    made = jax.tree.map(jnp.zeros_like, untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(8,))))
+    spec = PolicySpec(hidden=(8,))
+    made = jax.tree.map(jnp.zeros_like, untrained_policy(jax.random.key(0), spec=spec))
     hovering = dataclasses.replace(
         made, biases=(made.biases[0], jnp.full(4, hover)), observation_std=jnp.ones(40)
     )

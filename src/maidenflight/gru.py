@@ -83,5 +83,5 @@ def untrained_gru(key: Array, inputs: int, size: int) -> Gru:
 
 
 def fields_of(gru: Gru) -> dict[str, Any]:
-    """Its arrays by name."""
+    """Returns the arrays by name."""
     return {name: getattr(gru, name) for name in Gru.__dataclass_fields__}

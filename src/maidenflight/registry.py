@@ -224,7 +224,7 @@ EXPORTERS = Registry(
         "onnx": f"{_RING}.exporters.onnx:export_onnx",
         "authors": f"{_RING}.exporters.authors_json:export_authors_json",
         "crazyflie": f"{_RING}.exporters.crazyflie_app:export_crazyflie",
-        "raptor": f"{_RING}.raptor.checkpoint:export_raptor",
+        "raptor": f"{_RING}.raptor.export:export_raptor",
     },
 )
 """Each writes a policy to a folder; see `deployment.export`."""

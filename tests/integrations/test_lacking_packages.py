@@ -14,7 +14,7 @@ from maidenflight.experiments.drones import find_reality
 from maidenflight.integrations.exporters.onnx import export_onnx
 from maidenflight.integrations.logs import blackbox, rosbag, ulog
 from maidenflight.integrations.monitoring import live
-from maidenflight.integrations.raptor.checkpoint import export_raptor
+from maidenflight.integrations.raptor.export import export_raptor
 from maidenflight.policy import untrained_policy
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.studies import store

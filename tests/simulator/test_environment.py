@@ -597,3 +597,16 @@ def test_the_ground_lifts_a_drone_that_hovers_just_above_it():
     assert heights[0.04] > 0.005
     assert abs(heights[1.0]) < 1e-4
     assert env.task.floor == tasks.STANDING_HEIGHT_M
+
+
+def test_a_weakly_typed_action_gives_the_types_of_any_other():
+    world, drone = Environment(), crazyflie()
+    env_state = jax.eval_shape(partial(environment.reset, world), drone, KEY)
+    types = [
+        jax.tree.map(
+            lambda leaf: (leaf.dtype, leaf.weak_type),
+            jax.eval_shape(partial(stepping.step, world), env_state, action, drone, KEY),
+        )
+        for action in (jnp.zeros(4, jnp.float32), jnp.full(4, 0.16))
+    ]
+    assert types[0] == types[1]

@@ -93,6 +93,7 @@ def test_a_memory_is_trained_with_its_own_settings(tmp_path: Path) -> None:
     assert isinstance(own, AnalyticGradient)
     assert own.hidden_learning_rate < usual.hidden_learning_rate
     assert own.updates == usual.updates
+    assert chosen(method="ppo-paper")[0] == PPO.paper()
     assert chosen(method="ppo", memory=16) == (PPO(), PolicySpec(memory=16))
     start = untrained_policy(jax.random.key(0), spec=PolicySpec(memory=16, hidden=(24, 12)))
     tuned, spec = chosen(initial=policy_file.write_policy(tmp_path / "start.json", start))

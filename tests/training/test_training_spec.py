@@ -110,3 +110,12 @@ def test_more_updates_are_the_same_training_and_all_else_is_another() -> None:
     ]
     found = {asked(**other).fingerprint() for other in others}
     assert len(found | {usual}) == len(others) + 1
+
+
+def test_drones_are_simulated_in_steps_that_divide_the_controllers_period():
+    made = asked(controller=control.attitude_rate())
+    assert made.drones.centre.time_step == pytest.approx([0.002, 0.002])
+    assert made.env.steps_per_command == 1
+    first = jax.tree.map(lambda leaf: leaf[0], made.drones)
+    assert first.draw(KEYS[0]).time_step == pytest.approx(0.002)
+    assert asked().drones.centre.time_step == pytest.approx([0.005, 0.005]), "as they are"

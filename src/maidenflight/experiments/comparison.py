@@ -10,8 +10,8 @@ from maidenflight.experiments.transfer import LIMIT_CYCLE
 from maidenflight.simulator.tasks.failures import BACKUP
 
 RULE = (
-    "longest mean flight; among those within 2 % of it no limit cycle, then the smallest mean "
-    "distance from the set-point"
+    "longest mean flight, or farthest along the axes; among those within 2 % of it no limit cycle, "
+    "then the smallest mean distance from the set-point"
 )
 """By which the best of several policies is chosen, whatever they flew."""
 ALIKE = 0.98

@@ -1,4 +1,4 @@
-"""Drones and realities by the words of a command: what to train over, fly in and predict for."""
+"""Drones and realities by the options of a command."""
 
 import os
 from dataclasses import replace
@@ -35,7 +35,7 @@ from maidenflight.simulator.realities import additions
 from maidenflight.simulator.realities.reality import AnyReality, is_drone
 from maidenflight.simulator.realities.reality import reality as named_reality
 
-POSSIBLE = 256
+BOX_DRONES = 256
 """Drones drawn from a box, of which each predicted flight flies one."""
 
 
@@ -162,7 +162,7 @@ def possible_drones(
     distribution = distribution_of(file, randomization, control.pwm())
     if isinstance(distribution, Ensemble):
         return distribution.drones
-    keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), 1), POSSIBLE)
+    keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), 1), BOX_DRONES)
     return jax.tree.map(np.asarray, jax.vmap(lambda key: randomize(distribution, key))(keys))
 
 

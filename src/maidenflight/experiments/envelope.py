@@ -114,8 +114,8 @@ AXES: dict[str, SpeedRamp | Condition] = dict(
         known.AXES,
         (
             SpeedRamp("of the task's speed", None, 3.0),
-            SpeedRamp("m/s", trajectories.quickening_circle, 3.0, 0.5),
-            SpeedRamp("m/s", trajectories.quickening_figure_eight, 3.0, 1.0 / 3.0),
+            SpeedRamp("m/s", trajectories.accelerating_circle, 3.0, 0.5),
+            SpeedRamp("m/s", trajectories.accelerating_figure_eight, 3.0, 1.0 / 3.0),
             Condition("m/s", _grades(1.0, 12), _in_wind, Partial(gust)),
             Condition("of mass", _grades(0.05, 12), _loaded),
             Condition("V less", _grades(0.1, 12), _drained),

@@ -128,11 +128,12 @@ def transfer(
             excursion = one.excursion
             table.append(
                 {
-                    "flight": len(table) + 1,
+                    # A printed table shows the first four and the last four columns.
                     "policy": names[policy],
                     "reality": reality.name,
                     "trial": trial + 1,
                     "duration": round(one.duration, 6),
+                    "flight": len(table) + 1,
                     "end_reason": one.end_reason,
                     "position_error": round(float(np.mean(excursion.position_error)), 6),
                     **activity(flight),

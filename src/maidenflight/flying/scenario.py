@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 from maidenflight.parameters import Parameters
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.physics import actuators, dynamics, rotations
-from maidenflight.simulator.physics.balance import balanced
+from maidenflight.simulator.physics.balance import balanced_command
 from maidenflight.simulator.tasks.tasks import Task
 
 Change = Callable[[Parameters, Float[Array, ""]], Parameters]
@@ -94,7 +94,7 @@ def after_hover(env: Environment, env_state: EnvState, drone: Parameters) -> Env
     published flights the yaw command of the first rows is that of the rest (paper/notes/
     flight-times.md).
     """
-    hovers = balanced(drone)
+    hovers = balanced_command(drone)
     command = actuators.rotor_speed_command(hovers)
     taking_over = env.controller.taking_over
     return env_state._replace(

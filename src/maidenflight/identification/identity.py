@@ -43,11 +43,11 @@ def propellers_of(identity: Mapping[str, Any]) -> str:
     return _PROPELLERS.get(str(identity.get("battery_law")), "")
 
 
-def check_same_drone(where: str, own: Mapping[str, Any], other: Mapping[str, Any]) -> None:
+def check_same_drone(place: str, own: Mapping[str, Any], other: Mapping[str, Any]) -> None:
     """Refuses a policy that was made for another drone.
 
     Args:
-        where: the policy's file, for errors.
+        place: the policy's file, for errors.
         own: the policy's identity.
         other: that of the drone that shall fly.
 
@@ -55,15 +55,15 @@ def check_same_drone(where: str, own: Mapping[str, Any], other: Mapping[str, Any
         InputError: mass or battery law differ, or the file says nothing of its drone.
     """
     if "mass" not in own:
-        raise InputError(f"{where}: names no mass of its drone. Train again, or leave out --drone.")
+        raise InputError(f"{place}: names no mass of its drone. Train again, or leave out --drone.")
     if abs(other["mass"] / own["mass"] - 1.0) > SAME_MASS:
         raise InputError(
-            f"{where}: made for a drone of {1e3 * own['mass']:.1f} g, but {other['name']} has "
+            f"{place}: made for a drone of {1e3 * own['mass']:.1f} g, but {other['name']} has "
             f"{1e3 * other['mass']:.1f} g. Train for the drone that flies."
         )
     laws = own.get("battery_law"), other.get("battery_law")
     if None not in laws and laws[0] != laws[1]:
         raise InputError(
-            f"{where}: made with the battery law {laws[0]!r}, but {other['name']} was identified "
+            f"{place}: made with the battery law {laws[0]!r}, but {other['name']} was identified "
             f"with {laws[1]!r}. Train for the drone that flies."
         )

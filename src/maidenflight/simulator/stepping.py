@@ -82,6 +82,8 @@ def step(
         The drone after, and what the step gave. A finished episode is not reset.
     """
     drawn = draw(environment, key)
+    # A weakly typed action, as of `jnp.full(4, 0.2)`, would have the next step compiled anew.
+    action = jnp.asarray(action, jnp.float32)
     action, memory = action[:ACTION_SIZE], action[ACTION_SIZE:]
     setpoint = environment.task.reference(env_state.time)
     period = environment.control_period(parameters)

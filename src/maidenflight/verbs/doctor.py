@@ -1,4 +1,4 @@
-"""`Doctor`: what of this machine maidenflight can use, and what is missing."""
+"""`Doctor`: which parts of this machine maidenflight can use, and which are missing."""
 
 import json
 import os
@@ -34,7 +34,10 @@ class Finding(NamedTuple):
 
 
 class Doctor(Verb):
-    """Check this machine: versions, processor, GPU, cache, extras, disk, radio and permissions."""
+    """Check this machine: versions, GPU, extras, disk and radio.
+
+    Also processor, cache and permissions. A cure is named where something is missing.
+    """
 
     in_studies = False
     output = Output(None, "JSON file to write too, to send along with a question.")

@@ -76,7 +76,7 @@ def tabulate_estimates(
     columns |= {"truth": "{truth}"} if truth is not None else {}
     return [
         Table("Identified parameters", columns | {"unit": "{unit}"}, rows),
-        "between flights, or segments of them: standard deviation; the next may be as far off",
+        "between flights: standard deviation from one flight, or segment of it, to the next",
         *(["between trials: standard deviation, of the optimiser only"] if replayed else []),
     ]
 
@@ -105,7 +105,7 @@ def summarize(result: Identification) -> list[str]:
     flights = f"{result.source.flights} flight{'s' * (result.source.flights > 1)}"
     left_out = ", ".join(result.unidentified)
     return [
-        f"identified: {', '.join(values)}{more}, from {flights} of {result.source.seconds:.0f} s",
+        f"identified: {', '.join(values)}{more}, from {flights}, {result.source.seconds:.0f} s",
         f"not identified: {left_out}, no more than before these flights; training with --randomize "
         "posterior covers the plausible ranges"
         if left_out

@@ -16,7 +16,8 @@ from maidenflight import __version__, cli, policy_file
 from maidenflight.deployment import export
 from maidenflight.deployment.check import check_export
 from maidenflight.errors import InputError
-from maidenflight.integrations.raptor.checkpoint import export_raptor, to_raptor
+from maidenflight.integrations.raptor.checkpoint import to_raptor
+from maidenflight.integrations.raptor.export import export_raptor
 from maidenflight.integrations.raptor.foundation_policy import observed
 from maidenflight.parameters import crazyflie
 from maidenflight.policy import Actor, Policy, untrained_policy

@@ -18,7 +18,7 @@ from maidenflight.simulator.controllers import control
 from maidenflight.simulator.controllers.position_pid import position_pid
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.physics import dynamics, mixing, rotations, vectors
-from maidenflight.simulator.physics.balance import balanced
+from maidenflight.simulator.physics.balance import balanced_command
 from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.physics.vectors import Entries
 from maidenflight.simulator.rollouts import rollout
@@ -254,7 +254,7 @@ def test_pids_that_hovered_a_trimmed_drone_go_on_to_hover_it(name):
     bias = np.array([8e-5, -1e-4, 3e-5], np.float32)
     trimmed = replace(crazyflie(), torque_bias=bias, thrust_to_weight=1.6)
     controller = control.CONTROLLERS[name](firmware="2021.10")
-    hovers = balanced(trimmed)
+    hovers = balanced_command(trimmed)
     assert np.ptp(hovers) > 0.02
     still = Measurement(jnp.zeros(3), jnp.zeros(3), jnp.array([0.0, 0, 0, 1]), jnp.zeros(3))
     level = controller.interface.level(jnp.mean(hovers))

@@ -17,7 +17,7 @@ SHAPES = {
     "climb": (trajectories.climb(), 1.5),
     "figure-eight": (trajectories.figure_eight(), 5.5),
     "pentagram": (trajectories.pentagram(), 5.0),
-    "quickening circle": (trajectories.quickening_circle(2.5), 6.0),
+    "accelerating circle": (trajectories.accelerating_circle(2.5), 6.0),
     "zigzag": (trajectories.zigzag(PATH), 3.0),
     "polynomial": (trajectories.polynomial(PATH), 3.0),
 }
@@ -93,7 +93,7 @@ def test_a_figure_eight_crosses_its_centre_twice_a_period_once_each_way(period):
 
 @pytest.mark.parametrize(
     ("make", "length"),
-    [(trajectories.quickening_circle, 1.0), (trajectories.quickening_figure_eight, 2.0)],
+    [(trajectories.accelerating_circle, 1.0), (trajectories.accelerating_figure_eight, 2.0)],
 )
 def test_a_quickening_reference_starts_at_rest_and_gains_speed_evenly_to_its_fastest(make, length):
     """The distance on a circle is by hand: half of the fastest times the time, to the end."""
@@ -106,7 +106,7 @@ def test_a_quickening_reference_starts_at_rest_and_gains_speed_evenly_to_its_fas
     assert late.max() == pytest.approx(2.0, rel=1e-3)
     assert np.all(speeds <= 2.0 * times / end + 1e-3)
     np.testing.assert_allclose(*points(reference, [end + 1.0, end + 1.0 + period]), atol=1e-3)
-    if make is trajectories.quickening_circle:
+    if make is trajectories.accelerating_circle:
         np.testing.assert_allclose(speeds, 2.0 * times / end, atol=1e-3)
         assert np.trapezoid(speeds, times) == pytest.approx(0.5 * 2.0 * end, rel=1e-4)
 

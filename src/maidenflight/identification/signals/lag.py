@@ -37,7 +37,7 @@ def delay_estimates(
     ratio = draws.get("spin_down_ratio", float(drone.spin_down_ratio))
     total = draws[LAG] * (1 + ratio) / 2 + draws["latency"]
     low, value, high = np.quantile(total, [0.025, 0.5, 0.975])
-    origin = "plausible" if LAG in unidentifiable else "taken" if motors else "likelihood"
+    origin = "plausible" if LAG in unidentifiable else "all together" if motors else "likelihood"
     return (
         *(motors.delay_estimates if motors else ()),
         DelayEstimate(origin, float(value), (float(low), float(high))),

@@ -166,14 +166,16 @@ class _Model:
         x = np.array([np.log(lag), np.log(max(gain, 0.05))])
         if not self.closed:
             return x
-        late = self.basis * np.exp(-spectra.s * _ANSWER)
-        matrix = np.einsum("if,jf,f->ij", late.conj(), late, spectra.motion).real
+        delayed_basis = self.basis * np.exp(-spectra.s * _ANSWER)
+        matrix = np.einsum("if,jf,f->ij", delayed_basis.conj(), delayed_basis, spectra.motion).real
         ridge = 1e-9 * np.trace(matrix) * np.eye(len(matrix))
-        weights = np.linalg.solve(matrix + ridge, -np.sum((late * spectra.cross).real, axis=1))
+        weights = np.linalg.solve(
+            matrix + ridge, -np.sum((delayed_basis * spectra.cross).real, axis=1)
+        )
         self.unit = max(float(np.abs(weights).max()), 1e-3)
         x = np.concatenate([x, np.sqrt(np.maximum(weights / self.unit, 1e-3)), [1.0]])
         for _ in range(10):
-            if self.stable(x):
+            if self.is_stable(x):
                 break
             x[1] -= 0.3
         return x
@@ -182,17 +184,17 @@ class _Model:
         """Minus the log likelihood [nats] and its slope."""
         spectra, s, lag = self.spectra, self.spectra.s, np.exp(x[0])
         response = np.exp(x[1] - s * self.delay) / (1 + s * lag)
-        left = spectra.motion - 2 * (response.conj() * spectra.cross).real
-        left = left + np.abs(response) ** 2 * spectra.drive
-        disturbance = spectra.means(left)
+        residual_power = spectra.motion - 2 * (response.conj() * spectra.cross).real
+        residual_power = residual_power + np.abs(response) ** 2 * spectra.drive
+        disturbance = spectra.means(residual_power)
         value = float(self.lines @ np.log(disturbance))
         # Conjugate slope with respect to G: the value moves by Re(conj(slope) dG).
         by_response = (response * spectra.drive - spectra.cross) * 2 / disturbance[spectra.band]
         by_response = by_response * spectra.averages
-        more = list[float]()
+        controller_slopes = list[float]()
         if self.closed:
-            late = self.basis * np.exp(-s * _ANSWER * x[-1])
-            answer = self.unit * x[2:-1] ** 2 @ late
+            delayed_basis = self.basis * np.exp(-s * _ANSWER * x[-1])
+            answer = self.unit * x[2:-1] ** 2 @ delayed_basis
             setpoint_power = (
                 spectra.drive
                 + 2 * (answer * spectra.cross).real
@@ -208,15 +210,20 @@ class _Model:
             by_answer = spectra.averages * (by_answer - 2 * (response / loop).conj())
             by_response = by_response - 2 * spectra.averages * (answer / loop).conj()
             later = np.sum(np.real(by_answer.conj() * -s * answer))
-            more = [
-                *(2 * self.unit * x[2:-1] * np.sum((by_answer.conj() * late).real, axis=1)),
+            controller_slopes = [
+                *(
+                    2
+                    * self.unit
+                    * x[2:-1]
+                    * np.sum((by_answer.conj() * delayed_basis).real, axis=1)
+                ),
                 float(later + penalty / _ANSWER_DEVIATION) * _ANSWER,
             ]
-        moved = by_response.conj() * response
-        by_lag = np.sum(np.real(moved * -s * lag / (1 + s * lag)))
-        return value, np.array([by_lag, np.sum(np.real(moved)), *more])
+        weighted_slope = by_response.conj() * response
+        by_lag = np.sum(np.real(weighted_slope * -s * lag / (1 + s * lag)))
+        return value, np.array([by_lag, np.sum(np.real(weighted_slope)), *controller_slopes])
 
-    def stable(self, x: Float[np.ndarray, "d"]) -> bool:
+    def is_stable(self, x: Float[np.ndarray, "d"]) -> bool:
         """Tests whether no oscillation of these frequencies grows, by Pade's approximation."""
         if not self.closed:
             return True
@@ -234,7 +241,7 @@ class _Model:
         near = (np.abs(roots) > 1.6 * LOWEST) & (np.abs(roots) < 1.5 * HIGHEST)
         return not bool((near & (roots.real > 0)).any())
 
-    def best(
+    def minimize(
         self, start: Float[np.ndarray, "d"], fixed: tuple[float, ...] = ()
     ) -> tuple[float, Float[np.ndarray, "d"]]:
         """Returns the least loss from a start on, with fixed first parameters, and its place."""
@@ -249,19 +256,19 @@ class _Model:
             )
         return optimum.fun, np.concatenate([fixed, optimum.x])
 
-    def sound(self, value: float, x: Float[np.ndarray, "d"]) -> bool:
+    def is_valid(self, value: float, x: Float[np.ndarray, "d"]) -> bool:
         """Returns whether this is a loop that can have flown, of a lag that shows."""
         is_finite = np.isfinite(value) and np.isfinite(x).all()
         in_range = is_finite and _SEARCHED[0] < np.exp(x[0]) < _SEARCHED[1] and abs(x[1]) < 4.5
-        return bool(in_range and self.stable(x))
+        return bool(in_range and self.is_stable(x))
 
     def deviation(self, value: float, x: Float[np.ndarray, "d"]) -> float:
         """Returns the standard error of the logarithm of the lag, from the loss of two others."""
         rises = []
         for change in (-_STEP, _STEP):
             perturbed = x + change * (np.arange(len(x)) == 0)
-            nearby, there = self.best(perturbed, (perturbed[0],))
-            known = np.isfinite(nearby) and np.isfinite(there).all() and self.stable(there)
+            nearby, there = self.minimize(perturbed, (perturbed[0],))
+            known = np.isfinite(nearby) and np.isfinite(there).all() and self.is_stable(there)
             rises.append(max(nearby - value, 0.0) if known else _REACH)
         return float(1 / np.sqrt(2 * np.mean(rises) / _STEP**2 + 1.0))
 
@@ -283,8 +290,8 @@ def lag_by_delay(
     model = _Model(spectra, float(delays[first]), closed=closed)
     starts = []
     for lag in _STARTS:
-        value, x = model.best(model.start(lag))
-        if model.sound(value, x):
+        value, x = model.minimize(model.start(lag))
+        if model.is_valid(value, x):
             starts.append((value, x, model.unit))
     if not starts:
         return None
@@ -294,8 +301,8 @@ def lag_by_delay(
         for place in places:
             model = _Model(spectra, float(delays[place]), closed=closed)
             model.unit = best[2]
-            value, optimum = best[:2] if place == first else model.best(x)
-            if not model.sound(value, optimum):
+            value, optimum = best[:2] if place == first else model.minimize(x)
+            if not model.is_valid(value, optimum):
                 break
             x = optimum
             loss[place], lags[place] = value, optimum[0]

@@ -11,21 +11,18 @@ import importlib
 import io
 import json
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from maidenflight import __version__, results
+from maidenflight import __version__
 from maidenflight.deployment.c import digest, remembered
 from maidenflight.errors import InputError, optional
-from maidenflight.inputs import StrPath
 from maidenflight.integrations.raptor.form import RAPTOR
 from maidenflight.policy import Policy
 
-NAME = "policy.h5"
 MAKER = "maidenflight"
 """Attribute of the file that tells how it was made; readers ignore it."""
 META = (
@@ -83,39 +80,6 @@ def to_raptor(
         _store(file, "example/input", observations)
         _store(file, "example/output", outputs)
     return content.getvalue()
-
-
-def export_raptor(
-    policy: Policy,
-    directory: StrPath,
-    *,
-    name: str = "policy",
-    seed: int = 0,
-    record: Mapping[str, Any] | None = None,
-) -> list[Path]:
-    """Writes a policy of RAPTOR's form as `policy.h5`, and for PX4; see `to_raptor` and `px4`.
-
-    Args:
-        policy: the policy.
-        directory: where to write; made if missing.
-        name: see `to_raptor`.
-        seed: see `to_raptor`.
-        record: see `to_raptor`.
-
-    Returns:
-        The files written: the checkpoint, the archive for PX4 and commands to compare.
-
-    Raises:
-        InputError: see `to_raptor`; or the directory cannot be written.
-    """
-    from maidenflight.integrations.raptor import px4
-
-    files = {
-        NAME: to_raptor(policy, name, seed, record),
-        px4.NAME: px4.to_archive(policy, name, seed),
-        px4.BENCH: px4.commands(policy),
-    }
-    return [results.write(Path(directory) / path, content) for path, content in files.items()]
 
 
 Layer = tuple[str, str, dict[str, Numbers]]

@@ -64,7 +64,8 @@ def estimates(
         drone: about which the plausible ranges lie.
     """
     names, marks, bounds = [], [], physical_bounds(drone)
-    priors = prior_ranges(drone, {name: bounds[name] for name in known}) | dict(unknown)
+    searched = {name: bounds.get(name, one.interval) for name, one in known.items()}
+    priors = prior_ranges(drone, searched) | dict(unknown)
     for row, name in enumerate((*known, *unknown)):
         low, high = known[name].interval if name in known else unknown[name]
         others = {series: values[name] for series, values in references.items() if name in values}

@@ -8,7 +8,7 @@ from maidenflight.parameters import Parameters
 from maidenflight.simulator.physics import dynamics
 
 
-def balanced(parameters: Parameters) -> Float[Array, "4"]:
+def balanced_command(parameters: Parameters) -> Float[Array, "4"]:
     """Returns the thrust commands u at which rotors carry the weight and balance the torques.
 
     Within [0, 1]; without torques and weak rotors each is `hover_command`.
@@ -17,11 +17,11 @@ def balanced(parameters: Parameters) -> Float[Array, "4"]:
         lambda forces: jnp.stack([jnp.sum(forces), *dynamics.torque(forces, parameters)])
     )
     offset = each(jnp.zeros((1, 4)))[0]
-    wanted = jnp.concatenate(
+    wrench = jnp.concatenate(
         [jnp.reshape(parameters.mass * parameters.gravity, (1,)), -parameters.torque_bias]
     )
-    forces = jnp.linalg.solve((each(jnp.eye(4)) - offset[None]).T, wanted - offset)
+    forces = jnp.linalg.solve((each(jnp.eye(4)) - offset[None]).T, wrench - offset)
     full = parameters.mass * parameters.gravity / 4 * parameters.thrust_to_weight
     shares = forces / (full * parameters.rotor_thrust)
-    beyond = jnp.maximum(shares - parameters.thrust_offset, 0.0)
-    return jnp.clip(dynamics.speed_for(beyond, parameters), 0.0, 1.0) ** 2
+    excess_share = jnp.maximum(shares - parameters.thrust_offset, 0.0)
+    return jnp.clip(dynamics.speed_for(excess_share, parameters), 0.0, 1.0) ** 2

@@ -1,4 +1,4 @@
-"""Tasks: where they start, where they lead, what they pay and when they are over."""
+"""Tasks: initial states, reference, reward and failure."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -103,33 +103,33 @@ TAKE_OFF_START = InitialStateRange(
 """Source: authors' code."""
 
 
-def _starting(
-    reference: Trajectory, spread: InitialStateRange, latest: float = 0.0, moving: bool = False
+def _reset_near(
+    reference: Trajectory, start_range: InitialStateRange, latest: float = 0.0, moving: bool = False
 ) -> Reset:
     """A reset near a reference.
 
     Args:
         reference: set-point [m] at a time [s].
-        spread: how near.
+        start_range: half widths of the first state.
         latest: the start on the reference's clock is uniform up to it [s].
         moving: whether the drone starts with the reference's velocity, else about at rest.
     """
-    tilt = np.radians(np.array(spread.attitude, np.float32))
-    spin = np.radians(np.array(spread.body_rates, np.float32))
-    box = np.array(spread.position, np.float32)
+    tilt = np.radians(np.array(start_range.attitude, np.float32))
+    spin = np.radians(np.array(start_range.body_rates, np.float32))
+    box = np.array(start_range.position, np.float32)
 
     def reset(parameters: Parameters, key: Array) -> tuple[State, Float[Array, ""]]:
         normal, uniform = noise.draw(key, 4, 13)
         start, draws = latest * (uniform[12] + 1.0) / 2.0, uniform[:12].reshape(4, 3)
         hover = dynamics.at_hover(reference(start) + box * draws[0], parameters)
-        velocity = spread.velocity * draws[1]
+        velocity = start_range.velocity * draws[1]
         if moving:
             velocity = velocity + jax.jvp(reference, (start,), (jnp.ones_like(start),))[1]
         state = hover._replace(
             velocity=velocity,
             quaternion=rotations.from_attitude(jnp.asarray(tilt) * draws[2]),
             body_rates=spin * draws[3],
-            rotor_speed=jnp.clip(hover.rotor_speed + spread.rotor_speed * normal, 0.0, 1.0),
+            rotor_speed=jnp.clip(hover.rotor_speed + start_range.rotor_speed * normal, 0.0, 1.0),
         )
         return state, start
 
@@ -209,7 +209,7 @@ def paper_circle(
     Source: Gronauer et al. 2022, sec. Experimental Setup; start values from the authors' code.
     """
     reference = trajectories.circle(diameter, period, height)
-    reset = _starting(reference, CIRCLE_START, latest=period)
+    reset = _reset_near(reference, CIRCLE_START, latest=period)
     reward = partial(
         paper_reward, action_penalty=action_penalty, action_rate_penalty=action_rate_penalty
     )
@@ -229,7 +229,7 @@ def hover(height: float = 1.0) -> Task:
     Source: authors' code.
     """
     reference = trajectories.hold((0.0, 0.0, height))
-    reset = _starting(reference, HOVER_START)
+    reset = _reset_near(reference, HOVER_START)
     return Task(
         "hover",
         reference,
@@ -243,7 +243,7 @@ def hover(height: float = 1.0) -> Task:
 
 @cached_by_arguments
 def take_off(height: float = 1.0, duration: float = 1.5) -> Task:
-    """Rises from the ground, motors off, to a height [m] within a duration [s], and stay there.
+    """Rises from the ground, motors off, to a height [m] within a duration [s], and stays there.
 
     5 s an episode.
 
@@ -253,10 +253,10 @@ def take_off(height: float = 1.0, duration: float = 1.5) -> Task:
     Source: authors' code, there called "not yet working properly".
     """
     reference = trajectories.climb(height, duration)
-    near = _starting(reference, TAKE_OFF_START)
+    reset_on_ground = _reset_near(reference, TAKE_OFF_START)
 
     def reset(parameters: Parameters, key: Array) -> tuple[State, Float[Array, ""]]:
-        state, start = near(parameters, key)
+        state, start = reset_on_ground(parameters, key)
         return state._replace(
             position=state.position.at[2].set(STANDING_HEIGHT_M), rotor_speed=jnp.zeros(4)
         ), start
@@ -313,7 +313,7 @@ def tracking(
             f"the trajectory gives an array of shape {shape} at a time; expected 3 numbers, a "
             "position [m]."
         )
-    reset = _starting(trajectory, CIRCLE_START, latest_start, moving=True)
+    reset = _reset_near(trajectory, CIRCLE_START, latest_start, moving=True)
     reward, failed, margin = (
         partial(rule, farthest=farthest) for rule in (paper_reward, strayed, position_margin)
     )
@@ -334,7 +334,7 @@ def _closed(
     ramp: float = trajectories.START_S,
 ) -> Task:
     """A task whose episodes start anywhere on a closed curve, or on its way from rest to speed."""
-    reference = trajectories.quickening(curve, ramp, smooth=True)
+    reference = trajectories.accelerating(curve, ramp, smooth=True)
     return tracking(reference, duration, latest_start=ramp + period)._replace(name=name)
 
 
@@ -344,7 +344,7 @@ def fast_circle(fastest: float = FASTEST["fast_circle"]) -> Task:
 
     At 2.5 m/s it takes a thrust of 1.6 times the weight and 52 degrees of tilt.
     """
-    return _fast("fast_circle", trajectories.quickening_circle(fastest), fastest)
+    return _fast("fast_circle", trajectories.accelerating_circle(fastest), fastest)
 
 
 @cached_by_arguments
@@ -353,7 +353,7 @@ def fast_figure_eight(fastest: float = FASTEST["fast_figure_eight"]) -> Task:
 
     At 2 m/s its tips take a thrust of 1.6 times the weight.
     """
-    return _fast("fast_figure_eight", trajectories.quickening_figure_eight(fastest), fastest)
+    return _fast("fast_figure_eight", trajectories.accelerating_figure_eight(fastest), fastest)
 
 
 def _fast(name: str, reference: Trajectory, fastest: float) -> Task:

@@ -31,7 +31,7 @@ COLUMNS = ("time", "x", "y", "z")
 """Columns of a way-point file."""
 
 RAMP_DURATION_S = 30.0
-"""Time in which a quickening reference comes to its fastest [s]."""
+"""Time in which a accelerating reference comes to its fastest [s]."""
 START_S = 1.5
 """Time in which a curve that starts from rest comes to its own speed [s]; ours. On the paper's
 circle its acceleration then stays within 1.2 m/s^2, 7 degrees of tilt."""
@@ -127,7 +127,7 @@ def figure_eight(period: float = NORMAL, width: float = 2.0, height: float = 1.0
 
 
 @cached_by_arguments
-def quickening(
+def accelerating(
     trajectory: Trajectory, duration: float = RAMP_DURATION_S, smooth: bool = False
 ) -> Trajectory:
     """Returns the same path, from rest.
@@ -170,18 +170,18 @@ def hastening(trajectory: Trajectory, fastest: float) -> Trajectory:
 
 
 @cached_by_arguments
-def quickening_circle(fastest: float, diameter: float = 1.0) -> Trajectory:
+def accelerating_circle(fastest: float, diameter: float = 1.0) -> Trajectory:
     """Returns a `circle` of a diameter [m] whose speed grows to fastest [m/s]."""
-    return quickening(circle(diameter, pi * diameter / fastest))
+    return accelerating(circle(diameter, pi * diameter / fastest))
 
 
 @cached_by_arguments
-def quickening_figure_eight(fastest: float, width: float = 2.0) -> Trajectory:
+def accelerating_figure_eight(fastest: float, width: float = 2.0) -> Trajectory:
     """Returns a `figure_eight` whose top speed, at its tips, grows to the fastest [m/s].
 
     A lemniscate of half width h and period P has a speed of 2 pi h / P there.
     """
-    return quickening(figure_eight(pi * width / fastest, width))
+    return accelerating(figure_eight(pi * width / fastest, width))
 
 
 @cached_by_arguments
