@@ -20,6 +20,7 @@ from scipy.signal import butter, sosfiltfilt
 
 import maidenflight as mf
 from maidenflight import results
+from maidenflight.flights.compensation import OF_DRONE
 from maidenflight.flights.log import Flight, by_log, thinned
 from maidenflight.flights.reading import read_flights
 from maidenflight.flights.rotors import rotors
@@ -125,8 +126,9 @@ DRONES = {
 
 def read(drone: Drone, data: Path) -> list[Flight]:
     """Flights of a drone, in the order of their files."""
+    law = drone.start if drone.start in OF_DRONE else None
     files = [file for pattern in drone.files for file in sorted(data.glob(pattern))]
-    return [flight for file in files for flight in read_flights(file, drone=drone.start)]
+    return [flight for file in files for flight in read_flights(file, battery_law=law)]
 
 
 def speed_share(flights: Sequence[Flight], drone: Parameters) -> float | None:

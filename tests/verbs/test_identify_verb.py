@@ -47,7 +47,7 @@ def test_how_logs_were_read_stands_in_the_drone_file_s_record(
     }
     place = tmp_path / "drone.toml"
     Identify(logs=tmp_path, **reading).run(place)
-    told = [60.0, 100, "subsampled", "legacy propellers", ("rotor_speed",), "refuse", "crazyflie"]
+    told = [60.0, 100, "subsampled", "legacy propellers", ("rotor_speed",), "refuse"]
     assert asked[2:] == told
     made = drone_file.read(place).record["settings"]
     assert {name: made[name] for name in reading} == reading | {"ignore": ["rotor_speed"]}

@@ -89,7 +89,6 @@ def read_flights(
     battery_law: str | None = None,
     ignore: Collection[str] = (),
     faulty: str = names.FAULTY_LOGS[0],
-    drone: str | None = None,
 ) -> Flights:
     """Reads and checks flights.
 
@@ -105,11 +104,11 @@ def read_flights(
             taken as subsampled, as of the firmware's PID, by default. Taken the wrong way,
             latency is half a row off.
         battery_law: a key of `compensation.LAWS`, by which a Crazyflie's PWM is read as thrust,
-            whatever the logs say.
+            whatever the logs say; or a named drone of `compensation.OF_DRONE`, whose law is taken
+            where a log does not decide.
         ignore: signals of `log.OPTIONAL` to pass over as if they had not been logged.
         faulty: one of `names.FAULTY_LOGS`: what is done with logs whose check-up fails. The others
             of a folder come from the same recorder, and are refused with them unless told.
-        drone: a named drone, whose battery law is taken where a log does not decide.
 
     Returns:
         Gapless pieces of flights in which the drone flies, in the order of the files' names. A
@@ -124,6 +123,9 @@ def read_flights(
         raise InputError(f"faulty {faulty!r}; expected {' or '.join(names.FAULTY_LOGS)}.")
     if commands not in (*COMMANDS, None):
         raise InputError(f"commands {commands!r}; expected {' or '.join(COMMANDS)}.")
+    law_of_drone = compensation.OF_DRONE.get(battery_law or "")
+    if law_of_drone is not None:
+        battery_law = None
     if battery_law is not None:
         compensation.logged_law({compensation.LAW_OF_THE_HEAD: battery_law}, str(path))
     for signal in ignore:
@@ -131,8 +133,7 @@ def read_flights(
             raise InputError(
                 f"ignore = {signal!r}; expected {' or '.join(log.OPTIONAL)}, which a log may lack."
             )
-    law = compensation.OF_DRONE.get(drone or "")
-    options = _ReadOptions(commands, battery_law, frozenset(ignore), faulty, law)
+    options = _ReadOptions(commands, battery_law, frozenset(ignore), faulty, law_of_drone)
     path = Path(path)
     paths, refused = _files(path)
     reading = _ReadLog([], [], _unread(path), refused, {}, {}, [])

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from maidenflight.experiments.real_controller import real_controller
     from maidenflight.experiments.transfer import fly_firmware, transfer
     from maidenflight.flights import flight_plan
+    from maidenflight.flights.compensation import OF_DRONE
     from maidenflight.flights.flight_plan import FlightPlan
     from maidenflight.flights.log import Flight
     from maidenflight.flights.reading import COMMANDS, Flights, read_flights

@@ -149,10 +149,10 @@ class Identify(Verb):
                 unidentifiable = ", ".join(now.unidentifiable)
                 progress.note(f"these flights cannot tell {unidentifiable}; plausible ranges stay")
 
+        law = self.battery_law or (self.start if self.start in core.OF_DRONE else None)
         flights = core.read_flights(
             *(self.logs, lambda done, of: show(*overall.read(done, of)), self.most_seconds),
-            *(settings.lead_in, self.commands, self.battery_law, self.ignore, self.faulty),
-            self.start,
+            *(settings.lead_in, self.commands, law, self.ignore, self.faulty),
         )
         identification = core.identify(
             flights,
