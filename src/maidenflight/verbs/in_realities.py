@@ -97,6 +97,8 @@ class InRealities(FliesPolicies):
             _ = self.realities
         if self.get("policies"):
             _ = self.fleet
+        if self.task is not None:
+            core.find_task(self.task)
 
     @cached_property
     def realities(self) -> "list[core.AnyReality]":

@@ -203,9 +203,11 @@ class Train(Verb):
         shared.must_be_default(self, _OF_RAPTOR if raptor else (), "--form raptor has its own")
 
     def check(self) -> None:
-        """Refuses what is no drone or no policy, and settings of no method."""
+        """Refuses what is no drone, task or policy, and settings of no method."""
         if self.drone is not PENDING:
             _ = self.drone_file
+        core.find_task(self.task)
+        core.control.find_controller(self.control)
         _ = self.learner_settings
 
     @cached_property
