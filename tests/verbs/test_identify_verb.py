@@ -1,5 +1,6 @@
 """`Identify`: what its record says of the logs, and the drone that it starts with."""
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +11,12 @@ import pytest
 from made_flights import calm
 from maidenflight.flights.reading import Flights
 from maidenflight.identification import drone_file
-from maidenflight.identification.drone_file import DroneFile, Source
+from maidenflight.identification.drone_file import DroneFile, Estimate, Source
+from maidenflight.identification.likelihood.selection import FIRST, WITH_KNOWN_LAG
 from maidenflight.identification.outcome.estimates import Identification
 from maidenflight.identification.start import note_mass, read_start
 from maidenflight.parameters import crazyflie
+from maidenflight.verbs import estimates_output
 from maidenflight.verbs.identify import Identify
 
 NOTHING = Identification(
@@ -44,7 +47,7 @@ def test_how_logs_were_read_stands_in_the_drone_file_s_record(
     }
     place = tmp_path / "drone.toml"
     Identify(logs=tmp_path, **reading).run(place)
-    told = [60.0, 100, "subsampled", "legacy propellers", ("rotor_speed",), "refuse", "crazyflie"]
+    told = [60.0, 100, "subsampled", "legacy propellers", ("rotor_speed",), "refuse"]
     assert asked[2:] == told
     made = drone_file.read(place).record["settings"]
     assert {name: made[name] for name in reading} == reading | {"ignore": ["rotor_speed"]}
@@ -67,3 +70,27 @@ def test_the_mass_is_asked_for_where_nobody_gave_it(tmp_path: Path) -> None:
         assert note_mass(drone, grams, flights) == []
     assert float(read_start(mine, 31.0).parameters.mass) == np.float32(0.031)
     assert float(read_start("crazyflie", 31.0).parameters.mass) == np.float32(0.031)
+
+
+def test_what_flights_hardly_determine_has_a_flight_that_does() -> None:
+    """A lag known within a factor of two, no drag; inertia known within a tenth needs nothing."""
+    found = dataclasses.replace(
+        NOTHING,
+        estimates={
+            "motor_time_constant": Estimate(0.07, (0.05, 0.1), (0.07,), 0.0),
+            "inertia_x": Estimate(2e-5, (1.9e-5, 2.1e-5), (2e-5,), 0.0),
+        },
+        unidentified={"drag_x": (0.0, 0.5), "drag_y": (0.0, 0.5), "drag_z": (0.0, 0.5)},
+    )
+    (advice,) = (line for line in estimates_output.summarize(found) if "to narrow" in line)
+    assert "1 m/s along x and y (drag_x, drag_y)" in advice
+    assert "climb and sink (drag_z)" in advice
+    assert "250 Hz" in advice
+    assert "inertia" not in advice
+
+
+def test_every_parameter_that_is_chosen_has_a_flight_that_determines_it() -> None:
+    names = [name for group in WITH_KNOWN_LAG.values() for name in group]
+    for name in {*FIRST, *names} - {"thrust_to_weight", "rotational_damping"}:
+        found = dataclasses.replace(NOTHING, unidentified={name: (0.0, 1.0)})
+        assert any(f"({name})" in line for line in estimates_output.summarize(found))

@@ -6,6 +6,7 @@ from typing import Any
 
 from maidenflight.identification.outcome.estimates import Identification
 from maidenflight.identification.outcome.plausible import HOVERING
+from maidenflight.identification.search.box import LOGARITHMIC
 from maidenflight.parameters import COMPONENTS, GEOMETRY, QUANTITIES, arm_length
 from maidenflight.reporting.text import with_error
 from maidenflight.terminal import Table
@@ -13,6 +14,23 @@ from maidenflight.verbs.logs import scale_of
 
 _MAIN = ("thrust_to_weight", "motor_time_constant", "latency")
 """The parameters of the paper."""
+_NARROWING = {
+    "motor_time_constant": "log gyro and motors at 250 Hz or more, or rotor speeds",
+    "latency": "log gyro and motors with one clock, each command of the loop",
+    "inertia_": "turn quickly about x and y, at 250 Hz or more",
+    "torque_to_thrust": "yaw to and fro",
+    "rotor_momentum": "yaw to and fro",
+    "drag_z": "climb and sink",
+    "drag_": "fly faster than 1 m/s along x and y",
+    "flapping_moment": "fly faster than 1 m/s along x and y",
+    "motor_coasting": "cut the throttle now and then",
+    "spin_down_ratio": "cut the throttle now and then",
+    "thrust_linear": "use throttle from a fifth to four fifths",
+    "torque_bias_": "hover for half a minute",
+}
+"""What determines a parameter, by its name or that of its kind."""
+_WIDE = 1.5
+"""Upper end of an interval over the lower one, above which a parameter is hardly known."""
 _WIDTH = 118
 """Of long lines."""
 
@@ -92,6 +110,36 @@ def summarize(result: Identification) -> list[str]:
         "posterior covers the plausible ranges"
         if left_out
         else "not identified: nothing; the flights determine every parameter that was fitted",
+        *_advise(result),
+        *_describe_thrust(result),
+    ]
+
+
+def _advise(result: Identification) -> list[str]:
+    """Returns what to fly or log to determine what was not identified, or hardly."""
+    wide = [
+        name
+        for name, one in result.estimates.items()
+        if name in LOGARITHMIC and one.interval[1] > _WIDE * one.interval[0]
+    ]
+    advice: dict[str, list[str]] = {}
+    for name in (*result.unidentified, *wide):
+        if name.rstrip("xyz") in _NARROWING or name in _NARROWING:
+            what = _NARROWING.get(name) or _NARROWING[name.rstrip("xyz")]
+            advice.setdefault(what, []).append(name)
+    text = "; ".join(f"{what} ({', '.join(names)})" for what, names in advice.items())
+    return [f"to narrow them: {text}; or maidenflight plan"] if advice else []
+
+
+def _describe_thrust(result: Identification) -> list[str]:
+    """Returns the full thrust, by which alone a wrong scale of real commands shows."""
+    if HOVERING not in result.estimates or result.source.simulated:
+        return []
+    drone = result.parameters
+    full = float(drone.mass * drone.gravity * drone.thrust_to_weight)
+    return [
+        f"compare: full thrust {full:.3g} N, {full / 4:.3g} N a motor; a wrong scale of commands "
+        "shows nowhere else"
     ]
 
 
@@ -135,13 +183,6 @@ def describe_fit(result: Identification, start: str) -> list[str]:
             "centre, on which inertias and torques depend;",
             "if yours differ, give --mass, or your drone with --start.",
         ]
-    if HOVERING in result.estimates:
-        drone = result.parameters
-        full = float(drone.mass * drone.gravity * drone.thrust_to_weight)
-        lines.append(
-            f"full thrust {full:.3g} N, {full / 4:.3g} N a motor: compare it with your motors'; "
-            "a wrong scale of commands (half of u, 1.25 u) shows nowhere else"
-        )
     if result.noise:
         levels = (
             f"{name} {value:.3g} {QUANTITIES[name].unit}".removesuffix(" -")

@@ -98,7 +98,7 @@ SPOILINGS: Mapping[str, tuple[Callable[[Flight], Flight], str, str]] = {
     "gyro x": (partial(turned, "body_rates", X), "body_rate", "x with the opposite sign"),
     "gyro swapped": (partial(turned, "body_rates", SWAP), "body_rate", "x and y swapped"),
     "gyro turned": (partial(turned, "body_rates", LEFT), "body_rate", "turned by"),
-    "gyro down": (partial(turned, "body_rates", DOWN), "body_rate", "y with the opposite sign"),
+    "gyro down": (partial(turned, "body_rates", DOWN), "body_rate", "y and z with opposite signs"),
     "gyro halved": (partial(scaled, body_rates=0.5), "body_rate scale", "is 0.5"),
     "gyro late": (partial(shifted, "body_rates", 0.03), "gyro delay", "late by about"),
     "attitude's pitch": (partial(turned, "attitude", Y), "tilt", "Positive pitch is nose down"),
