@@ -171,7 +171,8 @@ def controlled(
 ) -> polars.DataFrame:
     """A controller's flights along an axis of speed, in rows as `envelope.envelope` gives."""
     pace = envelope.AXES[axis]
-    assert isinstance(pace, envelope.SpeedRamp) and pace.of is not None
+    assert isinstance(pace, envelope.SpeedRamp)
+    assert pace.of is not None
     task = tasks.tracking(pace.of(pace.fastest), trajectories.RAMP_DURATION_S)
     env = drone.environment(task, makes(task.reference))
     keys = jax.random.split(jax.random.key(0), flights)
