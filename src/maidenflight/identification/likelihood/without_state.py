@@ -291,9 +291,9 @@ def _without_unchanged(problem: Problem, force: Answer) -> Answer:
     plausible = _plausible(problem, names, _force_priors(problem))
     ranges = unchanged(samples, plausible, added)
     left_out = {name: plausible[name] for name in names if name in ranges and name not in DELAYS}
-    kept = {name: ends for name, ends in ranges.items() if name in DELAYS}
+    remaining = {name: ends for name, ends in ranges.items() if name in DELAYS}
     answer = force.without(left_out, problem.start, problem.generator)
-    return replace_(answer, unidentifiable={**answer.unidentifiable, **kept})
+    return replace_(answer, unidentifiable={**answer.unidentifiable, **remaining})
 
 
 def _force_priors(problem: Problem) -> dict[str, tuple[float, float]]:
