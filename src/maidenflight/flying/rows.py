@@ -36,12 +36,6 @@ class Rows(NamedTuple):
     true_velocity: Float[Array, "N 3"]
     """At the end of the period [m/s]; NaN where a reality does not tell."""
 
-    @property
-    def distance(self) -> Float[np.ndarray, "N"]:
-        """Distance from the set-point at the end of each period [m]."""
-        away = np.subtract(self.true_position, self.true_setpoint, dtype=np.float64)
-        return np.linalg.norm(away, axis=1)
-
     def excursion(self, estimated: bool = False) -> Excursion:
         """Returns how far the drone is from hover at the set-point, in each period.
 
