@@ -30,10 +30,10 @@ NOTHING = Identification(
 def test_how_logs_were_read_stands_in_the_drone_file_s_record(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked: list[Any] = []
+    calls: list[tuple[tuple[Any, ...], dict[str, Any]]] = []
 
-    def read(*arguments: Any) -> Flights:
-        asked.extend(arguments)
+    def read(*arguments: Any, **settings: Any) -> Flights:
+        calls.append((arguments, settings))
         return Flights((), (), ())
 
     monkeypatch.setattr("maidenflight.flights.reading.read_flights", read)
@@ -47,8 +47,10 @@ def test_how_logs_were_read_stands_in_the_drone_file_s_record(
     }
     place = tmp_path / "drone.toml"
     Identify(logs=tmp_path, **reading).run(place)
-    told = [60.0, 100, "subsampled", "legacy propellers", ("rotor_speed",), "refuse"]
-    assert asked[2:] == told
+    arguments, settings = calls[0]
+    assert arguments[2:] == (60.0, 100)
+    others = {name: value for name, value in reading.items() if name != "most_seconds"}
+    assert settings == others | {"faulty": "refuse", "drone": "crazyflie"}
     made = drone_file.read(place).record["settings"]
     assert {name: made[name] for name in reading} == reading | {"ignore": ["rotor_speed"]}
     Identify(logs=tmp_path).run(place)
