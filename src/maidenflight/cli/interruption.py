@@ -44,7 +44,7 @@ def line() -> str:
 
 
 def leave(code: int) -> NoReturn:
-    """Returns ends the process without what Python does at its end.
+    """Ends the process without what Python does at its end.
 
     Threads of XLA may still be compiling, and crash an interpreter that is being taken down.
     """

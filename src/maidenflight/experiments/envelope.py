@@ -71,7 +71,7 @@ class Condition(NamedTuple):
 
 
 def gust(drone: Parameters, elapsed: Float[Array, ""]) -> Parameters:
-    """Returns the drone in a gust that is as strong as its wind at most: 1 s long, every 4 s.
+    """Returns the drone in a gust, 1 s long and every 4 s, that is at most as strong as its wind.
 
     Source: MIL-F-8785C, sec. 3.7.3 (discrete gusts in the shape of one less a cosine).
     """
@@ -189,14 +189,14 @@ def envelope(
     keys = jax.random.split(jax.random.key(0) if key is None else key, flights)
     if isinstance(along, SpeedRamp):
         hardest = along.fastest
-        reached = [_paced(pilot, reality, along, keys, base_task) for pilot in pilots]
+        reached = [_speeds_reached(pilot, reality, along, keys, base_task) for pilot in pilots]
     else:
         hardest, paces = (
             along.grades[-1],
             [name for name in AXES if isinstance(AXES[name], SpeedRamp)],
         )
         drone = must_be_virtual(reality, f"Give axes of speed: {', '.join(paces)}.")
-        reached = [_under(pilot, drone, along, keys, base_task) for pilot in pilots]
+        reached = [_grades_reached(pilot, drone, along, keys, base_task) for pilot in pilots]
     labels = names or [f"policy_{number}" for number in range(1, len(policies) + 1)]
     rows = [
         {
@@ -215,14 +215,14 @@ def envelope(
     return polars.DataFrame(rows)
 
 
-def _paced(
+def _speeds_reached(
     pilot: PolicyPilot | ForeignPilot,
     reality: AnyReality,
     pace: SpeedRamp,
     keys: Array,
     base_task: Task,
 ) -> list[float]:
-    """The speed that each flight reaches."""
+    """Returns the speed that each flight reaches."""
     if pace.of is None:
         path, slowest = trajectories.hastening(base_task.reference, pace.fastest), 1.0
     else:
@@ -257,28 +257,30 @@ def steps_done(rows: Rows, rate: int, estimated: bool = False) -> int:
     return int(np.argmax(far)) if far.any() else end
 
 
-def _under(
+def _grades_reached(
     pilot: PolicyPilot | ForeignPilot,
     reality: VirtualDrone,
     condition: Condition,
     keys: Array,
     task: Task,
 ) -> list[float]:
-    """The grade up to which each flight lasts within the distance."""
+    """Returns the grade up to which each flight stays within the distance."""
     success = np.ones((len(keys), len(condition.grades)), bool)
     for place, grade in enumerate(condition.grades):
         drones = [
             condition.changed(reality.parameters, grade, number) for number in range(len(keys))
         ]
         scenario = Scenario(task, DURATION_S, drones=drones, during=condition.during)
-        success[:, place] = [_holds(one) for one in fly_all(reality, pilot, scenario, keys, LOST)]
+        success[:, place] = [
+            _succeeds(one) for one in fly_all(reality, pilot, scenario, keys, LOST)
+        ]
     return [
         condition.grades[int(np.argmin([*row, False])) - 1] if row[0] else float("nan")
         for row in success
     ]
 
 
-def _holds(flight: SimulatedFlight) -> bool:
+def _succeeds(flight: SimulatedFlight) -> bool:
     return (
         flight.reason == TIME_LIMIT and float(np.mean(flight.excursion.position_error)) <= WITHIN_M
     )

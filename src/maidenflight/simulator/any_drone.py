@@ -101,7 +101,7 @@ class DayToDay:
     """A drone as it may be on any day, for policies that find out in flight how it is today.
 
     Drawn from a box about the identified drone; with the trims, the weak rotor, the latency (that
-    much more) and the wind of `GenericQuadrotor`, which no log of yesterday determines, and up to
+    much more) and the wind of `GenericQuadrotor`, which no earlier log determines, and up to
     20 % more mass at its centre.
     """
 

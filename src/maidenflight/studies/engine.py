@@ -29,7 +29,7 @@ class Engine(Protocol):
         ...
 
     def close(self) -> None:
-        """Returns ends what is still under way, and frees its resources."""
+        """Ends what is still under way, and frees its resources."""
         ...
 
 

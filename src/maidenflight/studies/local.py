@@ -44,7 +44,7 @@ class _Place:
         return self._pool.submit(worker.perform, order)
 
     def close(self) -> None:
-        """Returns ends the process, whatever it is doing."""
+        """Ends the process, whatever it is doing."""
         with suppress(BrokenExecutor, TimeoutError, OSError):
             os.kill(self._process.result(_STARTING), getattr(signal, "SIGKILL", signal.SIGTERM))
         self._pool.shutdown(wait=True, cancel_futures=True)

@@ -64,7 +64,7 @@ class Sweep(Verb):
         return [output] if isinstance(output, Path) and not self.status else []
 
     def may_replace(self, place: Path) -> bool:
-        """Returns true: what is there is gone on with."""
+        """Returns true: what is there is continued."""
         return True
 
     def discard(self, output: Any) -> None:

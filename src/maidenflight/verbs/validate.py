@@ -130,7 +130,7 @@ class Validate(Verb):
 
 
 def _compare(name: str, likelihoods: Mapping[str, float], errors: list[Row]) -> list[str]:
-    """Returns in what a drone is worse than the baseline or another drone.
+    """Lists in what a drone is worse than the baseline or another drone.
 
     Judged after about `_JUDGED_S`, while a flight does not yet diverge, by attitude, or by body
     rates where there is none.

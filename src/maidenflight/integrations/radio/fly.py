@@ -117,7 +117,7 @@ class Fly(Verb):
     seed: int = shared.seed()
 
     def places(self, output: Path) -> list[Path]:
-        """Returns none: logs are added to what is there."""
+        """Returns nothing: logs are added to what is there."""
         return []
 
     def check_early(self) -> None:

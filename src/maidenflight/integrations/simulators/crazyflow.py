@@ -82,7 +82,7 @@ class Crazyflow:
         self.reset(np.zeros(3), 0)
 
     def reset(self, position: Float[np.ndarray, "3"], seed: int) -> None:
-        """Returns hover, level and at rest at a position [m]; nothing here is random."""
+        """Resets to hover, level and at rest at a position [m]; nothing here is random."""
         self._command = np.full(4, self.hover)
         self._ask(BEGIN, *np.asarray(position, np.float64), *self._rotor_speeds())
 

@@ -183,7 +183,7 @@ class L2F:
         self.reset(np.zeros(3), 0)
 
     def reset(self, position: Float[np.ndarray, "3"], seed: int) -> None:
-        """Returns hover, level and at rest at a position [m]; nothing here is random."""
+        """Resets to hover, level and at rest at a position [m]; nothing here is random."""
         l2f = self._l2f
         l2f.initial_state(self._device, self._environment, self._settings, self._state)
         self._state.position = [float(place) for place in position]

@@ -146,7 +146,7 @@ NOTHING = Setpoint(_ZERO, _ZERO, _ZERO, _ZERO, _NO_FORCE, _MODE, _IN_WORLD)
 
 
 def pwm(action_rate: int = 100, full_scale_counts: float = COUNTS) -> Controller:
-    """Returns the policy commands the motors: u = (clip(a, -1, 1) + 1) / 2, at 100 Hz.
+    """Makes PWM control: the policy commands the motors, u = (clip(a, -1, 1) + 1) / 2, at 100 Hz.
 
     Args:
         action_rate: actions a second [Hz].
@@ -166,7 +166,7 @@ def attitude_rate(
     highest_rate: float = HIGHEST_RATE_DEG,
     full_scale_counts: float = COUNTS,
 ) -> Controller:
-    """Returns the policy asks for collective thrust and body rates at 50 Hz; PIDs follow at 500 Hz.
+    """Makes attitude-rate control: thrust and body rates at 50 Hz, which PIDs follow at 500 Hz.
 
     The thrust is 0.5 + 0.5 a_0 of full thrust; roll, pitch and yaw rate are 60 deg/s times a_1,
     a_2, a_3, with a clipped to [-1, 1]. The firmware does not follow a yaw rate itself but the yaw
@@ -195,7 +195,7 @@ def attitude(
     full_scale_counts: float = COUNTS,
     hover: float | None = None,
 ) -> Controller:
-    """Returns the policy asks for collective thrust and attitude at 25 Hz; PIDs follow at 500 Hz.
+    """Makes attitude control: thrust and attitude at 25 Hz, which PIDs follow at 500 Hz.
 
     The thrust is 3/4 + a_0 / 6 of full thrust; roll, pitch and yaw are 10 deg times a_1, a_2, a_3,
     with a clipped to [-1, 1]. The least thrust lifts a drone whose thrust-to-weight ratio is above

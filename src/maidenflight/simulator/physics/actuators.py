@@ -42,10 +42,9 @@ def ornstein_uhlenbeck(
 
     Source: the process of Gronauer et al. 2022, sec. Simulation Environment; Molchanov et al. 2019.
     """
-    aged = parameters.actuator_noise_rate * elapsed
+    age = parameters.actuator_noise_rate * elapsed
     return (
-        jnp.exp(-aged) * noise
-        + parameters.actuator_noise * jnp.sqrt(-jnp.expm1(-2 * aged)) * normal
+        jnp.exp(-age) * noise + parameters.actuator_noise * jnp.sqrt(-jnp.expm1(-2 * age)) * normal
     )
 
 
@@ -56,8 +55,8 @@ def rotor_speed_command(command: Float[Array, "4"]) -> Float[Array, "4"]:
     """
 
     def one(command: Array) -> Array:
-        none = command <= 0
-        return jnp.where(none, 0.0, jnp.sqrt(jnp.where(none, 1.0, command)))
+        is_off = command <= 0
+        return jnp.where(is_off, 0.0, jnp.sqrt(jnp.where(is_off, 1.0, command)))
 
     return each(one, command)
 

@@ -66,8 +66,8 @@ def walk_bias(
     """
     tau = parameters.gyro_bias_time
     decay = jnp.exp(-elapsed / tau)
-    spread = parameters.gyro_bias_walk * jnp.sqrt(-tau / 2 * jnp.expm1(-2 * elapsed / tau))
-    return decay * bias + spread * normal
+    deviation = parameters.gyro_bias_walk * jnp.sqrt(-tau / 2 * jnp.expm1(-2 * elapsed / tau))
+    return decay * bias + deviation * normal
 
 
 def drifts(parameters: Parameters) -> bool:
@@ -153,10 +153,11 @@ def gyro_noise(
     Source: Crazyflie firmware, sensors_bmi088_bmp3xx.c. In ten logs of two Crazyflies (IMRCLab
         2026) what the gyro reads above 30 Hz correlates by 0.59 to 0.69 over 2 ms; here by 0.69.
     """
-    turned = np.float32(np.sqrt(2.0) * np.pi) * parameters.gyro_cutoff * elapsed
-    filtered = jnp.exp(-turned) * (jnp.cos(turned) + jnp.sin(turned))
-    noise = jnp.where(parameters.gyro_cutoff > 0.0, filtered, 0.0)
-    return noise * before + jnp.sqrt(1.0 - noise * noise) * parameters.gyro_noise * normal
+    phase = np.float32(np.sqrt(2.0) * np.pi) * parameters.gyro_cutoff * elapsed
+    filtered = jnp.exp(-phase) * (jnp.cos(phase) + jnp.sin(phase))
+    correlation = jnp.where(parameters.gyro_cutoff > 0.0, filtered, 0.0)
+    rest = jnp.sqrt(1.0 - correlation * correlation)
+    return correlation * before + rest * parameters.gyro_noise * normal
 
 
 def measure(
@@ -180,13 +181,13 @@ def measure(
     Source: Gronauer et al. 2022, sec. Simulation Environment, Noise.
     """
     tilt = parameters.attitude_noise * normal[6:9] + parameters.attitude_noise_uniform * uniform[3:]
-    turned = state.quaternion + rotations.quaternion_derivative(state.quaternion, tilt)
+    quaternion = state.quaternion + rotations.quaternion_derivative(state.quaternion, tilt)
     return Measurement(
         position=state.position
         + parameters.position_noise * normal[:3]
         + parameters.position_noise_uniform * uniform[:3],
         velocity=state.velocity + parameters.velocity_noise * normal[3:6],
-        quaternion=rotations.normalise(turned),
+        quaternion=rotations.normalise(quaternion),
         body_rates=state.body_rates,
     )
 
@@ -211,8 +212,8 @@ def accelerometer(
         Specific force along body x, y and z.
     """
     change = np.gradient(velocity, period, axis=0)
-    turned = scipy.spatial.transform.Rotation.from_euler("ZYX", attitude[:, ::-1])
-    force = turned.inv().apply(change + np.array([0.0, 0.0, gravity]))
+    rotation = scipy.spatial.transform.Rotation.from_euler("ZYX", attitude[:, ::-1])
+    force = rotation.inv().apply(change + np.array([0.0, 0.0, gravity]))
     noise = ACCELEROMETER_NOISE * np.sqrt(1.0 / (500.0 * period))
     read = force + noise * generator.standard_normal(force.shape)
     filters = scipy.signal.butter(2, ACCELEROMETER_CUTOFF, fs=1.0 / period, output="sos")

@@ -38,7 +38,7 @@ class Stepped:
         self.reset(np.zeros(3), 0)
 
     def reset(self, position: Float[np.ndarray, "3"], seed: int) -> None:
-        """Returns hover, level and at rest at a position [m], with the noise of a seed."""
+        """Resets to hover, level and at rest at a position [m], with the noise of a seed."""
         self._key, self._steps = jax.random.key(seed), 0
         place = jnp.asarray(position, jnp.float32)
         self._state: EnvState = _begin(self._environment, place, self.parameters, self._key)

@@ -88,7 +88,7 @@ def hold(position: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Trajectory:
 
 @cached_by_arguments
 def climb(height: float = 1.0, duration: float = 1.5) -> Trajectory:
-    """Returns straight up from the origin to a height [m] within a duration [s], then hold.
+    """Returns the way straight up from the origin to a height [m] within a duration [s], then hold.
 
     From rest to rest with the least jerk.
 
