@@ -367,7 +367,7 @@ def traced_flights(policies: list[Policy], realities: list[VirtualDrone], **give
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("word", ["describe", "logs", "task", "randomization"])
+@pytest.mark.parametrize("word", ["describe", "logs", "task"])
 @pytest.mark.usefixtures("less_work")
 def test_the_python_of_a_question_is_short_and_runs(
     word: str, monkeypatch: pytest.MonkeyPatch
