@@ -24,6 +24,7 @@ from maidenflight.flying.firmware_pilot import RATE
 from maidenflight.flying.recording import flight_log, fly_plans, must_divide, record_plan
 from maidenflight.flying.rows import Rows
 from maidenflight.identification.design import optimal_design
+from maidenflight.identification.design.flight_limits import LOWEST, MARGIN, FlightLimits
 from maidenflight.identification.identify import expected_intervals
 from maidenflight.identification.likelihood import one_step, selection
 from maidenflight.identification.outcome.plausible import UNIFORM, prior_ranges
@@ -48,49 +49,8 @@ SLOWER = (1.5, 1.4, 1.3, 1.2, 1.1, 1.05)
 OTHERS = 8
 """Virtual drones about the planned one on which the limits must hold too, as far as the PID
 holds them in a hover: the drone of the plan will hover."""
-MARGIN = 0.2
-"""Distance from walls, floor and ceiling [m]."""
 LESS_LATENCY = (0.5, 0.25, 0.0)
 """Shares of a guessed latency that are tried where the PID does not hold a drone."""
-LOWEST = 0.3
-"""Least height of the flight [m]: ground effect, and what a radio flight is allowed."""
-
-
-@dataclass(frozen=True)
-class FlightLimits:
-    """What no manoeuvre may exceed on any simulated drone."""
-
-    tilt: float = np.radians(35.0)
-    """[rad]; the firmware's PID asks for 22 deg a axis at most."""
-    calm: float = np.radians(10.0)
-    """Tilt of a hover beyond which the PID is near a limit cycle [rad]."""
-    speed: float = 1.5
-    """[m/s]."""
-    astray: float = 0.45
-    """From the set-point [m]; a radio flight is broken off at 0.6 m."""
-    sunk: float = 0.3
-    """Below the set-point [m]; a radio flight is broken off at 0.35 m."""
-    at_limits: float = 0.05
-    """Share of commands that are 0 or full."""
-
-    def excess(self, extremes_of: Extremes, room: tuple[float, float, float]) -> str:
-        """Returns what of a flight exceeds this or leaves the room; empty if nothing does."""
-        sides = (
-            (extremes_of.lateral_x > room[0] / 2 - MARGIN, "room along x"),
-            (extremes_of.lateral_y > room[1] / 2 - MARGIN, "room along y"),
-            (extremes_of.highest > room[2] - MARGIN, "ceiling"),
-            (extremes_of.lowest < LOWEST, "floor"),
-            (extremes_of.tilt > self.tilt, "tilt"),
-            (extremes_of.speed > self.speed, "speed"),
-            (extremes_of.astray > self.astray, "distance from the set-point"),
-            (extremes_of.sunk > self.sunk, "distance below the set-point"),
-            (extremes_of.at_limits > self.at_limits, "motors at their limits"),
-        )
-        return next((quantity for exceeds, quantity in sides if exceeds), "")
-
-    def unrest(self, hover: Extremes, room: tuple[float, float, float]) -> str:
-        """Returns what of a hover exceeds this or what a well-controlled drone does."""
-        return self.excess(hover, room) or ("tilt of hover" if hover.tilt > self.calm else "")
 
 
 @dataclass(frozen=True)
@@ -169,20 +129,15 @@ def plan(
         drone, request, library_plans, keys, on_stage
     )
     left_out = {
-        one.name: excess_quantity
-        for one in library_plans
-        if (excess_quantity := allowed.excess(result[one], room))
+        one.name: limit for one in library_plans if (limit := allowed.excess(result[one], room))
     }
-    fitting_indices = [
-        number for number, one in enumerate(library_plans) if one.name not in left_out
-    ]
+    indices = [number for number, one in enumerate(library_plans) if one.name not in left_out]
     on_stage(OTHERS + 1, OTHERS + 3, "information of each manoeuvre")
     names = _names(request.interest, flights[0])
-    parts = _information(drone, [flights[number] for number in fitting_indices], names)
+    parts = _information(drone, [flights[number] for number in indices], names)
     interest = [names.index(name) for name in request.interest or names]
     fitting = {
-        list(library_plans)[number]: part
-        for number, part in zip(fitting_indices, parts, strict=True)
+        list(library_plans)[number]: part for number, part in zip(indices, parts, strict=True)
     }
     on_stage(OTHERS + 2, OTHERS + 3, "flying the plan and a hover")
     while True:
@@ -197,7 +152,7 @@ def plan(
         wrong.pop(Manoeuvre(HOVER), None)
         if not wrong:
             break
-        left_out |= {one.name: excess_quantity for one, excess_quantity in wrong.items()}
+        left_out |= {one.name: limit for one, limit in wrong.items()}
         fitting = {one: part for one, part in fitting.items() if one not in wrong}
     proposal, unidentifiable = _expecting(
         drone, replace(proposal, extremes=extremes), keys[-2:], request
@@ -217,14 +172,14 @@ def _find_calm_drone(
     Raises:
         InputError: it does not hover within the limits.
     """
-    excess_quantity = ""
+    limit = ""
     for share in (1.0, *(LESS_LATENCY if request.is_named else ())):
         drone_model = _with_latency(drone, share)
         drones, extremes, flights = _simulate_library(
             drone_model, request, library_plans, keys, on_stage
         )
-        excess_quantity = request.allowed.unrest(extremes[Manoeuvre(HOVER)], request.room)
-        if excess_quantity:
+        limit = request.allowed.unrest(extremes[Manoeuvre(HOVER)], request.room)
+        if limit:
             continue
         note = (
             f"the firmware's PID does not hold {drone.name} with a latency of "
@@ -233,7 +188,7 @@ def _find_calm_drone(
         )
         return drone_model, drones, extremes, flights, [note] if share < 1.0 else []
     raise InputError(
-        f"{drone.name}: in simulation hover already exceeds a limit ({excess_quantity}). Give "
+        f"{drone.name}: in simulation hover already exceeds a limit ({limit}). Give "
         "a larger --room, or check the drone's parameters."
     )
 
@@ -266,8 +221,8 @@ def _beyond(
             jax.tree.map(lambda part, some=slice(first, end): part[some], rows) for rows in rollouts
         ]
         worst = worst_of([extremes_of(part) for part in parts])
-        if excess_quantity := allowed.excess(worst, proposal.room):
-            result[block.manoeuvre] = excess_quantity
+        if limit := allowed.excess(worst, proposal.room):
+            result[block.manoeuvre] = limit
         first = end
     return result
 

@@ -299,13 +299,10 @@ def midpoint(state: State, command: Float[Array, "4"], parameters: Parameters) -
     middle = state._replace(rotor_speed=0.5 * (state.rotor_speed + rotor_speed))
     turning = dt * angular_acceleration(middle, change, parameters)
     rates = state.body_rates + 0.5 * turning
-    half_turned = state.quaternion + 0.5 * dt * rotations.quaternion_derivative(
-        state.quaternion, rates
-    )
-    pulled = dt * linear_acceleration(middle._replace(quaternion=half_turned), parameters)
-    turned = rotations.normalise(
-        state.quaternion + dt * rotations.quaternion_derivative(state.quaternion, rates)
-    )
+    rotation = dt * rotations.quaternion_derivative(state.quaternion, rates)
+    halfway = middle._replace(quaternion=state.quaternion + 0.5 * rotation)
+    pulled = dt * linear_acceleration(halfway, parameters)
+    turned = rotations.normalise(state.quaternion + rotation)
     position = state.position + dt * (state.velocity + 0.5 * pulled)
     return State(position, state.velocity + pulled, turned, state.body_rates + turning, rotor_speed)
 
@@ -327,7 +324,7 @@ def rk4(state: State, command: Float[Array, "4"], parameters: Parameters) -> Sta
 
 
 def floor_reaction(state: State, height: float) -> State:
-    """Returns a drone that would sink below a floor stops on it at once, without a bounce; ours.
+    """Stops a drone on a floor that it would sink below, at once and without a bounce; ours.
 
     Args:
         state: the drone.
@@ -358,9 +355,8 @@ def near_ground(parameters: Parameters, height: Float[Array, ""]) -> Parameters:
     Source: Shi et al. 2019 and Danjun et al. 2015, c_g = 11.37 (r / 4)^2, as in
     gym-pybullet-drones.
     """
-    gain = jnp.minimum(
-        parameters.ground_effect / jnp.maximum(height, 1e-3) ** 2, MOST_GROUND_EFFECT
-    )
+    unlimited = parameters.ground_effect / jnp.maximum(height, 1e-3) ** 2
+    gain = jnp.minimum(unlimited, MOST_GROUND_EFFECT)
     return replace(parameters, thrust_to_weight=parameters.thrust_to_weight * (1.0 + gain))
 
 
@@ -373,8 +369,7 @@ def check_state(state: State) -> State:
     for name, value in state._asdict().items():
         if not isinstance(value, Tracer) and not np.all(np.isfinite(value)):
             raise InputError(
-                f"state: {name} = {np.asarray(value).tolist()} is not finite. Give finite "
-                "numbers, in SI units."
+                f"state: {name} = {np.asarray(value).tolist()} is not finite. Give numbers."
             )
     return state
 
