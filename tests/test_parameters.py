@@ -421,3 +421,10 @@ def test_a_frame_that_cannot_be_steered_is_refused(changes):
 def test_a_frame_without_size_is_refused(make, arm):
     with pytest.raises(InputError):
         make(arm)
+
+
+def test_a_drone_prints_in_a_line():
+    text = repr(crazyflie())
+    assert "mass=0.028" in text
+    assert "\n" not in text
+    assert len(text) < 140

@@ -387,6 +387,11 @@ class Parameters:
             if isinstance(value, float | int | tuple | list):
                 object.__setattr__(self, name, np.asarray(value, dtype=np.float32))
 
+    def __repr__(self) -> str:
+        """Returns the paper's three and the mass: all of them would fill a screen."""
+        names = ("mass", "thrust_to_weight", "motor_time_constant", "latency")
+        return f"Parameters({', '.join(f'{name}={getattr(self, name)!s}' for name in names)}, ...)"
+
 
 QUANTITIES: dict[str, Quantity] = {
     entry.name: entry.metadata["quantity"] for entry in dataclasses.fields(Parameters)
