@@ -159,7 +159,7 @@ def to_flight(path: Path) -> tuple[Flight, dict[str, Any], tuple[str, ...]]:
             f"{table.name}: {len(state)} packets of the state and {len(motors)} of the motors, "
             "too few for a flight."
         )
-    at, before, weight = _sibling_name(stamps[state], stamps[motors])
+    at, before, weight = _match_instants(stamps[state], stamps[motors])
     values = {name: read[name][state][at] for name in STATE.variables}
     for name in MOTORS.variables:
         series = read[name][motors]
@@ -248,10 +248,10 @@ def _unwrapped(stamps: Float[np.ndarray, "N"]) -> Float[np.ndarray, "N"]:
     return stamps + laps * _WRAP
 
 
-def _sibling_name(
+def _match_instants(
     state: Float[np.ndarray, "A"], motors: Float[np.ndarray, "B"]
 ) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "N"], Float[np.ndarray, "N"]]:
-    """For which instants of one block the other is known.
+    """Finds the instants of one block at which the other is known.
 
     Returns:
         Numbers of those instants; the number of the motors' packet before each, and the weight of
