@@ -34,10 +34,18 @@ def beyond(command: Float[np.ndarray, "N"], limit: float, period: float) -> Bool
         limit: of `LIMITS`.
         period: of a row [s].
     """
-    rows = max(1, round(MEMORY / period))
-    # A window that ends at the row.
-    most = maximum_filter1d(np.asarray(command, float), rows, axis=0, origin=(rows - 1) // 2)
-    return np.asarray(most > limit)
+    return np.asarray(_recent_peak(command, _memory_rows(period)) > limit)
+
+
+def _memory_rows(period: float) -> int:
+    """Returns the rows of `MEMORY`."""
+    return max(1, round(MEMORY / period))
+
+
+def _recent_peak(command: Float[np.ndarray, "N"], rows: int) -> Float[np.ndarray, "N"]:
+    """Returns the greatest of a command over so many rows, in a window that ends at each row."""
+    values = np.asarray(command, float)
+    return np.asarray(maximum_filter1d(values, rows, axis=0, origin=(rows - 1) // 2))
 
 
 def saturation(flights: Sequence[Flight], lag: float) -> float:
@@ -84,9 +92,8 @@ def _regressors(flight: Flight, lag: float) -> Float[np.ndarray, "M 4"]:
     speed = lfilter([1 - decay], [1.0, -decay], command, axis=0, zi=decay * command[:1])[0]
     late = round(flight.accelerometer_delay / flight.period)
     force = np.asarray(flight.accelerometer, float)[:, 2]
-    rows = max(1, round(MEMORY / flight.period))
-    # A window that ends at the row.
-    most = maximum_filter1d(command.mean(axis=1), rows, origin=(rows - 1) // 2)
+    rows = _memory_rows(flight.period)
+    most = _recent_peak(command.mean(axis=1), rows)
     columns = [speed.mean(axis=1), (speed**2).mean(axis=1)]
     # A slow filter acts on what is compared with it too.
     smooth = max(1, round(2 * flight.accelerometer_delay / flight.period))
