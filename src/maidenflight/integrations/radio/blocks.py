@@ -125,6 +125,8 @@ CAN_BE_ARMED, ARMED, AUTO_ARMED, CAN_FLY, FLYING, TUMBLED, LOCKED, CRASHED = (
     1 << bit for bit in range(8)
 )
 """Bits of `supervisor.info`. Source: cflib 0.1.34, crazyflie/supervisor.py."""
+FAULTS = {TUMBLED: "tumbled", CRASHED: "crashed", LOCKED: "locked"}
+"""Of these, those with which a drone does not fly, by name."""
 
 
 class Reading(NamedTuple):

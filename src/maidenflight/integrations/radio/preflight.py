@@ -12,13 +12,11 @@ from maidenflight.integrations.radio.blocks import (
     CAN_BE_ARMED,
     CAN_FLY,
     CHARGING,
-    CRASHED,
     ENABLE,
+    FAULTS,
     LIMITS,
-    LOCKED,
     PROPELLER_TEST,
     TESTED,
-    TUMBLED,
     Reading,
 )
 from maidenflight.integrations.radio.clock import Clock
@@ -206,7 +204,7 @@ def _firmware_findings(reading: Reading) -> list[Finding]:
     """What the firmware's supervisor says."""
     against = [
         f"the firmware says that it has {state}; put it level, switch it off and on"
-        for bit, state in ((LOCKED, "locked"), (CRASHED, "crashed"), (TUMBLED, "tumbled"))
+        for bit, state in reversed(FAULTS.items())
         if reading.supervisor & bit
     ]
     if not reading.supervisor & (CAN_BE_ARMED | ARMED | AUTO_ARMED | CAN_FLY):

@@ -13,9 +13,7 @@ import numpy as np
 from maidenflight.integrations.radio.blocks import (
     ARMED,
     AUTO_ARMED,
-    CRASHED,
-    LOCKED,
-    TUMBLED,
+    FAULTS,
     Reading,
 )
 
@@ -91,8 +89,7 @@ def _not_finite(status: FlightStatus, limits: Limits) -> str:
 
 
 def _upside_down(status: FlightStatus, limits: Limits) -> str:
-    names = {TUMBLED: "tumbled", CRASHED: "crashed", LOCKED: "locked"}
-    conditions = [name for bit, name in names.items() if status.reading.supervisor & bit]
+    conditions = [name for bit, name in FAULTS.items() if status.reading.supervisor & bit]
     return f"the firmware says: {', '.join(conditions)}" if conditions else ""
 
 
