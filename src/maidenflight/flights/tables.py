@@ -23,9 +23,9 @@ from maidenflight.flights import not_logs
 
 _LARGEST = float(np.finfo(np.float32).max)
 _PARQUET, _UTF16 = b"PAR1", (b"\xff\xfe", b"\xfe\xff")
-PART = 12_000_000
+PART = 8_000_000
 """Bytes of text from which a CSV is read in parts, each a table, so that memory is bounded."""
-PART_ROWS = 100_000
+PART_ROWS = 60_000
 """Rows from which a Parquet file is."""
 
 
