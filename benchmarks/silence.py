@@ -23,7 +23,7 @@ VERBS = {
     "record": ["record", "--flights", "3", "-o", "recorded"],
     "log": ["log", "recorded"],
     "identify": ["identify", "recorded", "-o", "drone.toml"],
-    "validate": ["validate", "drone.toml", "--logs", "recorded", "-o", "validation.csv"],
+    "validate": ["validate", "drone.toml", "recorded", "-o", "validation.csv"],
     "plan": ["plan", "drone.toml", "-o", "plan"],
     "train": ["train", "--drone", "drone.toml", "-o", "policies"],
     "predict": ["predict", "policies", "--drone", "drone.toml", "-o", "prediction.csv"],
