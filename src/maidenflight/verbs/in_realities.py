@@ -35,13 +35,9 @@ class FliesPolicies(Verb):
     )
 
     def check_early(self) -> None:
-        """Refuses a drone that is not there, and a reference beside a task."""
+        """Refuses a drone that is not there, and a reference that is no CSV file."""
         shared.must_exist(getattr(self, "drone", None))
-        if self.reference is None:
-            return
-        if self.task is not None:
-            raise InputError("--task and --reference: give one of them.")
-        if self.reference.suffix != ".csv":
+        if self.reference is not None and self.reference.suffix != ".csv":
             raise InputError(f"{self.reference}: expected a file whose name ends with .csv.")
 
     @property
