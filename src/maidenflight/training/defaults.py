@@ -163,7 +163,8 @@ def _by_gradient(structure: str, task: str, remembering: bool) -> AnalyticGradie
         settings = dataclasses.replace(settings, **REMEMBERING_BY_CONTROL.get(structure, {}))
     if task == "hover":  # which fails beyond 5.2 rad/s
         return dataclasses.replace(settings, updates=2 * settings.updates, body_rate_margin=4.0)
-    if task in ("figure_eight", "fast_figure_eight"):  # far larger than the circle, and faster
+    # Far larger than the circle, and faster; or of many shapes.
+    if task in ("figure_eight", "fast_figure_eight", TRACKING):
         return dataclasses.replace(settings, updates=3 * settings.updates)
     return settings
 
