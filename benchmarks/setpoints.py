@@ -51,7 +51,7 @@ def fly(flights: Flights, reference: str, task: int, seed: int) -> tuple[float, 
         place, velocity, acceleration = places[min(round(time * 1000), len(places) - 1)]
         loop.wanted[:] = place + start
         loop.row["wanted_velocity"], loop.row["wanted_acceleration"] = velocity, acceleration
-        goal = [loop.app.log(f"goal{axis}") for axis in "XYZ"]
+        goal = np.array([loop.app.log(f"goal{axis}") for axis in "XYZ"])
         if time > 0.0:
             errors.append(float(np.linalg.norm(loop.plant.state.position - goal)))
 
