@@ -105,7 +105,7 @@ def row(name: str, pilot: str, flown: Transfer) -> dict[str, object]:
 
 def main() -> None:
     """Makes the drones and policies, and flies them."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
     parser.add_argument("--drone", action="append", choices=SOURCES, help="All by default.")
     parser.add_argument("-o", "--output", type=Path, default=Path("identified"))

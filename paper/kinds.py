@@ -28,7 +28,7 @@ TRIALS = 3
 
 def main() -> None:
     """Flies the policies and prints the table."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("folders", type=Path, nargs="+", help="Folders of policies of one kind.")
     parser.add_argument("--task", default="circle")
     arguments = parser.parse_args()

@@ -103,7 +103,7 @@ def minimum_snap(points: Waypoints) -> Trajectory:
 
 
 def snap_spline(times: Float[np.ndarray, "n"], places: Float[np.ndarray, "n 3"]) -> Any:
-    """The spline of degree 7 through places, from rest to rest."""
+    """Returns the spline of degree 7 through places, from rest to rest."""
     # Imported here, since it takes longer than the import of the rest of the simulator.
     from scipy.interpolate import make_interp_spline
 
