@@ -18,7 +18,7 @@ define install
   && $(BIN)/python -m pip install --quiet --editable '.$(1)'; }
 endef
 
-.PHONY: demo test test-all lint docs format lock oldest clean
+.PHONY: demo test test-all lint docs format lock oldest release-check clean
 
 demo: $(VENV)/.installed
 	$(BIN)/maidenflight demo
@@ -72,6 +72,19 @@ oldest: $(VENV)/.installed-dev
 	$(BIN)/uv venv --clear build/oldest
 	UV_CONSTRAINT= UV_BUILD_CONSTRAINT= VIRTUAL_ENV=build/oldest $(BIN)/uv pip install --resolution lowest-direct --editable '.[dev]'
 	build/oldest/bin/python -m pytest -n auto --dist loadfile -m 'not slow'
+
+# Everything a release is: sdist and wheel, their metadata, the changelog's entry; then the demo and the quick tests on the wheel,
+# in an environment that holds nothing of this checkout. A person then runs `uv publish`.
+release-check: $(VENV)/.installed-dev
+	rm -rf dist build/release && mkdir -p build/release
+	grep -q "^## $$($(BIN)/maidenflight --version | sed 's/.* //')$$" CHANGELOG.md
+	$(BIN)/uv build --quiet --out-dir dist
+	$(BIN)/uv tool run twine check --strict dist/*
+	$(BIN)/uv venv --clear --python $(BIN)/python build/release/venv
+	VIRTUAL_ENV=build/release/venv $(BIN)/uv pip install --quiet --compile-bytecode "$$(ls dist/*.whl)[dev]"
+	cd build/release && venv/bin/maidenflight demo -o run --overwrite
+	tar -xzf dist/*.tar.gz -C build/release --strip-components 1 && rm -r build/release/src
+	cd build/release && venv/bin/python -m pytest -n auto --dist loadfile --max-worker-restart 2 -m 'not slow'
 
 clean:
 	rm -rf $(VENV) build dist site

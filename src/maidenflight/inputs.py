@@ -6,14 +6,15 @@ brackets a thousand deep are an error of the text like any other.
 """
 
 import errno
+import gzip
+import io
 import json
 import os
 import tomllib
-import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from maidenflight.errors import InputError
 
@@ -25,6 +26,8 @@ MOST_GROWTH, UNBOUNDED, MOST_BYTES = 200, 64_000_000, 4_000_000_000
 exceed. Logs of numbers grow 3 to 20 times; a bomb, up to 1,000 times and more."""
 LARGEST = 3.4e38
 """What no number of a file exceeds; float32 reaches a little further."""
+GZIP = b"\x1f\x8b"
+"""How a gzip file begins."""
 StrPath = str | os.PathLike[str]
 """A path as a user gives it."""
 
@@ -60,22 +63,37 @@ def gunzip(raw: bytes) -> bytes:
     Raises:
         ValueError: it grows more than a log does.
         EOFError: it is cut off.
-        zlib.error: it is damaged.
+        OSError, zlib.error: it is damaged.
     """
-    parts, rest, size = [], raw, 0
-    while rest:
-        # 31: with gzip's own head and checksum, which ends a member.
-        member = zlib.decompressobj(wbits=31)
-        while not member.eof:
-            part = member.decompress(rest, UNBOUNDED)
-            parts.append(part)
-            size += len(part)
-            check_growth(len(raw), size)
-            rest = member.unconsumed_tail
-            if not part and not rest and not member.eof:
-                raise EOFError("Compressed file ended before the end-of-stream marker was reached")
-        rest = member.unused_data.lstrip(b"\0")
-    return b"".join(parts)
+    return b"".join(_unpack(io.BytesIO(raw), len(raw), UNBOUNDED))
+
+
+def blocks(path: StrPath, size: int) -> Iterator[bytes]:
+    """Reads the bytes of a file, decompressed if it is a gzip file, some at a time.
+
+    Args:
+        path: the file.
+        size: bytes at a time, at most.
+
+    Raises:
+        ValueError, EOFError, OSError, zlib.error: see `gunzip` and `content`.
+    """
+    with _ordinary(path).open("rb") as file:
+        packed = file.read(len(GZIP)) == GZIP
+        file.seek(0)
+        if packed:
+            yield from _unpack(file, os.fstat(file.fileno()).st_size, size)
+        else:
+            yield from iter(lambda: file.read(size), b"")
+
+
+def _unpack(file: BinaryIO, packed: int, size: int) -> Iterator[bytes]:
+    plain = 0
+    with gzip.GzipFile(fileobj=file) as unpacked:
+        for block in iter(lambda: unpacked.read(size), b""):
+            plain += len(block)
+            check_growth(packed, plain)
+            yield block
 
 
 def beginning(path: StrPath, count: int) -> bytes:

@@ -36,7 +36,8 @@ from maidenflight.integrations.exporters.authors_json import export_authors_json
 from maidenflight.policy import untrained_policy
 from maidenflight.reporting import page as page_module
 from maidenflight.reporting import run as runs
-from maidenflight.reporting.page import report
+from maidenflight.reporting.page import report, report_comparison
+from maidenflight.reporting.sections import comparison
 from maidenflight.reporting.sections import flights as flight_section
 from maidenflight.reporting.sections.flights import NAMES as STRUCTURES
 from maidenflight.simulator.controllers.interface import INTERFACES
@@ -813,3 +814,50 @@ def test_243_flights_are_drawn_by_a_page_of_less_than_six_megabytes(tmp_path):
 def test_a_name_that_is_no_utf8_is_shown_by_its_bytes() -> None:
     run = runs.Run(policies=1, records={"policies/\udcff.json": {"seed": 1}})
     assert r"policies/\udcff.json" in page_module.to_html(run).encode().decode()
+
+
+def beside(run_folder_: Path) -> dict[str, runs.Run]:
+    """A run, and another of a drone whose lag is 3 standard errors of the difference longer."""
+    first = runs.read_run(run_folder_)
+    assert first.drone is not None
+    lag = first.drone.estimates["motor_time_constant"]
+    error = (lag.interval[1] - lag.interval[0]) / 3.92
+    shift = 3 * 2**0.5 * error
+    longer = replace(
+        lag, value=lag.value + shift, interval=tuple(end + shift for end in lag.interval)
+    )
+    estimates = {**first.drone.estimates, "motor_time_constant": longer}
+    drone = dataclasses.replace(first.drone, estimates=estimates)
+    return {"a": first, "b": replace(first, drone=drone, policies=0)}
+
+
+def test_two_runs_are_compared_in_standard_errors_of_their_difference(run):
+    content = str(comparison.parameters(beside(run)))
+    apart = dict(file(content, "parameters").select("parameter", "apart").iter_rows())
+    assert apart["motor time constant [ms]"] == pytest.approx(3.0, rel=1e-6)
+    assert apart["thrust to weight"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_test_flights_of_two_runs_have_a_row_each(run):
+    rows = file(str(comparison.tested(beside(run))), "flown")
+    assert rows["run"].to_list() == ["a", "b"]
+    assert rows["reached"].to_list() == pytest.approx([1 / 3, 1 / 3])
+    assert rows["duration"].to_list() == [2.0, 2.0]
+
+
+def test_a_run_without_what_another_has_is_compared_by_the_rest(run):
+    some = beside(run)
+    some["b"] = replace(some["b"], table=None, drone=None)
+    assert comparison.parameters(some) == ""
+    assert file(str(comparison.tested(some)), "flown")["run"].to_list() == ["a"]
+    assert set(file(str(comparison.key_figures(some)), "figures").columns) == {"figure", "a", "b"}
+
+
+def test_runs_of_one_name_are_told_apart_by_their_folders(run, tmp_path):
+    for day in ("monday", "tuesday"):
+        shutil.copytree(run, tmp_path / day / "run")
+    places = [tmp_path / day / "run" for day in ("monday", "tuesday")]
+    content = report_comparison(places, tmp_path / "both.html").read_text()
+    assert "<title>monday/run beside tuesday/run</title>" in content
+    with pytest.raises(InputError):
+        report_comparison([places[0], places[0]], tmp_path / "both.html")

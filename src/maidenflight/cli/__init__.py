@@ -5,14 +5,14 @@ import sys
 import click
 
 from maidenflight import __version__
-from maidenflight.cli import interruption
+from maidenflight.cli import completion, interruption
 from maidenflight.cli.command import Commands
 from maidenflight.errors import InputError
 
 _CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
 
-@click.group(cls=Commands, context_settings=_CONTEXT)
+@click.group(cls=Commands, context_settings=_CONTEXT, params=[completion.option()])
 @click.version_option(__version__, prog_name="maidenflight")
 def commands() -> None:
     """Takes flight logs to a neural network that flies the real drone on its first try.

@@ -4,6 +4,7 @@ Tables are known by their columns, recordings of several signals by their first 
 there are `registry.LOG_FORMATS` says.
 """
 
+import itertools
 import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
@@ -83,7 +84,7 @@ OWN = TableFormat(
 
 
 class Logged(NamedTuple):
-    """What a log holds, unchecked."""
+    """What a log, or a part of a long one, holds, unchecked."""
 
     name: str
     """What errors and notes call the file."""
@@ -112,8 +113,10 @@ def is_log(file: Path) -> bool:
 
 def logged(
     file: Path, battery_law: str | None = None, law_of_drone: str | None = None
-) -> Logged | Table:
+) -> Iterator[Logged] | Table:
     """Returns the flights in a file as they were logged; of a table in no known format, the table.
+
+    A long table is read in parts, one after another, so that memory is bounded.
 
     Args:
         file: to be read.
@@ -124,10 +127,11 @@ def logged(
         InputError: the file is damaged, or its commands are read by no battery law.
     """
     name, ours = _name(file), LOG_FORMATS.own
-    recording, table, kind = _recording(file, ours), None, None
+    recording, parts, table, kind = _recording(file, ours), iter(()), None, None
     if recording is None:
         with suppress(InputError):
-            table = _table(file, name, ours)
+            parts = _tables(file, name, ours)
+            table = next(parts)
             kind = _format_of(table, ours)
     if recording is None and kind is None:
         # Installed packages are tried only with what is in no format of ours.
@@ -138,26 +142,41 @@ def logged(
         with np.errstate(over="ignore", invalid="ignore"):
             # Rows with what is not finite are dropped by `checking`.
             logs, notes = recording.flights(file, name)
-        return Logged(name, logs, notes)
-    table = table or _table(file, name)
+        return iter([Logged(name, logs, notes)])
+    if table is None:
+        parts = _tables(file, name)
+        table = next(parts)
     map_file = column_map.map_path(file)
-    if map_file.exists():
-        if battery_law:
-            raise InputError(_no_law(name))
-        with np.errstate(over="ignore", invalid="ignore"):
-            flight, time, notes = column_map.flight(table, column_map.read(map_file))
-        return Logged(name, [(flight, time)], [*table.notes, *notes])
-    kind = kind or _format_of(table)
+    kind = _by_map(map_file) if map_file.exists() else kind or _format_of(table)
     if kind is None:
         return table
-    if battery_law:
-        if not kind.compensated:
-            raise InputError(_no_law(name))
-        table = replace(table, head={**table.head, compensation.LAW_OF_THE_HEAD: battery_law})
-    if law_of_drone:
-        table = replace(table, head={**table.head, compensation.LAW_OF_THE_DRONE: law_of_drone})
-    logs, notes = kind.flights(table)
-    return Logged(name, logs, [*table.notes, *notes])
+    if battery_law and not kind.compensated:
+        raise InputError(_no_law(name))
+    laws = {
+        compensation.LAW_OF_THE_HEAD: battery_law,
+        compensation.LAW_OF_THE_DRONE: law_of_drone,
+    }
+    head = {key: law for key, law in laws.items() if law}
+    return (
+        Logged(name, *_with_notes(part, kind.flights(replace(part, head=part.head | head))))
+        for part in itertools.chain([table], parts)
+    )
+
+
+def _by_map(map_file: Path) -> TableFormat:
+    """The format of a table whose columns a file beside it describes."""
+    columns = column_map.read(map_file)
+
+    def flights(table: Table) -> LoggedFlights:
+        with np.errstate(over="ignore", invalid="ignore"):
+            flight, time, notes = column_map.flight(table, columns)
+        return [(flight, time)], notes
+
+    return TableFormat(f"a table with {map_file.name}", lambda _: True, flights)
+
+
+def _with_notes(part: Table, logs: LoggedFlights) -> LoggedFlights:
+    return logs[0], [*part.notes, *logs[1]]
 
 
 def unknown(table: Table) -> str:
@@ -239,7 +258,14 @@ def _format_of(table: Table, names: Iterable[str] = LOG_FORMATS) -> TableFormat 
     return next((kind for kind in _formats(TableFormat, names) if kind.recognises(table)), None)
 
 
-def _table(file: Path, name: str, names: Iterable[str] = LOG_FORMATS) -> Table:
+def _tables(file: Path, name: str, names: Iterable[str] = LOG_FORMATS) -> Iterator[Table]:
+    """The table in a file, of a long one in parts."""
+    if file.name.endswith(TABLES) and file.stat().st_size > tables.PART:
+        return tables.parts(file, name)
+    return iter([_table(file, name, names)])
+
+
+def _table(file: Path, name: str, names: Iterable[str]) -> Table:
     """The table in a file.
 
     Raises:

@@ -17,13 +17,12 @@ import numpy as np
 from maidenflight import names, run_folder
 from maidenflight.errors import InputError
 from maidenflight.flights import compensation, formats, log, not_logs
-from maidenflight.flights.checks import checking
-from maidenflight.flights.checkup import one_drone, rotor_speeds
-from maidenflight.flights.checkup.checkup import check_up
-from maidenflight.flights.checkup.result import FAILS, WARNS, CheckResult, sentences
-from maidenflight.flights.formats import Logged
+from maidenflight.flights.checked_log import check_log, cut
+from maidenflight.flights.checkup import one_drone
+from maidenflight.flights.checkup.result import CheckResult
 from maidenflight.flights.log import ZERO_ORDER_HOLD, Flight
 from maidenflight.flights.sampling import sampled
+from maidenflight.flights.tables import Table
 from maidenflight.flights.windows import LEAD_IN
 from maidenflight.inputs import StrPath
 
@@ -255,54 +254,36 @@ def _read(
             on_file(number, len(paths))
 
 
-def _of_file(file: Path, alone: bool, reading: _ReadLog, options: _ReadOptions) -> list[Flight]:
+def _of_file(file: Path, alone: bool, reading: _ReadLog, options: _ReadOptions) -> Iterator[Flight]:
+    """Pieces of the flights of a file; one of several parts is read twice, to check it first."""
     logs = formats.logged(file, options.battery_law, options.law_of_drone)
-    if isinstance(logs, Logged):
-        flights, dropped = _checked(logs, options, reading)
-        keys = one_drone.row_keys(flights) if flights else np.zeros(0, np.uint64)
-        first = one_drone.find_copy(keys, reading.keys) if flights else None
-        if first is not None:
-            reading.notes.append(f"{logs.name}: holds the same flight as {first}; used once")
-            return []
-        reading.keys[logs.name] = keys
-        reading.notes.extend(dropped)
-        reading.paths.append(file)
-        return flights
-    if alone:
-        raise InputError(formats.unknown(logs))
-    if not any(columns <= set(logs.frame.columns) for columns in _RESULTS):
-        reading.others.append(
-            f"{logs.name}: not a flight log, passed over (columns "
-            f"{', '.join(logs.frame.columns[:4])[:60]} ...)"
-        )
-    return []
-
-
-def _checked(
-    logs: Logged, options: _ReadOptions, reading: _ReadLog
-) -> tuple[list[Flight], list[str]]:
-    """Cuts and checks the flights of a file.
-
-    Raises:
-        _FaultError: a check-up fails, and faults are not to be used.
-    """
-    notes = [*logs.notes]
-    flights: list[Flight] = []
-    faults: list[str] = []
-    for flight, time in logs.flights:
-        flight = replace(flight, **dict.fromkeys(options.ignore))
-        pieces, dropped = checking.pieces(flight, time)
-        notes += dropped
-        results = check_up(pieces) if pieces else ()
-        reading.checks[flight.name] = results
-        if any(one.verdict == WARNS and one.name == rotor_speeds.NAME for one in results):
-            pieces = [replace(piece, rotor_speed=None) for piece in pieces]
-        notes += [f"{flight.name}: {one}" for one in sentences(results, WARNS)]
-        faults += [f"{flight.name}: {one}" for one in sentences(results, FAILS)]
-        flights += pieces
-    if faults and options.faulty != names.FAULTY_LOGS[2]:
-        raise _FaultError(" ".join(faults))
-    return flights, [*notes, *faults]
+    if isinstance(logs, Table):
+        if alone:
+            raise InputError(formats.unknown(logs))
+        if not any(columns <= set(logs.frame.columns) for columns in _RESULTS):
+            reading.others.append(
+                f"{logs.name}: not a flight log, passed over (columns "
+                f"{', '.join(logs.frame.columns[:4])[:60]} ...)"
+            )
+        return
+    log = check_log(logs, options.ignore)
+    reading.checks.update(log.checks)
+    if log.faults and options.faulty != names.FAULTY_LOGS[2]:
+        raise _FaultError(" ".join(log.faults))
+    first = one_drone.find_copy(log.keys, reading.keys) if len(log.keys) else None
+    if first is not None:
+        reading.notes.append(f"{log.name}: holds the same flight as {first}; used once")
+        return
+    reading.keys[log.name] = log.keys
+    reading.notes.extend([*log.notes, *log.faults])
+    reading.paths.append(file)
+    if log.parts == 1:
+        yield from (log.sound(piece) for piece in log.pieces)
+        return
+    again = formats.logged(file, options.battery_law, options.law_of_drone)
+    for part in () if isinstance(again, Table) else again:
+        for flight, time in part.flights:
+            yield from map(log.sound, cut(flight, time, options.ignore)[0])
 
 
 def _nothing(path: Path, files: int, reasons: list[str]) -> str:
@@ -360,9 +341,9 @@ def whole_flights(file: Path) -> list[Flight]:
         InputError: the file is damaged or in no known format.
     """
     logs = formats.logged(file)
-    if not isinstance(logs, Logged):
+    if isinstance(logs, Table):
         raise InputError(formats.unknown(logs))
-    return [flight for flight, _ in logs.flights]
+    return [flight for part in logs for flight, _ in part.flights]
 
 
 def _below(path: Path) -> tuple[list[Path], list[str]]:

@@ -49,18 +49,15 @@ def sampled(
             # What was cut by a larger share is cut further: the share only falls as flights come
             # in.
             share = _share(np.array(durations), most)
-            chosen_parts = [
-                _shortened(parts, number, share, lead_in)
-                for number, parts in enumerate(chosen_parts)
-            ]
+            # In place, so that what is cut is forgotten at once.
+            for number, parts in enumerate(chosen_parts):
+                chosen_parts[number] = _shortened(parts, number, share, lead_in)
             seconds = sum(map(_duration, chosen_parts))
             limit = _SLACK * max(most, seconds)
     share = _share(np.array(durations), most)
-    return [
-        part
-        for number, parts in enumerate(chosen_parts)
-        for part in _shortened(parts, number, share, lead_in)
-    ], sum(durations)
+    for number, parts in enumerate(chosen_parts):
+        chosen_parts[number] = _shortened(parts, number, share, lead_in)
+    return [part for parts in chosen_parts for part in parts], sum(durations)
 
 
 def _duration(parts: list[Flight]) -> float:

@@ -3,10 +3,13 @@
 Damage is named by its line and column.
 """
 
+import codecs
 import io
+import itertools
 import zlib
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -19,7 +22,11 @@ from maidenflight.errors import InputError
 from maidenflight.flights import not_logs
 
 _LARGEST = float(np.finfo(np.float32).max)
-_GZIP, _PARQUET, _UTF16 = b"\x1f\x8b", b"PAR1", (b"\xff\xfe", b"\xfe\xff")
+_PARQUET, _UTF16 = b"PAR1", (b"\xff\xfe", b"\xfe\xff")
+PART = 8_000_000
+"""Bytes of text from which a CSV is read in parts, each a table, so that memory is bounded."""
+PART_ROWS = 60_000
+"""Rows from which a Parquet file is."""
 
 
 @dataclass(frozen=True)
@@ -35,12 +42,16 @@ class Table:
     """What comment lines `# key: value`, or the metadata of a Parquet file, say."""
     first_line: int = 0
     """Line of the first row; 0 where there are no lines."""
+    first_row: int = 0
+    """Rows of the file above the first."""
     notes: tuple[str, ...] = ()
     """What was left out already."""
 
     def place(self, row: int) -> str:
         """Returns where a row lies, such as `line 17`; rows count from 0."""
-        return f"line {self.first_line + row}" if self.first_line else f"row {row + 1}"
+        if self.first_line:
+            return f"line {self.first_line + row}"
+        return f"row {self.first_row + row + 1}"
 
     def share(self, columns: Sequence[str]) -> float:
         """Returns the share of the named columns that are there."""
@@ -54,6 +65,51 @@ def read(path: Path, name: str) -> Table:
         InputError: the file cannot be read, or holds no table.
     """
     return parsed(content(path), path, name)
+
+
+def parts(path: Path, name: str) -> Iterator[Table]:
+    """Reads a table in parts one after another, for files of any length.
+
+    A part of a CSV has the comments and the header of the file above its rows.
+
+    Raises:
+        InputError: the file cannot be read, or holds no table.
+    """
+    try:
+        if inputs.beginning(path, len(_PARQUET)) == _PARQUET:
+            yield from _parquet_parts(path, name)
+            return
+        head, rest, line = b"", b"", 0
+        for block in itertools.chain(inputs.blocks(path, PART), [b""]):
+            rest += block
+            if block and len(rest) < 2 * PART:
+                continue
+            # The last part is as long as the others, so that its rows are no short piece.
+            whole = rest[: rest.rfind(b"\n", 0, PART) + 1 if block else None]
+            rest = rest[len(whole) :]
+            if not head:
+                whole = whole.removeprefix(codecs.BOM_UTF8)
+                head = _head(whole)
+                whole = whole[len(head) :]
+            if whole:
+                yield from_text(decoded(head + whole, name), name, line)
+                line += whole.count(b"\n")
+    except (OSError, EOFError, ValueError, zlib.error) as error:
+        raise InputError(
+            f"{path}: cannot be read as a flight log ({error}). Copy it again from where it was "
+            "recorded."
+        ) from error
+
+
+def _head(raw: bytes) -> bytes:
+    """Returns the lines of a CSV above its first row: comments and the columns' names."""
+    end = 0
+    while raw.startswith((b"#", b"\n", b"\r"), end) and b"\n" in raw[end:]:
+        end = raw.index(b"\n", end) + 1
+    line = raw[end : raw.find(b"\n", end) + 1]
+    # numpy.savetxt writes the header as a comment.
+    numeric = all(_is_number(cell) for cell in line.decode(errors="replace").split(","))
+    return raw[:end] if numeric else raw[: end + len(line)]
 
 
 def parsed(raw: bytes, path: Path, name: str) -> Table:
@@ -72,14 +128,14 @@ def content(path: Path) -> bytes:
     """Bytes of a file, decompressed."""
     try:
         raw = inputs.content(path)
-        if raw[:2] == _GZIP:
+        if raw[:2] == inputs.GZIP:
             raw = inputs.gunzip(raw)
     except (OSError, EOFError, ValueError, zlib.error) as error:
         raise InputError(
             f"{path}: cannot be read as a flight log ({error}). Copy it again from where it was "
             "recorded."
         ) from error
-    if raw[:2] == _GZIP:
+    if raw[:2] == inputs.GZIP:
         raise InputError(
             f"{path}: cannot be read as a flight log (compressed twice). Decompress it once."
         )
@@ -104,12 +160,17 @@ def decoded(raw: bytes, name: str) -> str:
     return text.replace("\r\n", "\n")
 
 
-def from_text(text: str, name: str) -> Table:
+def from_text(text: str, name: str, skipped: int = 0) -> Table:
     """Reads a CSV with comma, decimal point, a header line, and comment lines above it.
 
     A last line that is cut off is left out with a note; it is the mark of a recorder that was
     switched off. One without a line feed counts as such, because nobody can tell 0.1 from the
     beginning of 0.15.
+
+    Args:
+        text: of the table.
+        name: what errors name.
+        skipped: rows of the file between its header and those of the text.
 
     Raises:
         InputError: not such a table, or no rows.
@@ -142,13 +203,13 @@ def from_text(text: str, name: str) -> Table:
     notes: tuple[str, ...] = ()
     cut_off = text.count(",", last + 1, end) < len(names) - 1 or not text.endswith("\n")
     if last > 0 and cut_off:
-        number = line + text.count("\n", start, end)
+        number = line + skipped + text.count("\n", start, end)
         notes = (f"{name}: 1 row dropped: the last line ({number}) is cut off",)
         end = last
     try:
         frame = _frame(text[start:end].encode())
     except (polars.exceptions.PolarsError, ValueError) as error:
-        why = _why_unreadable(text[start:end], name, len(names), line, str(error))
+        why = _why_unreadable(text[start:end], name, len(names), (line, skipped), str(error))
         raise InputError(why) from error
     if frame.width != len(names):
         raise InputError(
@@ -158,7 +219,9 @@ def from_text(text: str, name: str) -> Table:
     pairs = (comment[1:].strip().partition(": ") for comment in comments)
     frame.columns = names
     head = {key: value for key, colon, value in pairs if colon}
-    return Table(name, frame, comments[0] if comments else "", head, line + 1, notes)
+    return Table(
+        name, frame, comments[0] if comments else "", head, line + 1 + skipped, notes=notes
+    )
 
 
 def _frame(body: bytes) -> polars.DataFrame:
@@ -207,8 +270,8 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _why_unreadable(body: str, name: str, columns: int, line: int, reason: str) -> str:
-    for number, row in enumerate(body.split("\n"), line):
+def _why_unreadable(body: str, name: str, columns: int, lines: tuple[int, int], reason: str) -> str:
+    for number, row in enumerate(body.split("\n"), sum(lines)):
         if row.count(",") >= columns and '"' not in row:
             return (
                 f"{name}: not a readable CSV table: line {number} has {row.count(',') + 1} "
@@ -217,13 +280,34 @@ def _why_unreadable(body: str, name: str, columns: int, line: int, reason: str) 
     return f"{name}: not a readable CSV table ({reason.splitlines()[0] if reason else 'damaged'})."
 
 
+def _parquet_parts(path: Path, name: str) -> Iterator[Table]:
+    with _parquet_errors(name):
+        frame, head = polars.scan_parquet(path), polars.read_parquet_metadata(path)
+        rows = frame.select(polars.len()).collect().item()
+        inputs.check_growth(path.stat().st_size, 8 * rows * len(polars.read_parquet_schema(path)))
+    starts = range(0, max(1, rows - PART_ROWS + 1), PART_ROWS)
+    for start in starts:
+        with _parquet_errors(name):
+            part = frame.slice(start, None if start == starts[-1] else PART_ROWS).collect()
+        yield Table(name, part, head=head, first_row=start)
+
+
 def _from_parquet(raw: bytes, name: str) -> Table:
-    try:
+    with _parquet_errors(name):
         rows = polars.scan_parquet(io.BytesIO(raw)).select(polars.len()).collect().item()
         cells = rows * len(polars.read_parquet_schema(io.BytesIO(raw)))
         inputs.check_growth(len(raw), 8 * cells)
         frame = polars.read_parquet(io.BytesIO(raw))
         head = polars.read_parquet_metadata(io.BytesIO(raw))
+    if frame.height == 0:
+        raise InputError(f"{name}: no rows. Leave the file out.")
+    return Table(name, frame, head=head)
+
+
+@contextmanager
+def _parquet_errors(name: str) -> Iterator[None]:
+    try:
+        yield
     except (
         polars.exceptions.PolarsError,
         polars.exceptions.PanicException,
@@ -234,9 +318,6 @@ def _from_parquet(raw: bytes, name: str) -> Table:
         raise InputError(
             f"{name}: not a readable Parquet file ({str(error).splitlines()[0]}). Copy it again."
         ) from error
-    if frame.height == 0:
-        raise InputError(f"{name}: no rows. Leave the file out.")
-    return Table(name, frame, head=head)
 
 
 def numbers(table: Table, columns: Iterable[str]) -> dict[str, Float[np.ndarray, "N"]]:

@@ -1,14 +1,15 @@
 """The report of a run: one HTML file that needs nothing else, neither a network nor a server."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple, Unpack
+from typing import Any, NamedTuple, Unpack
 
 from markupsafe import Markup
 
 from maidenflight import __version__, results
+from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.inputs import StrPath
 from maidenflight.reporting import run as runs
@@ -18,6 +19,7 @@ from maidenflight.reporting.html import asset, render
 from maidenflight.reporting.run import Run
 from maidenflight.reporting.run_files import FileOptions
 from maidenflight.reporting.sections import (
+    comparison,
     flights,
     head,
     parameters,
@@ -48,6 +50,13 @@ _SECTIONS: tuple[tuple[str, str, Callable[[Run], Markup]], ...] = (
     ("reproduce", "Reproduce", reproduce.section),
 )
 """Anchor, title and content of the page's sections; an empty one is left out."""
+_COMPARED: tuple[tuple[str, str, Callable[[comparison.Runs], Markup]], ...] = (
+    ("figures", "Key figures", comparison.key_figures),
+    ("parameters", "Parameters", comparison.parameters),
+    ("predicted", "Predicted flight times", comparison.predicted),
+    ("flights", "Test flights", comparison.tested),
+)
+"""The same of the page of several runs."""
 
 
 _VIEWER = ("scene.js", "traces.js", "viewer.js")
@@ -85,10 +94,63 @@ def report(source: StrPath | Transfer | None, path: StrPath, **files: Unpack[Fil
     return results.write(path, to_html(run))
 
 
+def report_comparison(
+    sources: Sequence[StrPath], path: StrPath, **files: Unpack[FileOptions]
+) -> Path:
+    """Writes several runs side by side as one self-contained HTML file.
+
+    Args:
+        sources: two runs or more, each as in `report`.
+        path: the HTML file.
+        **files: files to take of every run; see `report`.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: see `report`; or the runs have nothing in common.
+    """
+    named = dict(zip(_short_names(sources), sources, strict=True))
+    compared = {name: runs.read_run(source, files) for name, source in named.items()}
+    sections = [Section(name, title, make(compared)) for name, title, make in _COMPARED]
+    content = {
+        "title": " beside ".join(compared),
+        "badge": "",
+        "lead": comparison.summarize(compared),
+        "figures": [],
+    }
+    return results.write(path, _render(content, sections))
+
+
+def _short_names(sources: Sequence[StrPath]) -> list[str]:
+    """The last folders of paths, as many as tell them apart."""
+    paths = [Path(source).resolve().parts for source in sources]
+    count = next(
+        (
+            n
+            for n in range(1, max(map(len, paths)))
+            if len({one[-n:] for one in paths}) == len(paths)
+        ),
+        None,
+    )
+    if count is None:
+        raise InputError(f"{sources[0]}: the same run twice; give others to compare.")
+    return ["/".join(one[-count:]) for one in paths]
+
+
 def to_html(run: Run) -> str:
     """Returns the page."""
     sections = [Section(name, title, make(run)) for name, title, make in _SECTIONS]
-    logs = viewer.viewer_data(run)
+    content = {
+        "title": head.title(run),
+        "badge": head.kind(run),
+        "lead": head.summarize(run),
+        "figures": head.key_figures(run),
+    }
+    return _render(content, sections, viewer.viewer_data(run))
+
+
+def _render(content: Mapping[str, Any], sections: Sequence[Section], logs: Any = None) -> str:
     has_charts = any("<figure class=chart " in section.content for section in sections)
     scripts = [asset("page.js")]
     scripts += [asset(name) for name in _VIEWER] if logs else []
@@ -99,10 +161,7 @@ def to_html(run: Run) -> str:
     )
     page = render(
         "page.html",
-        title=head.title(run),
-        badge=head.kind(run),
-        lead=head.summarize(run),
-        figures=head.key_figures(run),
+        **content,
         sections=[section for section in sections if section.content],
         version=__version__,
         style=asset("colours.css") + _themes() + asset("style.css"),

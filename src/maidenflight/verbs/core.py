@@ -57,7 +57,7 @@ if TYPE_CHECKING:
         identification as identification_figure,
     )
     from maidenflight.reporting.figures.picture import svg
-    from maidenflight.reporting.page import report
+    from maidenflight.reporting.page import report, report_comparison
     from maidenflight.reporting.run import read_flights_of
     from maidenflight.reporting.text import ERRORS
     from maidenflight.simulator.controllers import control

@@ -111,7 +111,7 @@ class Demo(Verb):
         run(configure(Export(policy=best)), run_folder.FIRMWARE, "the best policy to C99")
         stage_file = run_folder.write_stages(output, self.seed, seconds)
         manifest.append(stage_file, self.name, {"stages": [stage_file]}, self.make_record())
-        run(Report(source=output), run_folder.REPORT, "one page to look at")
+        run(Report(runs=(output,)), run_folder.REPORT, "one page to look at")
         identified, flights = (
             stage_results["identify"].value,
             stage_results["transfer"].content["flights"],

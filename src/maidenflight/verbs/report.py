@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from maidenflight import run_folder
+from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.registry import VIEWERS
 from maidenflight.settings import path, setting, several, text
@@ -20,7 +21,7 @@ def _file(help: str) -> Any:
 
 
 class Report(Verb):
-    """Make one self-contained HTML page of a RUN.
+    """Make one self-contained HTML page of a RUN, or of several side by side.
 
     RUN is a folder with run.json, which commands write beside their output, or a file or folder
     that it lists; this folder by default. Files that are renamed, moved or by others are named by
@@ -30,7 +31,9 @@ class Report(Verb):
     in_studies = False
     output = Output(None, "HTML file; report.html by default, in the folder where RUN is one.")
 
-    source: Path | None = setting(path("a run"), None, argument=True, files=True, name="run")
+    runs: tuple[Path, ...] = setting(
+        several(path("a run"), empty=True), (), argument=True, files=True, name="run"
+    )
     view: str | None = setting(
         text(metavar="FILE"),
         None,
@@ -77,12 +80,17 @@ class Report(Verb):
         return {name: value for name, value in options.items() if value}
 
     def _find_source(self) -> Path | None:
-        return Path() if self.source is None and not self._files else self.source
+        """Returns the only run; the folder it stands in where neither a run nor a file is named."""
+        if len(self.runs) > 1:
+            return None
+        return next(iter(self.runs), None if self._files else Path())
 
     def compute(self, output: Path | None, progress: Progress) -> Result:
         """Writes the page, or shows the flights."""
         progress.move(0, None, "reading the run")
         if self.view is not None:
+            if len(self.runs) > 1:
+                raise InputError(f"--view shows one run, not {len(self.runs)}. Give one.")
             flights = core.read_flights_of(self._find_source(), self._files)
             VIEWERS["flights"](flights, output)
             place = "sent to the viewer" if output is None else f"written to {output}"
@@ -92,7 +100,10 @@ class Report(Verb):
                 value=flights,
             )
         assert output is not None
-        page = core.report(self._find_source(), output, **self._files)
+        if len(self.runs) > 1:
+            page = core.report_comparison(self.runs, output, **self._files)
+        else:
+            page = core.report(self._find_source(), output, **self._files)
         return Result(
             content={"report": str(page)},
             summary=[f"written {page}; open it in a browser"],

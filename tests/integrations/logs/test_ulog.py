@@ -82,7 +82,7 @@ def test_set_points_explain_the_motors_of_real_logs(name: str, shared_data: Path
     path = shared_data / "real" / "px4" / name
     if not path.is_file():
         pytest.skip("the logs are not here")
-    notes = formats.logged(path).notes
+    notes = next(formats.logged(path)).notes
     (said,) = (re.search(r"explain ([\d.]+) %", note) for note in notes if "explain" in note)
     assert said is not None
     assert float(said[1]) >= 99.98

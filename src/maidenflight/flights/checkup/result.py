@@ -1,6 +1,6 @@
 """`CheckResult`, what one test of the check-up concludes."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 PASSES, WARNS, FAILS, UNKNOWN = "passes", "warns", "fails", "cannot tell"
@@ -31,3 +31,24 @@ def unknown(name: str, reason: str, statistic: float | None = None) -> CheckResu
 def sentences(results: Iterable[CheckResult], verdict: str) -> list[str]:
     """Returns what the tests of one verdict say."""
     return [one.sentence for one in results if one.verdict == verdict]
+
+
+def typical_results(parts: Sequence[tuple[CheckResult, ...]]) -> tuple[CheckResult, ...]:
+    """Concludes what parts of one flight say together: of each test the median verdict.
+
+    Parts in which a test cannot tell do not count, unless all are such.
+    """
+    if len(parts) == 1:
+        return parts[0]
+    tests: dict[str, list[CheckResult]] = {}
+    for one in (result for results in parts for result in results):
+        tests.setdefault(one.name, []).append(one)
+    certain = {
+        name: [one for one in results if one.verdict != UNKNOWN] or results
+        for name, results in tests.items()
+    }
+    order = (PASSES, WARNS, FAILS, UNKNOWN)
+    return tuple(
+        sorted(results, key=lambda one: order.index(one.verdict))[len(results) // 2]
+        for results in certain.values()
+    )

@@ -19,6 +19,7 @@ since 2022).
 
 import struct
 import zlib
+from array import array
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -120,12 +121,12 @@ def _text(raw: bytes, at: int) -> tuple[str, int]:
 
 def _records(
     raw: bytes, events: Mapping[int, _Event], start: int, end: int, unit: float
-) -> tuple[dict[int, list[int]], int]:
+) -> "tuple[dict[int, array[int]], int]":
     """Where the records of each event type begin, and where the last whole one ends."""
     sizes = {number: event.record.itemsize for number, event in events.items()}
     width = next(iter(events.values())).record[0].itemsize if events else 8
     behind = round(_BACKWARDS / unit)
-    places: dict[int, list[int]] = {}
+    places: dict[int, array[int]] = {}
     at, latest = start, 0
     while at + 2 <= end:
         size = sizes.get(raw[at] | raw[at + 1] << 8)
@@ -135,7 +136,7 @@ def _records(
         if stamp < latest - behind:
             break
         latest = max(latest, stamp)
-        places.setdefault(raw[at] | raw[at + 1] << 8, []).append(at + 2)
+        places.setdefault(raw[at] | raw[at + 1] << 8, array("q")).append(at + 2)
         at += 2 + size
     return places, at
 
@@ -153,7 +154,7 @@ def _damage(name: str, start: int, stop: int, end: int) -> str:
     )
 
 
-def _gathered(raw: np.ndarray, places: list[int], event: _Event) -> np.ndarray:
+def _gathered(raw: np.ndarray, places: "array[int]", event: _Event) -> np.ndarray:
     """The records at some places as one structured array."""
     rows = np.asarray(places)[:, None] + np.arange(event.record.itemsize)
     return raw[rows].reshape(-1).view(event.record)

@@ -1,0 +1,179 @@
+"""Several runs side by side: what was identified, and how policies flew."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import polars
+from markupsafe import Markup
+
+from maidenflight.identification.drone_file import Estimate
+from maidenflight.identification.outcome.plausible import prior_ranges
+from maidenflight.identification.search.box import physical_bounds
+from maidenflight.reporting import tables, text
+from maidenflight.reporting.figures import charts, intervals
+from maidenflight.reporting.figures import flight_times as flight_time_figures
+from maidenflight.reporting.figures.charts import Entry, Figure, Spec
+from maidenflight.reporting.html import render
+from maidenflight.reporting.run import Run
+from maidenflight.reporting.sections import flights, head
+
+COLOURS = ("blue", "orange", "green", "purple")
+"""Of runs, in their order."""
+Runs = Mapping[str, Run]
+"""By their name."""
+_WIDTH = 2 * 1.96
+"""Of a 95 % interval, in standard deviations."""
+_LEADING = {"run": "Run", "panel": "Drone", "policies": "Policies", "flights": "Flights"}
+_FLOWN = {
+    "reached": tables.number("Reached the time limit [%]", 0, 100.0),
+    "duration": tables.number("Median duration [s]", 2),
+    "position_error": tables.number("Mean position error [cm]", 2, 100.0),
+    **flights.LARGEST,
+}
+
+
+def summarize(runs: Runs) -> str:
+    """Returns what each run is, a sentence each."""
+    return " ".join(f"{name}: {head.title(run)}." for name, run in runs.items())
+
+
+def key_figures(runs: Runs) -> Markup:
+    """Returns the few numbers that matter, a column a run."""
+    rows: dict[str, dict[str, str]] = {}
+    for name, run in runs.items():
+        for figure in head.key_figures(run):
+            label = Markup(figure.label).striptags()
+            rows.setdefault(label, {})[name] = f"{figure.value} {figure.unit}".strip()
+    table = [{"figure": label} | _fill(runs, values) for label, values in rows.items()]
+    return _tabulate("figures", table, {"figure": "Figure", **{name: name for name in runs}})
+
+
+def parameters(runs: Runs) -> Markup:
+    """Returns intervals of each parameter that two runs or more identified."""
+    identified = {name: run for name, run in runs.items() if run.estimates}
+    names = [
+        parameter
+        for parameter in dict.fromkeys(key for run in identified.values() for key in run.estimates)
+        if sum(parameter in run.estimates for run in identified.values()) > 1
+    ]
+    if not names:
+        return Markup()
+    rows = []
+    for parameter in names:
+        estimates = {
+            name: run.estimates[parameter]
+            for name, run in identified.items()
+            if parameter in run.estimates
+        }
+        ends = [end for one in estimates.values() for end in one.interval]
+        scale, digits, unit = text.rounding(parameter, min(ends), max(ends))
+        values = {
+            name: f"{text.fixed(scale * one.value, digits)} "
+            f"[{', '.join(text.fixed(scale * end, digits) for end in one.interval)}]"
+            for name, one in estimates.items()
+        }
+        label = f"{parameter.replace('_', ' ')}{f' [{unit}]' if unit else ''}"
+        rows.append({"parameter": label, **_fill(runs, values), "apart": _apart(estimates)})
+    columns = {"parameter": "Parameter", **{name: name for name in identified}}
+    table = _tabulate(
+        "parameters", rows, {**columns, "apart": tables.number("Apart [standard errors]", 1)}
+    )
+    return render("comparison.html", intervals=_draw(identified, names), times=None, table=table)
+
+
+def tested(runs: Runs) -> Markup:
+    """Returns test flights of all runs: their durations, and a row for each run and drone."""
+    return _flown(runs, {name: run.table for name, run in runs.items()})
+
+
+def predicted(runs: Runs) -> Markup:
+    """Returns predicted flights of all runs."""
+    return _flown(runs, {name: run.prediction for name, run in runs.items()})
+
+
+def _flown(runs: Runs, parts: Mapping[str, polars.DataFrame | None]) -> Markup:
+    tables_of = [
+        rows.with_columns(
+            run=polars.lit(name),
+            colour=polars.lit(_colour(runs, name)),
+            panel=polars.col("reality") if "reality" in rows.columns else polars.lit("predicted"),
+            row=polars.lit(f"{name}: ") + polars.col("policy"),
+        )
+        for name, rows in parts.items()
+        if rows is not None
+    ]
+    if not tables_of:
+        return Markup()
+    rows = polars.concat(tables_of, how="diagonal_relaxed")
+    reached = polars.col("end_reason") == flight_time_figures.REACHED
+    largest = [polars.col(name).max() for name in flights.LARGEST if name in rows.columns]
+    summary = rows.group_by("run", "panel", maintain_order=True).agg(
+        polars.col("policy").n_unique().alias("policies"),
+        polars.len().alias("flights"),
+        reached.mean().alias("reached"),
+        polars.col("duration").median(),
+        *([polars.col("position_error").mean()] if "position_error" in rows.columns else []),
+        *largest,
+    )
+    columns = {name: one for name, one in (_LEADING | _FLOWN).items() if name in summary.columns}
+    colours = {_colour(runs, name): name for name in runs}
+    times = flight_time_figures.flight_times(rows, "Flight times", colours)
+    table = tables.sortable("flown", summary, columns)
+    return render("comparison.html", intervals=None, times=times, table=table)
+
+
+def _draw(runs: Runs, names: Sequence[str]) -> Figure:
+    """Draws intervals of all runs as shares of what is plausible about the first run's drone."""
+    drones = [run.drone.parameters for run in runs.values() if run.drone is not None]
+    priors = prior_ranges(drones[0], physical_bounds(drones[0]))
+    marks: list[Spec] = []
+    shifts = np.linspace(-0.3, 0.3, len(runs))
+    for row, name in enumerate(names):
+        some = [run.estimates[name] for run in runs.values() if name in run.estimates]
+        low, high = priors.get(
+            name, (min(e.interval[0] for e in some), max(e.interval[1] for e in some))
+        )
+        for shift, (run_name, run) in zip(shifts, runs.items(), strict=True):
+            if name not in run.estimates:
+                continue
+            one = run.estimates[name]
+            value, start, stop = ((end - low) / (high - low) for end in (one.value, *one.interval))
+            look = {"row": row, "shift": float(shift), "series": run_name, "name": run_name}
+            look["colour"] = charts.paint(_colour(runs, run_name))
+            marks += [
+                {**look, "kind": "bar", "x": start, "x2": stop},
+                {**look, "kind": "value", "x": value},
+            ]
+    ticks = {"values": [0, 0.25, 0.5, 0.75, 1], "format": "%"}
+    x = charts.number("x", "share of the range that is plausible before the flights", axis=ticks)
+    labels = [(name.replace("_", " "), "") for name in names]
+    legend = [Entry(name, _colour(runs, name), "bar", name) for name in runs]
+    return Figure(
+        "Parameters", [intervals.rows(labels, marks, x, {"name": "run"})], legend, columns=1
+    )
+
+
+def _colour(runs: Runs, name: str) -> str:
+    return COLOURS[list(runs).index(name) % len(COLOURS)]
+
+
+def _apart(estimates: Mapping[str, Estimate]) -> float:
+    """Largest difference of two estimates in standard errors of the difference."""
+    several = list(estimates.values())
+    errors = [(one.interval[1] - one.interval[0]) / _WIDTH for one in several]
+    return max(
+        abs(several[i].value - several[j].value) / max(float(np.hypot(errors[i], errors[j])), 1e-30)
+        for i in range(len(several))
+        for j in range(i)
+    )
+
+
+def _fill(runs: Runs, values: Mapping[str, str]) -> dict[str, str]:
+    return {name: values.get(name, text.NOTHING) for name in runs}
+
+
+def _tabulate(name: str, rows: Sequence[Mapping[str, Any]], columns: Mapping[str, Any]) -> Markup:
+    if not rows:
+        return Markup()
+    return tables.sortable(name, polars.DataFrame(rows), columns)
