@@ -145,7 +145,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
 
 
 def expected_intervals(problem: Problem, settings: Likelihood) -> dict[str, ExpectedInterval]:
-    """Returns what flights can determine of the requested parameters, or that may be chosen.
+    """Returns what flights of the start can tell of the requested parameters, or all.
 
     Raises:
         InputError: too little flight, or a parameter that cannot be searched.
@@ -153,7 +153,7 @@ def expected_intervals(problem: Problem, settings: Likelihood) -> dict[str, Expe
     motors = _motors(problem)
     if motors:
         problem = replace_(problem, flights=[undo_filter_delay(one) for one in problem.flights])
-    return _expected_intervals(problem, _coarse(problem, settings), motors)
+    return _expected_intervals(problem, _coarse(problem, settings), motors, is_truth=True)
 
 
 def _coarse(problem: Problem, settings: Likelihood) -> OneStep:
@@ -181,6 +181,8 @@ def _expected_intervals(
     coarse: OneStep,
     motors: MotorResponse | None,
     drone: Parameters | None = None,
+    *,
+    is_truth: bool = False,
 ) -> dict[str, ExpectedInterval]:
     """What flights tell about a drone, or about the start."""
     names, parameter_groups = problem.over, problem.over
@@ -192,11 +194,9 @@ def _expected_intervals(
         )
     priors = prior_ranges(problem.start, box_of(problem, names).limits)
     fit_result = information.expected_intervals(
-        coarse,
-        drone if drone is not None else problem.start,
-        names,
-        priors,
+        *(coarse, problem.start if drone is None else drone, names, priors),
         _measured_delays(motors),
+        is_truth=is_truth,
     )
     # What is not even looked for in such flights cannot be told by them either.
     # Of a lag that is seen its own width decides, not what is plausible about some start.
