@@ -56,10 +56,12 @@ class Predict(FliesPolicies):
                 core.posterior_ensemble(file.parameters, file.posterior, file.name)
         if self.get("policies"):
             _ = self.fleet
+        if self.chosen_task is not None:
+            core.find_task(self.chosen_task)
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Predicts; writes a row a flight."""
-        fleet, (tasks, notes) = self.fleet, self.fleet.choose_tasks(self.task)
+        fleet, (tasks, notes) = self.fleet, self.fleet.choose_tasks(self.chosen_task)
         progress.move(0, None, "compiling")
         usual = core.drones.choose_prediction(self.drone)
         randomization = usual if self.randomize is None else self.randomize
@@ -68,7 +70,7 @@ class Predict(FliesPolicies):
             core.drones.possible_drones(self.drone, randomization, self.seed, self.today),
             self.key,
             trials=self.trials,
-            duration=self.duration,
+            duration=self.longest(tasks[0], self.duration),
             controller_for=core.real_controller
             if self.firmware == core.REAL_FIRMWARE
             else partial(core.control.controller_for, firmware=self.firmware),
