@@ -261,8 +261,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     given = parser.parse_args(arguments)
     policies, flights = published(given.authors)
-    fold, rows = fold_of(list(policies)), []
-    files, possible = {}, {}
+    fold = fold_of(list(policies))
+    rows: list[dict[str, object]] = []
+    files: dict[int, dict[str, Path]] = {}
+    possible: dict[tuple[str, int], Parameters] = {}
     for number in [*given.folds, *([WHOLE] if given.whole else [])]:
         inner = {name: policy for name, policy in policies.items() if fold[name] != number}
         place = given.output / ("whole" if number == WHOLE else f"fold_{number}")
