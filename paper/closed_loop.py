@@ -281,7 +281,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         }
         add(label, "outer", outer)
         if given.whole:
-            add(label, "inner", dict.fromkeys(policies, possible[label, WHOLE]))
+            add(label, "inner", {name: possible[label, WHOLE] for name in policies})
     if given.whole:
         logs = {name: todays_log(given.authors, list(policies), name) for name in policies}
         matched = files[WHOLE]["closed loop"]
