@@ -262,7 +262,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     policies, flights = published(given.authors)
     fold, rows = fold_of(list(policies)), []
-    files, possible = {}, {}
+    files, possible = {}, dict[tuple[str, int], Parameters]()
     for number in [*given.folds, *([WHOLE] if given.whole else [])]:
         inner = {name: policy for name, policy in policies.items() if fold[name] != number}
         place = given.output / ("whole" if number == WHOLE else f"fold_{number}")
@@ -281,7 +281,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         }
         add(label, "outer", outer)
         if given.whole:
-            add(label, "inner", {name: possible[label, WHOLE] for name in policies})
+            add(label, "inner", dict.fromkeys(policies, possible[label, WHOLE]))
     if given.whole:
         logs = {name: todays_log(given.authors, list(policies), name) for name in policies}
         matched = files[WHOLE]["closed loop"]
