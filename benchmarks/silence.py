@@ -42,7 +42,7 @@ class Silence(NamedTuple):
     first: float
     """Until its first word [s]."""
     longest: float
-    """Longest between two words, and after the last [s]."""
+    """Longest between two words [s]; after the last, the result is there."""
     before: str
     """The words before the longest silence."""
     seconds: float
@@ -65,7 +65,7 @@ def listen(arguments: list[str], folder: Path) -> Silence:
                 text = os.read(terminal, 65536)
         ended = process.poll() is not None
         now = time.monotonic()
-        if text or ended:
+        if text:
             if now - last > longest and first:
                 longest, before = now - last, words
             first, last = first or now - start, now

@@ -363,6 +363,8 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
         assert own.height == sum(entry["end_reasons"].values()) == 5
         assert entry["quantiles"]["0.5"] == np.median(own["duration"].to_numpy())
         assert entry["end_reasons"] == dict(own["end_reason"].value_counts().rows())
+        assert entry["outlives"][file.stem] == 0.5
+        assert set(entry["outlives"]) == {one.stem for one in files}
     made = json.loads(output.read_text().splitlines()[1].removeprefix("# record: "))
     read = [one.split(" ")[0] for one in made["inputs"]]
     assert read == ["drone.toml", *(file.name for file in files)]

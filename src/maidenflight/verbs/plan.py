@@ -7,6 +7,7 @@ from maidenflight.settings import flag, listed, number, setting
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Verb
 from maidenflight.verbs import core, shared
+from maidenflight.verbs.logs import scale_of
 
 _ROOM = listed(
     number(0.0, 1e4), "width, depth and height in metres, such as 2x2x1.5", "WxDxH", separator="x"
@@ -109,15 +110,12 @@ def _summarize(flight_plan: "core.planning.PlanResult") -> list[Table | str]:
     """Returns the manoeuvres, the intervals to expect, and how far the drone goes."""
     plan = flight_plan.plan
     blocks = [{"name": one.manoeuvre.name, "seconds": one.seconds} for one in plan.blocks]
-    rows = [
-        {
-            **dataclasses.asdict(one),
-            "name": name,
-            "unit": core.QUANTITIES[core.COMPONENTS[name][0]].unit,
-            "remark": "not determined" if name in flight_plan.unidentifiable else "",
-        }
-        for name, one in plan.expected.items()
-    ]
+    rows = []
+    for name, one in plan.expected.items():
+        scale, unit = scale_of(name, one.plausible)
+        widths = {key: scale * width for key, width in dataclasses.asdict(one).items()}
+        remark = "not determined" if name in flight_plan.unidentifiable else ""
+        rows.append(widths | {"name": name, "unit": unit, "remark": remark})
     columns = {"parameter": "{name}", "unit": "{unit}", "plan": "{plan:.2g}"}
     columns |= {"as long a hover": "{hover:.2g}", "plausible": "{plausible:.2g}", "": "{remark}"}
     parts: list[Table | str] = [

@@ -18,11 +18,12 @@ class Record(Verb):
 
     output = Output("flights", "Folder for the logs.")
 
-    reality: str = setting(
+    reality: str | None = setting(
         text("a reality", "REALITY"),
-        "virtual:7",
+        None,
         f"What flies: {shared.REALITIES}.",
         shared.FLIGHTS,
+        usual="virtual:7, or the drone of the plan",
         files=True,
     )
     flights: int | None = setting(
@@ -57,8 +58,10 @@ class Record(Verb):
     def compute(self, output: Path, progress: Progress) -> Result:
         """Flies; writes a CSV a flight, and the true parameters where they are known."""
         progress.move(0, None, "compiling and flying")
-        drone = core.drones.find_reality(self.reality, self.accept_bounds)
         plan = None if self.plan is None else core.flight_plan.read(self.plan)
+        planned = {} if plan is None else plan.record.get("settings", {})
+        name = self.reality or str(planned.get("drone", "virtual:7"))
+        drone = core.drones.find_reality(name, self.accept_bounds)
         count = self.flights or (4 if plan is None else 1)
         seconds = self.duration if plan is None else plan.seconds
         settled: dict[str, Any] = {"reality": drone.name, "flights": count}

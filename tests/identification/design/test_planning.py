@@ -118,8 +118,11 @@ def test_the_room_is_kept_on_drones_that_it_was_not_planned_for(proposed):
 
 @pytest.mark.slow
 def test_a_plan_that_is_written_is_recorded_from_its_file(proposed, tmp_path):
-    path = proposed[0].plan.write(tmp_path / "plan.toml")
-    recorded = Record(plan=path, reality="crazyflie", seed=1, rate=100).run(tmp_path / "flights")
+    """On the drone that it was made for, unless another is named."""
+    plan = dataclasses.replace(proposed[0].plan, record={"settings": {"drone": "virtual:3"}})
+    path = plan.write(tmp_path / "plan.toml")
+    recorded = Record(plan=path, seed=1, rate=100).run(tmp_path / "flights")
+    assert recorded.record["settings"]["reality"] == "virtual-3"
     logs = [Path(log) for log in recorded.written["logs"]]
     assert [log.name for log in logs] == ["flight_01.csv"]
     assert "plan.toml sha256:" in logs[0].read_text()

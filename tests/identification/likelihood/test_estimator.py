@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from maidenflight.identification.likelihood import other_ways
 from maidenflight.identification.likelihood.estimator import (
     Answer,
     Models,
@@ -115,6 +116,20 @@ def test_doubt_widens_and_what_is_lost_keeps_the_start() -> None:
     assert lost.best.drone.drag[0] == START.drag[0]
     assert lost.unidentifiable == {"drag_x": (0.0, 2.0)}
     assert np.ptp(lost.samples["drag_x"]) > 1.9
+
+
+@pytest.mark.parametrize("fitted", [("drag_x",), ("drag_x", "drag_y")])
+def test_what_a_fit_lacks_is_what_least_squares_gain(fitted, monkeypatch) -> None:
+    """Of drag_y, which was planted, as of drag_z, which was not."""
+    lacking = NAMES[len(fitted)]
+    monkeypatch.setattr(other_ways, "_LACKING", (lacking, *fitted))
+    causes, left = Lines(0).causes.reshape(-1, 3), Lines(0).errors(START).ravel()
+    without, added = (
+        np.linalg.lstsq(causes[:, :count], left)[1][0] for count in (len(fitted), len(fitted) + 1)
+    )
+    gain = other_ways.what_is_lacking(answer(fitted).best)
+    assert gain == pytest.approx((without - added) / 0.02, rel=1e-3, abs=0.05)
+    assert (gain > 10) == (lacking == "drag_y")
 
 
 def test_a_group_is_added_that_others_flights_want() -> None:

@@ -13,7 +13,7 @@ from maidenflight import cores
 from maidenflight.flights.windows import Windows, windows
 from maidenflight.identification.likelihood import one_step_errors
 from maidenflight.identification.likelihood.observation import noise_model
-from maidenflight.identification.likelihood.one_step import LENGTH, OneStep
+from maidenflight.identification.likelihood.one_step import LEAST_NOISE, LENGTH, OneStep
 from maidenflight.identification.likelihood.one_step_errors import COLUMNS, ORDER, errors
 from maidenflight.parameters import replace
 
@@ -125,9 +125,16 @@ def test_noise_is_what_errors_differ_by_from_the_mean_of_their_segment(noisy, no
     assert noisy.mean_products(drone)[9, 0, 0] > 2 * about_means[9, 0, 0]
 
 
+def test_flights_without_noise_have_the_least_that_sensors_have(exact):
+    """What rounding leaves is no noise that an autoregression may foretell."""
+    model = exact.noise_model(TRUTH)
+    np.testing.assert_allclose(model.deviation, LEAST_NOISE, rtol=1e-2)
+    assert np.abs(model.coefficients).max() < 0.02
+
+
 def test_a_stretch_is_judged_by_a_noise_model_found_elsewhere(noisy, noisy_windows, exact):
-    """The Gaussian log likelihood of each stretch, by hand, under weights and deviations that do
-    not fit it."""
+    """The Gaussian log likelihood of each stretch and of the least noise, by hand, under weights
+    and deviations that do not fit it."""
     model = noisy.noise_model(replace(TRUTH, thrust_to_weight=1.8))._replace(
         deviation=np.array([0.02, 0.03, 0.02, 0.1, 0.2, 0.1])
     )
@@ -137,7 +144,9 @@ def test_a_stretch_is_judged_by_a_noise_model_found_elsewhere(noisy, noisy_windo
         for lag in range(1, ORDER + 1)
     )
     expected = -norm.logpdf(new, scale=model.deviation).sum(axis=(1, 2))
-    np.testing.assert_allclose(noisy.per_segment(TRUTH, model), expected, rtol=1e-4)
+    least = LEAST_NOISE**2 * (1 + (model.coefficients**2).sum(axis=1)) / model.deviation**2
+    expected += 0.5 * new.shape[1] * least.sum()
+    np.testing.assert_allclose(noisy.per_segment(TRUTH, model), expected, rtol=1e-5)
 
 
 NEAR: Any = dict(zip(NAMES, (0.003, 5e-4, 1.5e-4, 1e-7), strict=True))

@@ -13,8 +13,9 @@ prediction error estimates) and 13.3 (informative experiments).
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
+from maidenflight.identification.likelihood.fit import SLOWING_DOWN
 from maidenflight.identification.likelihood.observation import ObservationModel
 from maidenflight.identification.outcome.plausible import (
     HOVERING,
@@ -25,8 +26,12 @@ from maidenflight.identification.outcome.plausible import (
     Ranges,
     is_identifiable,
 )
+from maidenflight.identification.outcome.posterior import between_segment_sd
 from maidenflight.identification.signals.lag import LAG
 from maidenflight.parameters import Parameters, component
+
+_SEEN = 2.0
+"""Standard deviations from which on an effect will be found."""
 
 
 def expected_intervals(
@@ -35,6 +40,8 @@ def expected_intervals(
     names: Sequence[str],
     priors: Ranges,
     measured_delays: Mapping[str, Float[np.ndarray, "N"]] | None = None,
+    *,
+    is_truth: bool = False,
 ) -> dict[str, ExpectedInterval]:
     """Returns what flights can tell of some parameters together.
 
@@ -44,8 +51,10 @@ def expected_intervals(
         names: of `parameters.COMPONENTS`.
         priors: plausible range of each.
         measured_delays: samples of parameters that other signals than the likelihood determine.
+        is_truth: whether the start flew: effects too small to be seen will not be in the model
+            beside the others, and segments differ from it as they will from the drone found.
     """
-    _, _, curvatures = model.derivatives(start, names)
+    _, scores, curvatures = model.derivatives(start, names)
     directions = {}
     for name, samples in (measured_delays or {}).items():
         if name not in names:
@@ -61,9 +70,25 @@ def expected_intervals(
         spread = float(np.std(model.thrust.hovering(start)[1]))
         variance = spread**2 * (1 / model.segments + 1 / NEXT_FLIGHT)
         directions[HOVERING] = climbs / climbs[names.index(HOVERING)], variance
-    matrix = information(curvatures.sum(axis=0) * model.rows, names, directions)
     widths = np.array([priors[name][1] - priors[name][0] for name in names])
-    deviations = np.sqrt(np.diag(covariance(matrix, widths)))
+
+    def together(some: Bool[np.ndarray, "d"]) -> Float[np.ndarray, "e"]:
+        """Returns standard deviations of some parameters where the others are known."""
+        rows = {name: (row[some], variance) for name, (row, variance) in directions.items()}
+        curvature = curvatures.sum(axis=0)[np.ix_(some, some)] * model.rows
+        chosen = [name for name, is_in in zip(names, some, strict=True) if is_in]
+        return np.sqrt(np.diag(covariance(information(curvature, chosen, rows), widths[some])))
+
+    deviations = together(np.ones(len(names), bool))
+    if is_truth:
+        off = np.array([1.0 if name == SLOWING_DOWN else 0.0 for name in names])
+        effect = np.abs([float(component(start, name)) for name in names] - off)
+        shown = (effect > _SEEN * deviations) | [name in directions for name in names]
+        deviations[shown] = together(shown)
+        likely = shown & [name not in directions for name in names]
+        scores, curvatures = scores[:, likely], curvatures[:, likely][:, :, likely]
+        spread = between_segment_sd(scores * model.rows, curvatures * model.rows)
+        deviations[likely] = np.hypot(deviations[likely], spread / np.sqrt(NEXT_FLIGHT))
     result = {}
     for name, deviation in zip(names, deviations, strict=True):
         low, high = priors[name]

@@ -7,8 +7,11 @@ What accelerometer or gyro tell counts half of what white noise changes, which w
 more and takes the answers of a controller for causes, and of inertia half of what a lag of the
 gyro's own changes, so that flights which hardly excite an axis have wide intervals.
 
+Flights whose likelihood rises clearly with something that the fitted drone lacks contradict it: no
+optimum is then the drone's to more than a few hundredths, however little noise there is.
+
 Source: Richardson 1911, The approximate arithmetical solution by finite differences (error from the
-change with the step).
+change with the step); Rao 1948, Large sample tests of statistical hypotheses (score test).
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,9 +22,12 @@ from jaxtyping import Float
 from maidenflight.flights.log import Flight, thinned
 from maidenflight.identification.likelihood.estimator import Ways
 from maidenflight.identification.likelihood.fit import Fit
+from maidenflight.identification.likelihood.observation import BY_MOMENT
 from maidenflight.identification.likelihood.one_step import one_step_objective
 from maidenflight.identification.likelihood.sensor_errors import SensorErrors
 from maidenflight.identification.methods import Likelihood
+from maidenflight.identification.outcome.plausible import HOVERING
+from maidenflight.identification.outcome.posterior import inverse
 from maidenflight.identification.signals.lag import DELAYS
 
 _SPARSER = 2
@@ -41,6 +47,22 @@ FILTER = 1e-3
 commands are samples of a faster loop, half a row is added."""
 
 
+_LACKING = ("thrust_linear", "rotational_damping", "flapping_moment", "drag_x", "drag_y")
+"""What a drone may lack: the curve of its thrust, the lag of its sensors, and its air."""
+_CONTRADICTED = 10.0
+"""Log-likelihood gain of all rows [nats] by what is lacking, beyond which flights contradict a
+drone; chance has it once in a thousand times."""
+_LIKE = 0.03
+"""Least standard error of a drone that flights contradict, a share: of drones in crazyflow, whose
+thrust and motors follow other laws, lag and inertia come out 1 to 5 % off."""
+_FILTERED = 0.002
+"""Standard error of its latency [s]: the gyro may be filtered or not (a Crazyflie's is, 2.8 ms
+late), and a simulator adds a step of its own."""
+_ARRIVAL = 3e-4
+"""Standard error with which any latency is known [s]: a command arrives within a physics step of
+1 ms (1 / sqrt(12))."""
+
+
 def is_zero_order_hold(flights: Sequence[Flight]) -> bool:
     """Returns whether each logged command acted until the next."""
     return all(flight.zero_order_hold for flight in flights)
@@ -55,12 +77,44 @@ def ways_of_states(flights: Sequence[Flight], settings: Likelihood, names: Seque
     return {SPARSER: (model, names)}
 
 
-def doubt_of_states(fit_result: Fit, others: Mapping[str, Fit]) -> Float[np.ndarray, "d d"]:
-    """Returns the covariance in the unit cube of what they differ by, each parameter by itself."""
-    difference = [other.optimum - fit_result.optimum for other in others.values()]
+def doubt_of_states(
+    fit_result: Fit, others: Mapping[str, Fit], *, measured: bool = False
+) -> Float[np.ndarray, "d d"]:
+    """Returns the covariance in the unit cube of what they differ by, each parameter by itself.
+
+    Where lag and latency are not `measured` by other signals, with the errors of the model.
+    """
+    names, unit = fit_result.box.names, fit_result.optimum
+    errors = np.zeros(len(names))
+    if not measured:
+        contradicted = what_is_lacking(fit_result) > _CONTRADICTED
+        share = _LIKE if contradicted else 0.0
+        # Thrust has its own error, and trims are of a flight.
+        errors = share * np.abs(fit_result.box.values(unit))
+        errors[[name == HOVERING or name.startswith("torque_bias") for name in names]] = 0.0
+        errors[[name == "latency" for name in names]] = _FILTERED if contradicted else _ARRIVAL
+    difference = [other.optimum - unit for other in others.values()]
     return np.diag(
-        np.sum(np.square(difference), axis=0) if difference else np.zeros(len(fit_result.box.names))
+        np.sum(np.square(difference), axis=0) + (errors / fit_result.box.slope(unit)) ** 2
     )
+
+
+def what_is_lacking(fit_result: Fit) -> float:
+    """Returns the gain of the log likelihood [nats] by what the drone lacks, in one step."""
+    names, model = fit_result.box.names, fit_result.model
+    lacking = [name for name in _LACKING if name not in names]
+    known = [name for name in names if name not in (*BY_MOMENT, HOVERING)]
+    hover = [HOVERING] if model.thrust is not None else []
+    _, scores, curvatures = model.derivatives(fit_result.drone, [*lacking, *known, *hover])
+    slope, curvature = scores.sum(axis=0), curvatures.sum(axis=0)
+    along = np.eye(len(slope))
+    if model.thrust is not None:
+        climbs = model.thrust.climbs(fit_result.drone, [*lacking, *known, *hover])
+        along = np.concatenate([along[:-1, :-1], -climbs[None, :-1] / climbs[-1]])
+    slope, curvature = along.T @ slope, along.T @ curvature @ along
+    step = inverse(curvature) @ slope
+    best = inverse(curvature[len(lacking) :, len(lacking) :]) @ slope[len(lacking) :]
+    return float(model.rows * 0.5 * (slope @ step - slope[len(lacking) :] @ best))
 
 
 def ways_of_sensor(flights: Sequence[Flight], model: SensorErrors, names: Sequence[str]) -> Ways:

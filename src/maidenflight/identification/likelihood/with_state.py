@@ -18,10 +18,7 @@ from maidenflight.identification.likelihood.estimator import Models, Question, a
 from maidenflight.identification.likelihood.fit import box_of, fit
 from maidenflight.identification.likelihood.flight_differences import differences
 from maidenflight.identification.likelihood.laplace import Others
-from maidenflight.identification.likelihood.noise_levels import (
-    noise_levels,
-    without_false_walks,
-)
+from maidenflight.identification.likelihood.noise_levels import correct_walks, noise_levels
 from maidenflight.identification.likelihood.observation import ObservationModel
 from maidenflight.identification.likelihood.one_step import LENGTH, OneStep, one_step_objective
 from maidenflight.identification.likelihood.one_step_errors import ORDER
@@ -87,19 +84,24 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     expected = _expected_intervals(problem, coarse, motors)
     problem.reporter.expected(expected)
     unidentifiable = {name: one.prior for name, one in expected.items() if not one.identifiable}
+    seen = set[str]()
     while True:
         question = _question(problem, settings, (coarse, fine), motors, unidentifiable)
         fit_result = answer_question(problem, settings, question)
         box, draws = fit_result.best.box, fit_result.samples
         searched = [name for name in box.names if not (motors and name in DELAYS)]
         wide = _too_wide(draws, searched, expected, _groups(problem, motors))
-        if not wide:
+        shown = _shown(problem, coarse, motors, fit_result.best.drone, unidentifiable.keys() - seen)
+        seen |= {*wide, *shown}
+        if not wide and not shown:
             break
         unidentifiable |= {name: expected[name].prior for name in wide}
+        expected |= shown
+        unidentifiable = {name: one for name, one in unidentifiable.items() if name not in shown}
     drone = fit_result.best.drone
     left = fine.products_about_means(drone)
     noise = noise_levels(left, drone, stride(flights[0]) * flights[0].period)
-    noise = without_false_walks(noise, flights)
+    noise = correct_walks(noise, flights)
     drone = replace(drone, **{name: np.float32(value) for name, value in noise.items()})
     interval, spread = (
         fit_result.posterior.interval,
@@ -140,7 +142,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
 
 
 def expected_intervals(problem: Problem, settings: Likelihood) -> dict[str, ExpectedInterval]:
-    """Returns what flights can determine of the requested parameters, or that may be chosen.
+    """Returns what flights of the start can tell of the requested parameters, or all.
 
     Raises:
         InputError: too little flight, or a parameter that cannot be searched.
@@ -148,7 +150,7 @@ def expected_intervals(problem: Problem, settings: Likelihood) -> dict[str, Expe
     motors = _motors(problem)
     if motors:
         problem = replace_(problem, flights=[undo_filter_delay(one) for one in problem.flights])
-    return _expected_intervals(problem, _coarse(problem, settings), motors)
+    return _expected_intervals(problem, _coarse(problem, settings), motors, is_truth=True)
 
 
 def _coarse(problem: Problem, settings: Likelihood) -> OneStep:
@@ -156,9 +158,30 @@ def _coarse(problem: Problem, settings: Likelihood) -> OneStep:
     return one_step_objective(problem.flights, settings, settings.coarse_physics_step)
 
 
-def _expected_intervals(
-    problem: Problem, coarse: OneStep, motors: MotorResponse | None
+def _shown(
+    problem: Problem,
+    coarse: OneStep,
+    motors: MotorResponse | None,
+    drone: Parameters,
+    names: Collection[str],
 ) -> dict[str, ExpectedInterval]:
+    """Those of some parameters of which flights say something about the drone found.
+
+    About a start that is far away noise seems large, and hides them.
+    """
+    expected = _expected_intervals(problem, coarse, motors, drone) if names else {}
+    return {name: one for name, one in expected.items() if one.identifiable and name in names}
+
+
+def _expected_intervals(
+    problem: Problem,
+    coarse: OneStep,
+    motors: MotorResponse | None,
+    drone: Parameters | None = None,
+    *,
+    is_truth: bool = False,
+) -> dict[str, ExpectedInterval]:
+    """What flights tell about a drone, or about the start."""
     names, parameter_groups = problem.over, problem.over
     if names is None or parameter_groups is None:
         every = selection.WITH_KNOWN_LAG if motors else selection.GROUPS
@@ -168,7 +191,9 @@ def _expected_intervals(
         )
     priors = prior_ranges(problem.start, box_of(problem, names).limits)
     fit_result = information.expected_intervals(
-        coarse, problem.start, names, priors, _measured_delays(motors)
+        *(coarse, problem.start if drone is None else drone, names, priors),
+        _measured_delays(motors),
+        is_truth=is_truth,
     )
     # What is not even looked for in such flights cannot be told by them either.
     # Of a lag that is seen its own width decides, not what is plausible about some start.
@@ -250,7 +275,7 @@ def _question(
         _measured_delays(motors),
         partial(Others.from_ranges, unidentifiable, generator=problem.generator),
         partial(other_ways.ways_of_states, problem.flights, settings),
-        other_ways.doubt_of_states,
+        partial(other_ways.doubt_of_states, measured=motors is not None),
     )
 
 
