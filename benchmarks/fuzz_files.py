@@ -29,7 +29,7 @@ from maidenflight.parameters import QUANTITIES, Parameters
 from maidenflight.policy import Policy, untrained_policy
 from maidenflight.simulator.controllers.interface import INTERFACES, ControlInterface
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.tasks.trajectories import read_waypoints
+from maidenflight.simulator.tasks.waypoints import read_waypoints
 from maidenflight.studies import study as studies
 from maidenflight.studies.study import Study
 from maidenflight.training import checkpoint

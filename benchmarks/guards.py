@@ -34,8 +34,9 @@ DRONE, FLIGHTS, SECONDS = "crazyflie_2.1+", 30, 20.0
 class Flights:
     """Flights of one policy on its drone."""
 
-    def __init__(self, policy: Path) -> None:
+    def __init__(self, policy: Path, drone: str = DRONE) -> None:
         """Builds the app."""
+        self.drone = drone
         file = policy_file.read_policy(policy)
         self.folder = Path(tempfile.mkdtemp())
         self.library = app_in_firmware.built(file.policy, self.folder, hover=file.hover)
@@ -48,7 +49,7 @@ class Flights:
         copy.write_bytes(self.library.read_bytes())
         app = app_in_firmware.App(copy)
         app.set(task=task)
-        loop = app_in_plant.Loop(app, find_plant(DRONE, seed)(), self.pid)
+        loop = app_in_plant.Loop(app, find_plant(self.drone, seed)(), self.pid)
         flown = loop.fly(seconds, fault)
         return flown, REASONS[int(app.log("why"))], loop
 

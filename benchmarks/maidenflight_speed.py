@@ -37,7 +37,11 @@ from maidenflight.simulator.physics.sensors import Measurement  # noqa: E402
 from maidenflight.simulator.randomization import relative_box  # noqa: E402
 from maidenflight.simulator.rollouts import randomized_reset, rollout_with_auto_reset  # noqa: E402
 
+ARRAYS = "one core, arrays"
+"""The state as arrays, of a single drone without an axis for drones: for few drones, whose time is
+that of starting loops."""
 LAYOUTS = {
+    ARRAYS: (1, 0),
     "one core": (1, 0),
     "all cores": (CORES, 0),
     "all cores, by 256": (CORES, 256),
@@ -96,6 +100,50 @@ def rate_pid(shared: Parameters, own: Any, commands: int) -> Any:
 
     flown, _ = jax.lax.scan(act, own["flown"], None, length=commands // COMMANDS)
     return own | {"flown": flown}
+
+
+def motor_arrays(shared: Parameters, own: Any, commands: int, steps: int = 2) -> Any:
+    """`motor_level` of a state of arrays."""
+
+    def hold(flown: Any, number: jax.Array) -> tuple[Any, None]:
+        state, given = flown
+        line = latency.put(given, own["command"], number)
+        return (stepping.drive(dynamics.euler, state, line, steps, shared), line.commands), None
+
+    (state, given), _ = jax.lax.scan(hold, own["flown"], jnp.arange(commands))
+    return own | {"flown": (state, latency.in_front(given, commands))}
+
+
+def rate_arrays(shared: Parameters, own: Any, commands: int) -> Any:
+    """`rate_pid` of a state of arrays."""
+    controller = control.attitude_rate()
+
+    def act(flown: Any, _: None) -> tuple[Any, None]:
+        def hold(flown: Any, number: jax.Array) -> tuple[Any, None]:
+            state, given, memory = flown
+            exact = Measurement(*state[:4])
+            memory, command = controller.command(memory, own["action"], exact, jnp.zeros(3))
+            line = latency.put(given, rotor_speed_command(command), number)
+            return (
+                stepping.drive(dynamics.euler, state, line, 1, shared),
+                line.commands,
+                memory,
+            ), None
+
+        (state, given, memory), _ = jax.lax.scan(hold, flown, jnp.arange(COMMANDS))
+        return (state, latency.in_front(given, COMMANDS), memory), None
+
+    flown, _ = jax.lax.scan(act, own["flown"], None, length=commands // COMMANDS)
+    return own | {"flown": flown}
+
+
+def as_arrays(own: Any) -> Any:
+    """The same with vectors as arrays, their entries on the last axis."""
+    return jax.tree.map(
+        lambda leaf: jnp.stack(list(leaf), -1) if isinstance(leaf, vectors.Entries) else leaf,
+        own,
+        is_leaf=lambda leaf: isinstance(leaf, vectors.Entries),
+    )
 
 
 def training(shared: Any, own: Any, steps: int) -> Any:
@@ -165,6 +213,8 @@ SERIES: dict[str, tuple[Callable[..., Any], int]] = {
 }
 """One drone's function, and the steps that are counted a turn of its loop: physics steps, in
 training steps of the environment."""
+OF_ARRAYS: dict[str, Callable[..., Any]] = {"motor": motor_arrays, "rate": rate_arrays}
+"""The same of states of arrays."""
 
 
 def in_chunks(run: Run, size: int) -> Run:
@@ -193,11 +243,16 @@ def prepare(series: str, batch: int, layout: str) -> Prepared | None:
         if series == "training"
         else max(min(2**20 // batch, 1024), 64)
     )
-    run: Run = jax.vmap(
-        partial(one, **{"steps" if series == "training" else "commands": turns}), in_axes=(None, 0)
-    )
-    run = in_chunks(run, size) if size else run
     shared, own = drones(series, batch)
+    if layout == ARRAYS:
+        if series not in OF_ARRAYS:
+            return None
+        one, own = OF_ARRAYS[series], as_arrays(own)
+    single: Run = partial(one, **{"steps" if series == "training" else "commands": turns})
+    run: Run = jax.vmap(single, in_axes=(None, 0))
+    if layout == ARRAYS and batch == 1:
+        run, own = single, jax.tree.map(lambda leaf: leaf[0], own)
+    run = in_chunks(run, size) if size else run
     if devices > 1:
         mesh, split, whole = (
             Mesh(np.array(jax.devices()[:devices]), ("drones",)),

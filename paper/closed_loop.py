@@ -1,21 +1,25 @@
-"""Flight times of the authors' policies by drones from the likelihood and from the closed loop.
+"""Flight times of the authors' policies by drones that their own flights had no part in.
 
-Identifies the drone from the authors' flights by likelihood, then its closed loop from the flights
-and policies of two thirds of the PWM policies, and predicts the flight times of all 72: blind, and
-with one flight of the policy whose number is next as a log of the day. The others, a third of each
-control structure, took no part in any choice.
+Policies are dealt into five outer folds (`fold_of`). For each, the whole recipe runs with the
+flights and policies of the other four: the likelihood of the dynamics, trims and how they differ,
+the closed loop. Its drone then predicts the policies of the fold: the outer score, by which choices
+count. The inner score is that of the policies which the recipe saw. What is made is kept in the
+output folder, a folder a fold, and not made again.
 
     python paper/closed_loop.py --authors ../shared/data/authors -o closed_loop
 
-With logs of other Crazyflies it also says how well both drones predict these: by the likelihood of
-a row, and by the rotor speeds where they were measured.
+`--whole` also makes the drone of all flights, which predicts all 72 with and without one flight of
+the policy whose number is next as a log of the day. With logs of other Crazyflies it says how well
+both its drones predict these: by the likelihood of a row, and by the rotor speeds where they were
+measured.
 
-    ... --elsewhere ../shared/data/nanobench --elsewhere ../shared/data/usd/brushed
+    ... --whole --elsewhere ../shared/data/nanobench --elsewhere ../shared/data/usd/brushed
 
 Source of flights and policies: Gronauer et al. 2022, github SvenGronauer/phoenix-drone-simulation.
 """
 
 import argparse
+import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -31,7 +35,12 @@ from scipy.ndimage import uniform_filter1d
 from maidenflight import compiler, policy_file, results
 from maidenflight.errors import InputError
 from maidenflight.experiments.drones import possible_drones
-from maidenflight.experiments.flight_times import predict_flight_times, summary
+from maidenflight.experiments.flight_times import (
+    UNSURE,
+    outlives,
+    predict_flight_times,
+    summary,
+)
 from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights
 from maidenflight.flights.rotors import rotors
@@ -47,18 +56,25 @@ from maidenflight.verbs.match import Match
 
 TODAY = "closed loop, log of the day"
 STRUCTURES = ("pwm", "attitude_rate", "attitude", "all")
-SEEDS = 2
+FOLDS = 5
+WHOLE = -1
+"""The fold of no policy: its drone is made of all flights."""
 STEP_S = 0.002
 """Of the simulation by which flights elsewhere are predicted, about [s]."""
 
 
-def held_out(names: Sequence[str]) -> set[str]:
-    """Every third policy of each control structure, by number."""
-    found: set[str] = set()
-    for structure in STRUCTURES[:-1]:
+def fold_of(names: Sequence[str]) -> dict[str, int]:
+    """The outer fold of each policy "control/number", dealt once and for all.
+
+    Blocks are of two neighbours by number, which were trained alike; blocks of a control structure
+    go to the folds in turn, those of attitude control from the third on.
+    """
+    fold = {}
+    for structure, first in zip(STRUCTURES[:-1], (0, 0, 2), strict=True):
         own = [name for name in names if name.startswith(f"{structure}/")]
-        found |= set(sorted(own, key=lambda name: int(name.split("/")[1]))[2::3])
-    return found
+        own.sort(key=lambda name: int(name.split("/")[1]))
+        fold |= {name: (place // 2 + first) % FOLDS for place, name in enumerate(own)}
+    return fold
 
 
 def flights_of(authors: Path, name: str) -> Path:
@@ -68,22 +84,31 @@ def flights_of(authors: Path, name: str) -> Path:
 
 
 def identified(authors: Path, folder: Path, policies: Mapping[str, Policy]) -> dict[str, Path]:
-    """Drone files by how they were found, made unless they are there."""
-    flights = authors / "flights"
-    dynamics, chosen = folder / "dynamics.toml", folder / "policies"
-    if not dynamics.exists():
-        Identify(logs=flights / "pwm", commands="zero-order-hold").run(dynamics)
-    for name in sorted(set(policies) - held_out(list(policies))):
+    """Drone files by how they were made, of the flights of these policies alone.
+
+    Args:
+        authors: folder of all flights.
+        folder: for the files; those that are there are not made again.
+        policies: by name.
+    """
+    flights, chosen = folder / "flights", folder / "policies"
+    for name in policies:
+        copy = flights_of(folder, name)
+        if not copy.exists():
+            shutil.copytree(flights_of(authors, name), copy)
         structure, number = name.split("/")
         if structure == "pwm":
             made = results.record(seed=0, inputs=[], settings={"published": name})
             policy_file.write_policy(chosen / f"pwm_{int(number):03d}.json", policies[name], made)
-    varied, matched = folder / "likelihood.toml", folder / "closed_loop.toml"
+    dynamics, varied, matched = (
+        folder / f"{name}.toml" for name in ("dynamics", "likelihood", "closed_loop")
+    )
+    if not dynamics.exists():
+        Identify(logs=flights / "pwm", commands="zero-order-hold").run(dynamics)
     if not varied.exists():
         Identify(logs=flights, start=str(dynamics), over=tuple(BETWEEN_FLIGHTS)).run(varied)
     if not matched.exists():
-        matching = Match(logs=flights / "pwm", policies=(str(chosen),), start=str(varied))
-        matching.run(matched)
+        Match(logs=flights, policies=(str(chosen),), start=str(varied)).run(matched)
     return {"likelihood": varied, "closed loop": matched}
 
 
@@ -106,60 +131,70 @@ def todays_log(authors: Path, names: Sequence[str], name: str) -> Path | None:
 
 
 def predicted(
-    policies: Mapping[str, Policy], drones: Parameters | Mapping[str, Parameters], trials: int
+    policies: Mapping[str, Policy], drones: Mapping[str, Parameters], trials: int, seed: int
 ) -> polars.DataFrame:
-    """Mean and band of the flight times of each policy, of all seeds together."""
+    """Predicted flights of each policy on its drone."""
     parts = []
-    for seed in range(SEEDS):
+    for drone in {id(one): one for one in drones.values()}.values():
+        own = {name: policy for name, policy in policies.items() if drones[name] is drone}
         key = jax.random.key(seed)
-        each = (
-            [({name: policies[name]}, drones[name]) for name in policies]
-            if isinstance(drones, Mapping)
-            else [(dict(policies), drones)]
+        parts.append(
+            predict_flight_times(list(own.values()), drone, key, trials=trials, names=list(own))
         )
-        for some, drone in each:
-            parts.append(
-                predict_flight_times(
-                    list(some.values()), drone, key, trials=trials, names=list(some)
-                ).with_columns(polars.col("trial") + seed * trials)
-            )
-    return summary(polars.concat(parts).sort("policy", "trial"))
+    return polars.concat(parts).with_columns(seed=seed)
 
 
 def agreements(
-    label: str, told: polars.DataFrame, flights: polars.DataFrame
+    labels: Mapping[str, object], told: polars.DataFrame, flights: polars.DataFrame
 ) -> list[dict[str, object]]:
-    """Rows of the table: by control structure, of all policies and of those held out."""
+    """Rows of the table, by control structure, with standard errors over seeds.
+
+    Args:
+        labels: further columns.
+        told: flights of `predicted`, of one seed or several; their bands are of all together.
+        flights: the real ones.
+    """
     real = flights.group_by("name").agg(polars.col("flight_time_s").mean().alias("measured"))
-    joined = told.join(real, left_on="policy", right_on="name")
-    out = held_out(joined["policy"].to_list())
     rows: list[dict[str, object]] = []
     for structure in STRUCTURES:
-        for which in ("all", "held out"):
-            named = [
-                name
-                for name in joined["policy"]
-                if structure in ("all", name.split("/")[0]) and (which == "all" or name in out)
-            ]
-            own = joined.filter(polars.col("policy").is_in(named))
-            found = agreement(own["mean"].to_numpy(), own["measured"].to_numpy())
-            real_ones = flights.filter(polars.col("name").is_in(named))
-            floor = one_against_others(real_ones)
-            rows.append(
-                {
-                    "drone": label,
-                    "control": structure,
-                    "policies": f"{len(named)} {which}",
-                    "predicted [s]": own["mean"].mean(),
-                    "measured [s]": own["measured"].mean(),
-                    "Spearman": found.spearman,
-                    "error [s]": found.mean_absolute_error,
-                    "within 10 to 90 %": within_band(own, real_ones),
-                    "one real flight: Spearman": floor.spearman,
-                    "one real flight: error [s]": floor.mean_absolute_error,
-                }
-            )
+        own = told if structure == "all" else told.filter(control=structure)
+        seeds = [
+            agreement(joined["mean"].to_numpy(), joined["measured"].to_numpy())
+            for one in own.partition_by("seed")
+            for joined in [summary(one).join(real, left_on="policy", right_on="name")]
+        ]
+        errors = [one.mean_absolute_error for one in seeds]
+        together = summary(own.sort("policy", "seed", "trial"))
+        real_ones = flights.filter(polars.col("name").is_in(together["policy"].to_list()))
+        floor = one_against_others(real_ones)
+        sure = np.std(errors, ddof=1) / np.sqrt(len(errors)) if len(errors) > 1 else np.nan
+        rows.append(
+            {
+                **labels,
+                "control": structure,
+                "policies": together.height,
+                "predicted [s]": together["mean"].mean(),
+                "measured [s]": real_ones["flight_time_s"].mean(),
+                "Spearman": np.mean([one.spearman for one in seeds]),
+                "error [s]": np.mean(errors),
+                "+- [s]": sure,
+                "within 10 to 90 %": within_band(together, real_ones),
+                "pairs: said, right": pairs(own, real_ones),
+                "one real flight: Spearman": floor.spearman,
+                "one real flight: error [s]": floor.mean_absolute_error,
+            }
+        )
     return rows
+
+
+def pairs(told: polars.DataFrame, flights: polars.DataFrame) -> str:
+    """Of two policies: which share `outlives` tells apart, and how often the real flights agree."""
+    chances, names = outlives(told), told["policy"].unique(maintain_order=True).to_list()
+    flown = flights.select("name", duration="flight_time_s").rename({"name": "policy"})
+    real = outlives(polars.concat([flown.filter(policy=name) for name in names]))
+    sure = chances > 1.0 - UNSURE
+    count = len(names) * (len(names) - 1) / 2
+    return f"{sure.sum() / count:.0%}, {real[sure].mean():.0%}"
 
 
 def elsewhere(folder: Path, drones: Mapping[str, Parameters]) -> list[dict[str, object]]:
@@ -218,37 +253,58 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--authors", type=Path, required=True)
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--trials", type=int, default=32, help="flights of each policy and seed")
+    parser.add_argument("--seeds", type=int, default=4, help="of the predictions")
+    parser.add_argument("--folds", type=int, nargs="*", default=range(FOLDS), help="to run")
+    parser.add_argument("--whole", action="store_true", help="also the drone of all flights")
     parser.add_argument(
         "--elsewhere", type=Path, action="append", default=[], help="logs of another Crazyflie"
     )
     given = parser.parse_args(arguments)
     policies, flights = published(given.authors)
-    files = identified(given.authors, given.output, policies)
-    rows: list[dict[str, object]] = []
-    blind = {
-        label: possible_drones(files[label], TRIMS, 0) for label in ("likelihood", "closed loop")
-    }
-    for label, drones in blind.items():
-        rows += agreements(label, predicted(policies, drones, given.trials), flights)
-    logs = {name: todays_log(given.authors, list(policies), name) for name in policies}
-    own = {
-        name: possible_drones(files["closed loop"], TRIMS, 0, today=log)
-        for name, log in logs.items()
-    }
-    rows += agreements(TODAY, predicted(policies, own, given.trials), flights)
+    fold, rows = fold_of(list(policies)), []
+    files, possible = {}, {}
+    for number in [*given.folds, *([WHOLE] if given.whole else [])]:
+        inner = {name: policy for name, policy in policies.items() if fold[name] != number}
+        place = given.output / ("whole" if number == WHOLE else f"fold_{number}")
+        files[number] = identified(given.authors, place, inner)
+        for label, file in files[number].items():
+            possible[label, number] = possible_drones(file, TRIMS, 0)
+
+    def add(label: str, part: str, drones: Mapping[str, Parameters]) -> None:
+        some = {name: policies[name] for name in drones}
+        told = [predicted(some, drones, given.trials, seed) for seed in range(given.seeds)]
+        rows.extend(agreements({"drone": label, "of": part}, polars.concat(told), flights))
+
+    for label in ("likelihood", "closed loop"):
+        outer = {
+            name: possible[label, own] for name, own in fold.items() if (label, own) in possible
+        }
+        add(label, "outer", outer)
+        if given.whole:
+            add(label, "inner", dict.fromkeys(policies, possible[label, WHOLE]))
+    if given.whole:
+        logs = {name: todays_log(given.authors, list(policies), name) for name in policies}
+        matched = files[WHOLE]["closed loop"]
+        own = {name: possible_drones(matched, TRIMS, 0, today=log) for name, log in logs.items()}
+        add(TODAY, "inner", own)
+        points = {
+            label: tree.map(lambda leaf: np.asarray(leaf).mean(axis=0).astype(np.float32), drones)
+            for (label, number), drones in possible.items()
+            if number == WHOLE
+        }
+        for folder in given.elsewhere:
+            for row in elsewhere(folder, points):
+                print(", ".join(f"{name}: {value}" for name, value in row.items()))
     table = polars.DataFrame(rows)
-    points = {
-        label: tree.map(lambda leaf: np.asarray(leaf).mean(axis=0).astype(np.float32), drones)
-        for label, drones in blind.items()
-    }
-    others = [row for folder in given.elsewhere for row in elsewhere(folder, points)]
     with polars.Config(tbl_rows=-1, tbl_cols=-1, tbl_width_chars=220, float_precision=2):
         print(table)
-        for row in others:
-            print(", ".join(f"{name}: {value}" for name, value in row.items()))
-    made = results.record(seed=0, inputs=list(files.values()), settings={"trials": given.trials})
+    made = results.record(
+        seed=0,
+        inputs=[file for own in files.values() for file in own.values()],
+        settings={"trials": given.trials, "seeds": given.seeds},
+    )
     text = table.write_csv(float_precision=4)
-    results.write_table(given.output / "closed_loop.csv", "maidenflight closed loop 1", made, text)
+    results.write_table(given.output / "closed_loop.csv", "maidenflight closed loop 2", made, text)
 
 
 if __name__ == "__main__":

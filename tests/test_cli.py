@@ -214,6 +214,29 @@ def test_an_export_names_the_report_that_shows_its_policy(tmp_path: Path, comman
     assert command(next_of(out), f"-o {tmp_path}/alone.html")[0] == 0
 
 
+def test_a_folder_has_settings_of_its_own_which_options_replace(
+    tmp_path: Path, monkeypatch: Any, command: Command
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    project = tmp_path / "maidenflight.toml"
+    project.write_text('task = "hover"\n[drone]\ndrone = "crazyflie_2.0"\nmass = 30\n')
+    code, out, err = command("drone")
+    assert (code, err) == (0, "maidenflight.toml: drone, mass\n")
+    assert float(parameters.from_toml(out).mass) == np.float32(0.03)
+    code, out, err = command("drone --mass 31")
+    assert (code, err) == (0, "maidenflight.toml: drone\n")
+    assert float(parameters.from_toml(out).mass) == np.float32(0.031)
+    for text, message in (
+        ("tusk = 1", "tusk; expected drone, task, control, or a table"),
+        ("[drone]\nmess = 1", "[drone] mess; expected "),
+        ("drone = ", "not TOML"),
+    ):
+        project.write_text(text)
+        code, out, err = command("drone crazyflie")
+        assert code == 2
+        assert message in err
+
+
 RECORD = "record --reality virtual:3 --flights 2 --duration 4"
 LITTLE = {
     "identify": "--trials 1 --evaluations 15 --over thrust_to_weight,latency",
@@ -340,6 +363,8 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
         assert own.height == sum(entry["end_reasons"].values()) == 5
         assert entry["quantiles"]["0.5"] == np.median(own["duration"].to_numpy())
         assert entry["end_reasons"] == dict(own["end_reason"].value_counts().rows())
+        assert entry["outlives"][file.stem] == 0.5
+        assert set(entry["outlives"]) == {one.stem for one in files}
     made = json.loads(output.read_text().splitlines()[1].removeprefix("# record: "))
     read = [one.split(" ")[0] for one in made["inputs"]]
     assert read == ["drone.toml", *(file.name for file in files)]

@@ -45,6 +45,7 @@ def trained(tmp_path: Path) -> Path:
         ("circle/policy_1", "circle"),
         ("circle/policy_2", "circle"),
         ("hover/policy_1", "hover"),
+        ("any/policy_4", "tracking"),
         ("mute/policy_3", None),
     ):
         made = {"settings": {"task": task}} if task else {}
@@ -103,6 +104,8 @@ def test_the_list_of_commands_is_shown_where_none_is_given(command: Command) -> 
             "predict {tmp}/circle --drone crazyflie --control attitude -o {tmp}/p",
             "not attitude. Leave out --control",
         ),
+        ("transfer {tmp}/circle --reference {tmp}/no.csv", "no.csv: not a readable CSV file"),
+        ("predict {tmp}/circle --drone crazyflie --reference a.txt", "name ends with .csv"),
         ("train --updates x", "Options: maidenflight train --help."),
         ("soar", "No such command 'soar'. Options: maidenflight --help."),
     ],
@@ -132,6 +135,8 @@ def test_policies_fly_what_they_were_trained_for(trained: Path) -> None:
     assert task_of("hover") == ("hover", [])
     assert task_of("mute") == ("paper_circle", [])
     assert task_of("mute", "hover") == ("hover", [])
+    assert task_of("any") == task_of("any", "circle") == ("circle", [])
+    assert task_of("any", asked="mine.csv") == ("mine.csv", [])
     # Of an authors' policy whose name does not say what it commands.
     theirs = trained / "model.json"
     theirs.write_text(to_authors_json(policy.untrained_policy(jax.random.key(0))))
@@ -146,8 +151,9 @@ def test_policies_fly_what_they_were_trained_for(trained: Path) -> None:
         flown, (said,) = task_of(*folders, asked=asked)
         assert flown == task
         assert said.endswith(f"{note}.")
-    own = read_policies([trained / name for name in ("circle", "hover", "mute")]).choose_tasks(None)
-    assert own == (["circle", "circle", "hover", "paper_circle"], [])
+    folders = [trained / name for name in ("circle", "hover", "any", "mute")]
+    own = read_policies(folders).choose_tasks(None)
+    assert own == (["circle", "circle", "hover", "circle", "paper_circle"], [])
 
 
 def test_the_best_policy_is_told_from_one_of_the_same_name(trained: Path) -> None:
@@ -291,11 +297,11 @@ def test_the_page_that_the_help_of_training_names_tells_how_many_updates_are_usu
         f"({remembering} with a memory);"
     ) in told
     assert usual["attitude_rate"] == usual["pwm"]
+    long = ("figure_eight", "fast_figure_eight", "tracking")
     for structure, count in usual.items():
         for task, times, word in (
             ("hover", 2, "twice as many for hover"),
-            ("figure_eight", 3, "three times for figure_eight and fast_figure_eight"),
-            ("fast_figure_eight", 3, "three times for figure_eight and fast_figure_eight"),
+            *((name, 3, f"three times for {', '.join(long[:2])} and {long[2]}") for name in long),
         ):
             assert usual_settings(structure, task).updates == times * count
             assert word in told

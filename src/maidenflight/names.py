@@ -6,9 +6,11 @@ CONTROLS = ("pwm", "attitude_rate", "attitude")
 """The paper's control structures (Gronauer et al. 2022, sec. Control Structures)."""
 PAPER_TASK = "paper_circle"
 """The circle at full speed from the first instant on, which the paper's policies fly."""
+TRACKING = "tracking"
+"""The task of policies that follow any reference."""
 TASKS = (
     *("circle", "figure_eight", "fast_circle", "fast_figure_eight", "hover", "take_off"),
-    PAPER_TASK,
+    *(TRACKING, PAPER_TASK),
 )
 """What policies are trained to fly."""
 REAL_TASKS = ("circle", "figure_eight", "hover")

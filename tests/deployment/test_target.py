@@ -19,12 +19,14 @@ import pytest
 from test_c import STRICT, restless, walk
 
 from maidenflight.deployment.c import export_c
+from maidenflight.names import TRACKING
 from maidenflight.policy import Policy
 from maidenflight.simulator import environment
 from maidenflight.simulator.controllers.control import CONTROLLERS
 from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.training.defaults import DISTILLED_HIDDEN
+from maidenflight.simulator.tasks.look_ahead import LookAhead
+from maidenflight.training.defaults import AHEAD, AHEAD_HIDDEN, DISTILLED_HIDDEN
 
 HERE = Path(__file__).parent / "target"
 TOOLS = (
@@ -140,6 +142,7 @@ def flown_in_python(
     last: np.ndarray,
     moments: Measurement,
     setpoints: jax.Array,
+    ahead: np.ndarray,
 ) -> SimulatedFlight:
     """All histories at once, each step from what the step before remembered."""
     act, observe, commands = (
@@ -157,11 +160,12 @@ def flown_in_python(
             if memory is None
             else np.concatenate([memory[:, 1:], instant], axis=1)
         )
-        seen = jnp.concatenate([memory.reshape(len(memory), -1), remembered], axis=1)
+        points = (ahead[:, step] - np.asarray(now.position)[:, None]).reshape(len(memory), -1)
+        seen = jnp.concatenate([memory.reshape(len(memory), -1), points, remembered], axis=1)
         action, remembered = jnp.split(act(seen), [4], axis=1)
         flown.append(
             (
-                np.concatenate([memory.reshape(len(memory), -1), remembered], axis=1),
+                np.concatenate([memory.reshape(len(memory), -1), points, remembered], axis=1),
                 action,
                 np.array(commands.centre) + np.array(commands.span) * np.clip(action, -1, 1),
             )
@@ -172,14 +176,16 @@ def flown_in_python(
     )
 
 
-@pytest.fixture(scope="module", params=[*CONTROLLERS, "memory"])
+@pytest.fixture(scope="module", params=[*CONTROLLERS, "memory", TRACKING])
 def flown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Board:
     """A policy of the usual layers, flown on the board and in Python."""
     folder, random = tmp_path_factory.mktemp(request.param), np.random.default_rng(1)
     memory = MEMORY if request.param == "memory" else 0
-    structure = "pwm" if memory else request.param
+    structure = request.param if request.param in CONTROLLERS else "pwm"
     # Of distillation, and of training by gradients.
     spec = PolicySpec(memory=memory, hidden=DISTILLED_HIDDEN) if memory else PolicySpec()
+    if request.param == TRACKING:
+        spec = PolicySpec(look_ahead=LookAhead(AHEAD), hidden=AHEAD_HIDDEN)
     policy = restless(spec, CONTROLLERS[structure]().interface)
     built(policy, folder)
     spread = random.normal(size=(OBSERVATIONS, len(policy.observation_mean)))
@@ -195,8 +201,12 @@ def flown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
         )
     )
     setpoints = jnp.array([points for _, points in walks])
+    ahead = random.normal(size=(HISTORIES, STEPS, spec.look_ahead.points, 3)).astype(np.float32)
     seen = np.concatenate(
-        [moments.position, moments.quaternion, moments.velocity, moments.body_rates, setpoints],
+        [
+            *(moments.position, moments.quaternion, moments.velocity, moments.body_rates),
+            *(setpoints, ahead.reshape(HISTORIES, STEPS, -1)),
+        ],
         axis=-1,
     )
     (folder / "observations").write_bytes(observations.tobytes())
@@ -206,11 +216,11 @@ def flown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     assert run(folder)
     actions = np.fromfile(folder / "actions", np.float32).reshape(OBSERVATIONS, -1)
     steps = np.fromfile(folder / "flown", np.float32).reshape(HISTORIES, STEPS, -1)
-    board = SimulatedFlight(actions, *np.split(steps, [40 + memory, 44 + memory], axis=-1))
+    board = SimulatedFlight(actions, *np.split(steps, [spec.size, spec.size + 4], axis=-1))
     return Board(
         folder,
         board,
-        flown_in_python(policy, observations, last, moments, setpoints),
+        flown_in_python(policy, observations, last, moments, setpoints, ahead),
         np.fromfile(folder / "costs", np.uint32),
         memory,
     )

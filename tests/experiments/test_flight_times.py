@@ -14,7 +14,12 @@ import pytest
 
 from maidenflight.errors import InputError
 from maidenflight.experiments import comparison, real_controller
-from maidenflight.experiments.flight_times import predict_flight_times, summary
+from maidenflight.experiments.flight_times import (
+    describe_alike,
+    outlives,
+    predict_flight_times,
+    summary,
+)
 from maidenflight.flying import guarded
 from maidenflight.flying.scenario import PUBLISHED_START
 from maidenflight.parameters import Parameters, crazyflie, noiseless, replace
@@ -317,6 +322,22 @@ def test_a_summary_tells_means_quantiles_and_ends_of_each_policy() -> None:
     np.testing.assert_allclose(told["quantile_90"], [5.2, 20.0])
     np.testing.assert_allclose(told["tilt"], [2 / 3, 0.0])
     np.testing.assert_allclose(told.select("time limit", "height", "tilt").sum_horizontal(), 1.0)
+
+
+def test_of_two_policies_it_is_told_which_outlives_the_other() -> None:
+    times = {"b": [1.0, 2.0, 6.0], "a": [2.0, 6.0, 20.0], "c": [0.5, 0.5, 0.5]}
+    flights = polars.DataFrame(
+        [(name, "pwm", one, "tilt") for name, own in times.items() for one in own],
+        schema=["policy", "control", "duration", "end_reason"],
+        orient="row",
+    )
+    chances = outlives(flights)
+    # Of nine pairs b is longer in one, as long in two.
+    np.testing.assert_allclose(chances, [[0.5, 2 / 9, 1.0], [7 / 9, 0.5, 1.0], [0.0, 0.0, 0.5]])
+    told = flights.group_by("policy", maintain_order=True).agg(mean=polars.col("duration").mean())
+    (note,) = describe_alike(told, chances[:, 1])
+    assert note.startswith("a cannot be told apart from b:")
+    assert describe_alike(told, np.array([0.1, 0.5, 0.0])) == []
 
 
 @pytest.mark.parametrize(

@@ -1,3 +1,5 @@
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
@@ -5,8 +7,10 @@ import pytest
 from flying_policy import flown, flying_policy
 from made_flights import calm
 from maidenflight.errors import InputError
+from maidenflight.flights.log import Flight
 from maidenflight.identification.behaviour import (
     BEHAVIOUR,
+    attitude_delay,
     behaviour,
     flights_of_policies,
     mean_behaviour,
@@ -89,6 +93,26 @@ def test_behaviour_is_the_standard_deviations_of_what_a_loop_does() -> None:
     # Roll alone, of four rotors 28 mm from the axis; two axes share the standard deviation.
     assert told["torques"] == pytest.approx(0.4 * 0.028 * np.sqrt(0.25), rel=0.02)
     assert told["change of position"] < 1e-6
+
+
+def test_attitude_tells_how_far_it_is_behind_the_gyro() -> None:
+    time = 0.01 * np.arange(600)
+
+    def late(delay: float) -> Flight:
+        angles = [
+            sum(size * np.sin(2 * np.pi * hertz * (time - by)) for size, hertz in swings)
+            for by in (delay, 0.0)
+            for swings in (((0.10, 2.7), (0.03, 5.1)), ((0.08, 3.4), (0.02, 6.2)))
+        ]
+        attitude, true = (np.stack([*pair, 0 * time], axis=1) for pair in (angles[:2], angles[2:]))
+        rates = np.gradient(true, 0.01, axis=0)
+        return dataclasses.replace(calm(600), attitude=attitude, body_rates=rates)
+
+    told = attitude_delay([late(0.007), late(0.008), late(0.009), calm(140)])
+    assert told is not None
+    assert told[0] == pytest.approx(0.008, abs=2e-4)
+    assert told[1] == pytest.approx(0.001 * np.sqrt(np.pi / 6), rel=0.1)
+    assert attitude_delay([late(0.008), calm(140)]) is None
 
 
 def test_short_flights_tell_nothing_and_the_longest_part_counts() -> None:

@@ -15,6 +15,7 @@ from click.shell_completion import CompletionItem
 
 from maidenflight import cache, compiler, cores, results, terminal
 from maidenflight.cli.interruption import resumable
+from maidenflight.cli.project import FILE, read_project
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.registry import VERBS
@@ -58,9 +59,12 @@ class VerbCommand(click.Command):
     def __init__(self, verb: type[Verb]) -> None:
         self.verb, self.declared = verb, {k: v for k, (_, v) in verb.settings().items()}
         rare = any(setting.rare for setting in self.declared.values())
+        self.project = read_project(verb)
         super().__init__(
             verb.name,
-            params=[_parameter(name, one) for name, one in self.declared.items()]
+            params=[
+                _parameter(name, one, name in self.project) for name, one in self.declared.items()
+            ]
             + _common_options(verb, rare),
             callback=self._run,
             help=verb.__doc__,
@@ -96,13 +100,18 @@ class VerbCommand(click.Command):
             for name, value in words.items()
             if context.get_parameter_source(name) is not ParameterSource.DEFAULT
         }
-        run_verb(self.verb.from_settings(options), output, as_json, overwrite)
+        options = {name: value for name, value in options.items() if value not in ((), None)}
+        known = {name: value for name, value in self.project.items() if name not in options}
+        if known:
+            click.echo(f"{FILE}: {', '.join(known)}", err=True)
+        run_verb(self.verb.from_settings({**known, **options}), output, as_json, overwrite)
 
 
-def _parameter(name: str, setting: Setting) -> click.Parameter:
+def _parameter(name: str, setting: Setting, known: bool = False) -> click.Parameter:
+    """Returns a setting as an argument or an option; not required where the folder has it."""
     values = setting.values
     variable = f"{name}_" if name in _KEYWORDS else name
-    required = setting.default is REQUIRED
+    required = setting.default is REQUIRED and not known
     if setting.argument:
         many = -1 if values.repeats else 1
         metavar = f"{name.upper()}..." if values.repeats else name.upper()

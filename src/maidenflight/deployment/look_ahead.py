@@ -40,25 +40,30 @@ static bool look_ahead(mf_policy_state *state, const mf_observation *now)
 }
 """Pieces of `policy.h` and `policy.c`."""
 _IN_APP = {
-    "ahead_readme": " This policy looks ahead: it flies `mf.task` 0 and 1, whose future the app "
-    "knows. With `mf.task` 2 it\ndoes not start, and `mf.why` is 10.",
-    "ahead_here": "    foresee(step);\n",
-    "ahead_step": "stabilizerStep_t step",
-    "ahead_given": "stabilizerStep",
-    "ahead_refused": """    if (plan.task == MF_TASK_COMMANDER) { /* it says nothing of later */
-        return MF_NO_FUTURE;
-    }
-""",
-    "ahead_foreseen": """/* Where the drone shall be when the policy looks ahead. */
-static void foresee(stabilizerStep_t step)
+    "ahead_readme": " This policy looks ahead. With `mf.task` 2 it takes position, velocity and "
+    "acceleration of the\nset-point as what comes: send full states, or trajectories of the "
+    "high-level commander.",
+    "ahead_here": "    foresee(setpoint, step);\n",
+    "ahead_step": "const setpoint_t *setpoint, stabilizerStep_t step",
+    "ahead_given": "setpoint, stabilizerStep",
+    "ahead_foreseen": """/* Where the drone shall be when the policy looks ahead; of the
+ * commander's set-points by their velocity and acceleration. */
+static void foresee(const setpoint_t *setpoint, stabilizerStep_t step)
 {
     const float now = (float)(step - begun) / RATE_MAIN_LOOP;
+    const float slope[3] = {setpoint->velocity.x, setpoint->velocity.y, setpoint->velocity.z};
+    const float bend[3] = {setpoint->acceleration.x, setpoint->acceleration.y,
+                           setpoint->acceleration.z};
     for (int i = 0; i < MF_AHEAD; i++) {
-        const float angle = circle_angle(now + (float)(i + 1) * MF_AHEAD_SPACING);
+        const float later = (float)(i + 1) * MF_AHEAD_SPACING;
+        const float angle = circle_angle(now + later);
         const bool circles = plan.task == MF_TASK_CIRCLE;
         seen.ahead[i][0] = circles ? plan.radius * (1.0f - cosf(angle)) : 0.0f;
         seen.ahead[i][1] = circles ? plan.radius * sinf(angle) : 0.0f;
         seen.ahead[i][2] = plan.height;
+        for (int j = 0; plan.task == MF_TASK_COMMANDER && j < 3; j++) {
+            seen.ahead[i][j] = seen.setpoint[j] + later * (slope[j] + 0.5f * later * bend[j]);
+        }
     }
 }
 

@@ -26,7 +26,7 @@ import numpy as np
 import polars
 from jax import tree
 from jax.sharding import NamedSharding, PartitionSpec
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from maidenflight.errors import InputError
 from maidenflight.experiments.real_controller import GUARD_RATE, real_controller
@@ -270,3 +270,59 @@ def summary(flights: polars.DataFrame) -> polars.DataFrame:
         polars.col("^position_error$").mean(),
         polars.col("^largest_.*$").max(),
     )
+
+
+def outlives(flights: polars.DataFrame) -> Float[np.ndarray, "policies policies"]:
+    """Returns the probability that a flight of one policy lasts longer than one of another.
+
+    Of equal durations, such as two at the time limit, each counts half.
+
+    Args:
+        flights: what `predict_flight_times` gives.
+
+    Returns:
+        Row over column, in the order of the flights; 0.5 along the diagonal.
+
+    Source: Mann and Whitney 1947, On a test of whether one of two random variables is larger.
+    """
+    times = [
+        np.sort(own["duration"].to_numpy())
+        for own in flights.partition_by("policy", maintain_order=True)
+    ]
+    return np.array(
+        [
+            [
+                np.mean([np.searchsorted(other, own, side) for side in ("left", "right")])
+                / len(other)
+                for other in times
+            ]
+            for own in times
+        ]
+    )
+
+
+UNSURE = 0.2
+"""Probability of the shorter flight from which on the two policies cannot be told apart."""
+
+
+def describe_alike(
+    summary: polars.DataFrame, against_best: Float[np.ndarray, "policies"]
+) -> list[str]:
+    """Returns a sentence on the policies that cannot be told apart from the best one.
+
+    Args:
+        summary: what `summary` returns.
+        against_best: column of `outlives` of the policy with the longest mean.
+    """
+    names = summary["policy"].to_list()
+    best = int(np.argmax(summary["mean"].to_numpy()))
+    alike = [
+        name for place, name in enumerate(names) if place != best and against_best[place] > UNSURE
+    ]
+    if not alike:
+        return []
+    shown = ", ".join(alike[:3]) + (f" and {len(alike) - 3} more" if len(alike) > 3 else "")
+    return [
+        f"{names[best]} cannot be told apart from {shown}, whose flights outlive its own "
+        f"with a probability above {UNSURE:.0%}."
+    ]

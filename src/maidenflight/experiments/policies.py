@@ -73,13 +73,13 @@ class Policies:
         """Returns what they fly, and notes for the user.
 
         Args:
-            task: name of a task; by default, the one that all the files that say so were trained
-                for.
+            task: name of a task, or a reference's file; by default, the task that all the files
+                that say so were trained for.
 
         Returns:
             The name of a task, and a note where policies were trained for another.
         """
-        own_tasks = {file.task for file in self.files if file.task}
+        own_tasks = {_usual(file.task) for file in self.files if file.task}
         alike = own_tasks or ({names.PAPER_TASK} if self.files else {USUAL_TASK})
         one = len(alike) == 1 and alike <= set(names.TASKS)
         chosen = task or (alike.pop() if one else USUAL_TASK)
@@ -102,12 +102,17 @@ class Policies:
         others = [
             f"{name} flies {task}, trained for {file.task}"
             for name, file, task in zip(self.own_names, self.files, tasks, strict=True)
-            if file.task not in (None, task)
+            if file.task not in (None, names.TRACKING, task)
         ]
         if not others:
             return []
         more = f" and {len(others) - 3} more" if len(others) > 3 else ""
         return [f"another task than that of the training: {'; '.join(others[:3])}{more}."]
+
+
+def _usual(task: str) -> str:
+    """The task that policies trained for a task fly by default: of any reference, the circle."""
+    return USUAL_TASK if task == names.TRACKING else task
 
 
 def find_policies(places: Sequence[StrPath]) -> list[Path]:

@@ -1,9 +1,10 @@
 """What logs hold: signals, rates, and how much a flight moves the drone."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import signal
 
 from maidenflight.flights.log import SUBSAMPLED, ZERO_ORDER_HOLD, Flight, by_log
 from maidenflight.simulator.physics.geometry import TORQUES
@@ -11,6 +12,13 @@ from maidenflight.simulator.physics.geometry import TORQUES
 CALM = 0.02
 """Spread of the motors' differences [-] below which a flight is calm: inertia, lag and latency show
 in what commands change. Hovers of real Crazyflies have 0.010 to 0.015, slow flights up to 0.03."""
+QUANTITIES: tuple[str, ...] = ("lag", "inertia x", "inertia y", "torque z", "thrust", "drag")
+"""What logs are ranked by."""
+MOST_SHARE = 0.8
+"""Of what all logs tell, what the chosen ones hold."""
+_BAND_HZ = (1.0, 15.0)
+"""Where commands explain most of the motion of small quadrotors (paper/notes/identification.md)."""
+_SHORTEST_ROWS = 50
 
 
 @dataclass(frozen=True)
@@ -45,10 +53,40 @@ class Summary:
     """Standard deviation of what rolls and pitches the drone, a quarter of the commands' signed
     sum, the larger of both [-]."""
 
+    information: Mapping[str, float]
+    """What the log says of quantities of `QUANTITIES`, in a unit that logs of one drone share."""
+
     @property
     def is_calm(self) -> bool:
         """Whether the motors differ little, so that another flight would tell more of them."""
         return self.torque_spread < CALM
+
+
+def rank(logs: Sequence[Summary]) -> list[tuple[Summary, dict[str, float]]]:
+    """Returns logs by what they tell, the most telling first.
+
+    Returns:
+        Each log with its share of what all together say of each quantity; their mean ranks it.
+    """
+    totals = {name: sum(log.information.get(name, 0.0) for log in logs) for name in QUANTITIES}
+    shares = [
+        {name: log.information.get(name, 0.0) / all_ for name, all_ in totals.items() if all_ > 0}
+        for log in logs
+    ]
+    order = sorted(range(len(logs)), key=lambda place: -sum(shares[place].values()))
+    return [(logs[place], shares[place]) for place in order]
+
+
+def choose_most_telling(logs: Sequence[Summary], share: float = MOST_SHARE) -> list[Summary]:
+    """Chooses the fewest logs, the most telling first, that hold a share of every quantity."""
+    chosen: list[Summary] = []
+    held: dict[str, float] = dict.fromkeys(QUANTITIES, 0.0)
+    for log, shares in rank(logs):
+        if all(held[name] >= share for name in shares):
+            break
+        chosen.append(log)
+        held = {name: held[name] + shares.get(name, 0.0) for name in held}
+    return chosen
 
 
 def summaries(flights: Iterable[Flight]) -> tuple[Summary, ...]:
@@ -93,7 +131,38 @@ def _summary(name: str, pieces: list[Flight]) -> Summary:
         command=float(command.mean()),
         thrust_spread=float(command.mean(axis=1).std()),
         torque_spread=float(turning.std(axis=0).max()),
+        information=_information(pieces),
     )
+
+
+def _information(pieces: Iterable[Flight]) -> dict[str, float]:
+    """The integral of what excites each quantity, squared: its Fisher information but for noise.
+
+    Accelerations are gains times commands that lag; noise is taken as that of the drone's sensors,
+    alike in all logs. A lag shows in the commands' change.
+    Source: Ljung 1999, System Identification, sec. 9.4 (information of a gain and of a delay).
+    """
+    sums: dict[str, float] = dict.fromkeys(QUANTITIES, 0.0)
+    for piece in pieces:
+        fast = min(_BAND_HZ[1], 0.4 / piece.period)
+        if len(piece) < _SHORTEST_ROWS or fast <= _BAND_HZ[0]:
+            continue
+        command = np.asarray(piece.command, float)
+        band = signal.butter(2, (_BAND_HZ[0], fast), "bandpass", fs=1 / piece.period, output="sos")
+        torques = signal.sosfiltfilt(band, command @ TORQUES / 4, axis=0)
+        change = np.gradient(torques[:, :2], piece.period, axis=0)
+        thrust = command.mean(axis=1)
+        parts = {
+            "lag": (change**2).sum(axis=1),
+            "inertia x": torques[:, 0] ** 2,
+            "inertia y": torques[:, 1] ** 2,
+            "torque z": torques[:, 2] ** 2,
+            "thrust": (thrust - thrust.mean()) ** 2,
+            "drag": (piece.velocity.astype(float) ** 2).sum(axis=1) if piece.has_state else [0.0],
+        }
+        for name, squares in parts.items():
+            sums[name] += float(np.nansum(squares)) * piece.period
+    return sums
 
 
 def _size(vectors: np.ndarray) -> float:

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jax import lax, tree
 from jaxtyping import Array, Float
 from scipy.spatial.transform import Rotation
@@ -35,6 +36,8 @@ SAME = 0.02
 """Median difference of commands below which a policy is the one that flew."""
 _ROWS = 100
 """Rows of a flight by which its policy is found."""
+_PHASE_HZ, _PHASE_ROWS = (2.0, 9.0), 150
+"""Frequencies at which attitude and gyro are compared, and fewest rows of a flight for it."""
 
 
 def flights_of_policies(
@@ -177,6 +180,37 @@ def behaviour(
         np.diff(position[first:last, :2], axis=0),
     )
     return np.log(np.array([values.std() for values in each]) + 1e-9)
+
+
+def attitude_delay(flights: Sequence[Flight]) -> tuple[float, float] | None:
+    """Returns how far the estimated attitude is behind the gyro [s], and its standard error.
+
+    It is the slope of the phase between the gyro's roll and pitch rates and the change of the
+    estimated angles, over frequencies weighted by the cross spectrum of a whole flight.
+
+    Args:
+        flights: those of less than 150 rows tell nothing.
+
+    Returns:
+        Median over flights; None where less than two flights tell.
+    """
+    delays = []
+    for flight in flights:
+        if len(flight) < _PHASE_ROWS:
+            continue
+        change = np.gradient(flight.attitude[:, :2], flight.period, axis=0)
+        frequency, cross = scipy.signal.csd(
+            flight.body_rates[:, :2], change, 1.0 / flight.period, nperseg=len(flight), axis=0
+        )
+        band = (frequency > _PHASE_HZ[0]) & (frequency < _PHASE_HZ[1])
+        angular = 2.0 * np.pi * frequency[band, None]
+        weight, phase = np.abs(cross[band]), np.angle(cross[band])
+        delays.append(-np.sum(weight * angular * phase) / np.sum(weight * angular**2))
+    if len(delays) < 2:
+        return None
+    # Of a median, where delays are normal.
+    error = np.sqrt(np.pi / 2.0 / len(delays)) * np.std(delays, ddof=1)
+    return float(np.median(delays)), float(error)
 
 
 def mean_behaviour(flights: Sequence[Flight], drone: Parameters) -> Float[np.ndarray, "7"] | None:

@@ -29,6 +29,7 @@ from maidenflight.identification.behaviour import (
     END_S,
     LONGEST_S,
     SHORTEST_S,
+    attitude_delay,
     behaviour,
     mean_behaviour,
     stacked,
@@ -59,6 +60,8 @@ LARGE = 1.5
 WIDTH, FARTHEST, NEAR = 0.25, 0.75, 0.05
 """Of a difference quotient, of a Gauss-Newton step at most, and of the step that ends the search
 [standard deviations of the prior]."""
+YOUNGEST = 0.001
+"""Age of estimates that is none [s]."""
 LEAST_DAMPING = 0.1
 """Share of a step below which none is taken."""
 
@@ -79,8 +82,8 @@ class Match(NamedTuple):
     drones: Parameters
     """The start's, with the estimates in place."""
     estimates: Mapping[str, tuple[float, float]]
-    """Value and standard error of each parameter of `PRIOR` that the drone has; the error is from
-    how policies differ."""
+    """Value and standard error of each parameter of `PRIOR` that the drone has, from how policies
+    differ; and of `estimator_delay`, from how flights do."""
     policies: int
     """Policies that were compared."""
     flights: int
@@ -103,8 +106,13 @@ def match(
     settings: ClosedLoop | None = None,
     controller_for: Callable[[ControlInterface], Controller] = control.controller_for,
     on_step: Callable[[int, int, float], None] | None = None,
+    every: Sequence[Flight] = (),
 ) -> Match:
     """Finds the parameters of `PRIOR` with which policies behave as they did.
+
+    Before, the age of the drone's estimates is measured in all its logs, where it is above
+    `YOUNGEST` and three standard errors: lag and latency, which act on rate PIDs too, would have to
+    stand for it.
 
     Costs settings.steps x (1 + parameters) simulations of all policies, compiled once.
 
@@ -117,11 +125,18 @@ def match(
         settings: how much is simulated.
         controller_for: the controller of a policy's interface.
         on_step: called with (steps done, steps, cost).
+        every: flights of that drone by any controller, which tell its estimates' age; `flight` if
+            there are none.
 
     Raises:
         InputError: no policy flew long enough, or the policies are of different kinds.
     """
     settings = settings or ClosedLoop()
+    age = attitude_delay(every or [one for own in flight.values() for one in own])
+    estimates: dict[str, tuple[float, float]] = {}
+    if age is not None and age[0] > max(YOUNGEST, 3.0 * age[1]):
+        estimates["estimator_delay"] = age
+        drones = replace(drones, estimator_delay=np.full_like(drones.estimator_delay, age[0]))
     drone_samples = (
         drones if np.ndim(drones.mass) else tree.map(lambda leaf: np.asarray(leaf)[None], drones)
     )
@@ -153,7 +168,6 @@ def match(
         return np.nan_to_num(simulate(drone_at(steps)) - targets)
 
     fit = _fitted(difference, len(names), settings.steps, on_step)
-    estimates = {}
     for name, old, step, error in zip(names, initial_values, fit.steps, fit.errors, strict=True):
         kind, scale = PRIOR[name]
         value = _moved(old, step, name)

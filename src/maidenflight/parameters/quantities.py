@@ -344,7 +344,7 @@ class Parameters:
         "s",
         (0.0, 0.05),
         "age of the estimated position, velocity and attitude; 0 in the paper's model",
-        "a Kalman filter's lag; not measured",
+        "a Kalman filter's lag; 5.6 to 9.4 ms in the authors' flights",
     )
     battery_voltage: Any = quantity(
         "battery",

@@ -36,6 +36,9 @@ MOST_INSTANTS = 1000
 MOST_MEMORY = 256
 """Numbers of a memory at most."""
 
+ANYWHERE_M = 1e3
+"""By which positions are scaled where a policy looks ahead [m]: far beyond any room."""
+
 _MEAN = (
     *(0.25, 0.0, 1.0),  # position
     *(0.0, 0.0, 0.0, 1.0),  # quaternion
@@ -134,6 +137,9 @@ class PolicySpec:
             np.tile(np.array(one, np.float32), self.history) for one in (_MEAN, _DEVIATION)
         )
         ahead = self.look_ahead.deviations
+        if self.look_ahead.points:
+            # Where the drone is says nothing of where it shall go, so a new place changes nothing.
+            deviation.reshape(self.history, -1)[:, :3] = ANYWHERE_M
         return np.concatenate([mean, np.zeros_like(ahead)]), np.concatenate([deviation, ahead])
 
     @property

@@ -219,7 +219,8 @@ def _estimate(
         env_state.gyro_noise, environment.command_period(parameters), parameters, shaking
     )
     bias = sensors.walk_bias(env_state.gyro_bias, period, parameters, turn)
-    drift = sensors.walk_estimate(env_state.drift, period, parameters, walk)
+    rates = env_state.state.body_rates
+    drift = sensors.walk_estimate(env_state.drift, period, parameters, walk, rates)
     estimate, estimator = env_state.state, env_state.estimator
     every = max(1, environment.controller.interface.rate // environment.estimate_rate)
     if environment.estimator_memory > 0:

@@ -4,7 +4,7 @@ import dataclasses
 from typing import Any
 
 from maidenflight.errors import InputError
-from maidenflight.names import ANY_DAY, WIDE
+from maidenflight.names import ANY_DAY, TRACKING, WIDE
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
 from maidenflight.simulator.controllers import control
@@ -59,6 +59,11 @@ FINE_TUNING: dict[str, Any] = {"updates": 200, "evaluations": 8}
 """What differs where training starts from a policy, beside learning rates of a quarter: the policy
 flies already, and steps as large as from random weights would first undo what it knows."""
 
+AHEAD = 5
+"""Points ahead that policies which follow any reference look at."""
+AHEAD_HIDDEN = (44, 44)
+"""Hidden layers of policies that look ahead: a step takes as long as without, behind 50 and 50."""
+
 FASTEST_BOX = 0.1
 """Half width of the box for tasks at the limit of a drone: many drones of the wide box cannot fly
 them."""
@@ -87,11 +92,22 @@ def choose_method(spec: PolicySpec, initial: bool) -> str:
     return spec.policy_form.methods[0] if spec.memory and not initial else "gradient"
 
 
-def choose_hidden(structure: str, method: str) -> tuple[int, ...]:
-    """Returns the default sizes of hidden layers of a control structure and a method, by name."""
+def choose_points(task: str) -> int:
+    """Returns at how many points ahead policies for a task look by default."""
+    return AHEAD if task == TRACKING else 0
+
+
+def choose_hidden(structure: str, method: str, points: int = 0) -> tuple[int, ...]:
+    """Returns the default sizes of hidden layers.
+
+    Args:
+        structure: a control structure, in `names.CONTROLS`.
+        method: a name in `names.METHODS`.
+        points: of a look-ahead.
+    """
     if method == "distillation":
         return DISTILLED_HIDDEN
-    usual = PolicySpec().hidden
+    usual = PolicySpec().hidden if points == 0 else AHEAD_HIDDEN
     return HIDDEN_BY_CONTROL.get(structure, usual) if method == "gradient" else usual
 
 
@@ -147,7 +163,8 @@ def _by_gradient(structure: str, task: str, remembering: bool) -> AnalyticGradie
         settings = dataclasses.replace(settings, **REMEMBERING_BY_CONTROL.get(structure, {}))
     if task == "hover":  # which fails beyond 5.2 rad/s
         return dataclasses.replace(settings, updates=2 * settings.updates, body_rate_margin=4.0)
-    if task in ("figure_eight", "fast_figure_eight"):  # far larger than the circle, and faster
+    # Far larger than the circle, and faster; or of many shapes.
+    if task in ("figure_eight", "fast_figure_eight", TRACKING):
         return dataclasses.replace(settings, updates=3 * settings.updates)
     return settings
 

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from maidenflight.flights.flight_plan import FlightPlan
     from maidenflight.flights.log import Flight
     from maidenflight.flights.reading import COMMANDS, Flights, read_flights
-    from maidenflight.flights.summary import summaries
+    from maidenflight.flights.summary import Summary, choose_most_telling, summaries
+    from maidenflight.flights.summary import rank as rank_logs
     from maidenflight.flying import recording
     from maidenflight.identification import drone_file, identity
     from maidenflight.identification.behaviour import BEHAVIOUR, flights_of_policies

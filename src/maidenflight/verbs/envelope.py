@@ -45,7 +45,7 @@ class Envelope(InRealities):
         """Flies; writes `envelope.csv`, whole again after each axis, and a picture."""
         import polars
 
-        fleet, (task, notes) = self.fleet, self.fleet.choose_task(self.task)
+        fleet, (task, notes) = self.fleet, self.fleet.choose_task(self.chosen_task)
         record = results.plain(self.make_flight_record(task, within=core.envelope.WITHIN_M))
         path = output / run_folder.ENVELOPE.name
         parts = _read_parts(path, record) if self.resume else {}

@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from maidenflight import names
+from maidenflight.errors import InputError
 from maidenflight.registry import EXPORTERS
-from maidenflight.settings import choice, or_code, setting
+from maidenflight.settings import choice, or_code, path, setting
 from maidenflight.terminal import Table
 from maidenflight.verb import Result, Verb
 from maidenflight.verbs import core, shared
@@ -21,13 +22,33 @@ class FliesPolicies(Verb):
     task: str | None = setting(
         or_code(choice(*names.TASKS)),
         None,
-        "What they fly (what they were trained for by default).",
+        "What they fly (what they were trained for by default; tracking policies the circle).",
         group=shared.FLIGHTS,
+    )
+    reference: Path | None = setting(
+        path("a CSV file", "FILE"),
+        None,
+        "What they follow instead of a task: a CSV file with the columns t, x, y, z [s, m], or "
+        "way-points x, y, z, which are timed by minimum snap.",
+        group=shared.FLIGHTS,
+        files=True,
     )
 
     def check_early(self) -> None:
-        """Refuses a drone that is not there."""
+        """Refuses a drone that is not there, and a reference that is no CSV file."""
         shared.must_exist(getattr(self, "drone", None))
+        if self.reference is not None and self.reference.suffix != ".csv":
+            raise InputError(f"{self.reference}: expected a file whose name ends with .csv.")
+
+    @property
+    def chosen_task(self) -> str | None:
+        """Returns the name of the task that the user chose, or the file of the reference."""
+        return self.task if self.reference is None else str(self.reference)
+
+    def longest(self, task: str, duration: float) -> float:
+        """Returns how long flights of a task last at most [s]: until a reference of a file ends."""
+        end = core.find_task(task).duration if self.reference is not None else duration
+        return min(end, duration)
 
     @cached_property
     def fleet(self) -> "core.Policies":
@@ -97,8 +118,8 @@ class InRealities(FliesPolicies):
             _ = self.realities
         if self.get("policies"):
             _ = self.fleet
-        if self.task is not None:
-            core.find_task(self.task)
+        if self.chosen_task is not None:
+            core.find_task(self.chosen_task)
 
     @cached_property
     def realities(self) -> "list[core.AnyReality]":

@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,8 @@ _GOOD = ("passes", "cannot tell")
 _UNITS = ("ms", "g")
 """Of measured values, as thresholds end with them; other values are ratios."""
 _STATE = ("position", "velocity", "attitude")
+_FEWEST_RANKED, _MOST_RANKED = 3, 10
+"""Logs from which on they are ranked, and how many are named."""
 
 
 class Log(Verb):
@@ -53,7 +56,8 @@ class Log(Verb):
         )
         record = self.make_record(flights.paths)
         written = [] if output is None else core.logs.write_logs(output, _name(flights), record)
-        logs = [asdict(one) | {"is_calm": one.is_calm} for one in core.summaries(flights)]
+        summaries = core.summaries(flights)
+        logs = [asdict(one) | {"is_calm": one.is_calm} for one in summaries]
         return Result(
             content={
                 **core.logs.to_content(flights),
@@ -67,6 +71,7 @@ class Log(Verb):
             summary=[
                 *(f"columns: {path}; look it through, and mend what is wrong" for path in maps),
                 *_tabulate(logs),
+                *_tabulate_information(summaries),
                 *_tabulate_checks(flights),
                 *core.logs.describe_flights(flights),
                 f"pictures: maidenflight report --logs {self.logs} -o look.html",
@@ -144,6 +149,22 @@ def _count_failing(flights: "core.Flights") -> str:
         f"{' ...' if len(failing) > 3 else ''}) and are refused by other commands, with the others "
         "of their folder. Mend what stands behind each ✗."
     )
+
+
+def _tabulate_information(logs: "Sequence[core.Summary]") -> list[Table | str]:
+    """Returns which logs tell most of which quantity, where there are enough to choose from."""
+    if len(logs) < _FEWEST_RANKED:
+        return []
+    ranked = core.rank_logs(logs)
+    rows = [{"log": log.name, **shares} for log, shares in ranked[:_MOST_RANKED]]
+    columns = {"log": "{log}"} | {name: f"{{{name}:.0%}}" for name in ranked[0][1]}
+    chosen = core.choose_most_telling(logs)
+    return [
+        Table("Shares of what all logs tell", columns, rows),
+        f"{len(chosen)} of {len(logs)} logs hold 80 % of each, the most telling first: "
+        f"{', '.join(log.name for log in chosen[:_MOST_RANKED])}"
+        f"{' ...' if len(chosen) > _MOST_RANKED else ''}.",
+    ]
 
 
 def _tabulate(logs: list[Row]) -> list[Table | str]:

@@ -76,6 +76,7 @@ class Match(Verb):
             loop,
             core.real_controller,
             lambda done, of, cost: progress.move(done, of, f"difference {cost:.3g}"),
+            flights.flights,
         )
         start = shared.own_files(self.start)
         record = self.make_record(

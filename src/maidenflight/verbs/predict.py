@@ -56,10 +56,12 @@ class Predict(FliesPolicies):
                 core.posterior_ensemble(file.parameters, file.posterior, file.name)
         if self.get("policies"):
             _ = self.fleet
+        if self.chosen_task is not None:
+            core.find_task(self.chosen_task)
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Predicts; writes a row a flight."""
-        fleet, (tasks, notes) = self.fleet, self.fleet.choose_tasks(self.task)
+        fleet, (tasks, notes) = self.fleet, self.fleet.choose_tasks(self.chosen_task)
         progress.move(0, None, "compiling")
         usual = core.drones.choose_prediction(self.drone)
         randomization = usual if self.randomize is None else self.randomize
@@ -68,7 +70,7 @@ class Predict(FliesPolicies):
             core.drones.possible_drones(self.drone, randomization, self.seed, self.today),
             self.key,
             trials=self.trials,
-            duration=self.duration,
+            duration=self.longest(tasks[0], self.duration),
             controller_for=core.real_controller
             if self.firmware == core.REAL_FIRMWARE
             else partial(core.control.controller_for, firmware=self.firmware),
@@ -85,6 +87,8 @@ class Predict(FliesPolicies):
         rows = summary.to_dicts()
         means = [round(row["mean"], 6) for row in rows]
         quantiles = {f"{one / 100:g}": f"quantile_{one}" for one in core.flight_times.QUANTILES}
+        outlives = core.flight_times.outlives(prediction)
+        against_best = outlives[:, max(range(len(rows)), key=lambda place: rows[place]["mean"])]
         policies = [
             {
                 "file": str(path),
@@ -94,33 +98,39 @@ class Predict(FliesPolicies):
                 **{name: row[name] for name in ("position_error", *core.comparison.LARGEST)},
                 "quantiles": {share: round(row[name], 6) for share, name in quantiles.items()},
                 "end_reasons": dict(reasons.most_common()),
+                "outlives": dict(zip(summary["policy"], chances.round(3).tolist(), strict=True)),
             }
-            for path, task, row, mean, reasons in zip(
-                fleet.paths, tasks, rows, means, ends, strict=True
+            for path, task, row, mean, reasons, chances in zip(
+                fleet.paths, tasks, rows, means, ends, outlives, strict=True
             )
         ]
         return self.conclude(
             {"policies": policies},
-            [_tabulate(rows, ends)],
+            [_tabulate(rows, ends, against_best.tolist())],
             prediction,
             output,
             written={"prediction": [output]},
             read={"drone": drone, "policies": fleet.paths},
             record=record,
             rows=rows,
-            notes=notes + core.comparison.describe_margins(summary),
+            notes=[
+                *notes,
+                *core.comparison.describe_margins(summary),
+                *core.flight_times.describe_alike(summary, against_best),
+            ],
             value=prediction,
         )
 
 
-def _tabulate(summary: list[Row], ends: list[Counter[str]]) -> Table:
+def _tabulate(summary: list[Row], ends: list[Counter[str]], against_best: list[float]) -> Table:
     """Returns a table of flight times, with the most frequent end of each policy's flights."""
     columns = {"policy": "{policy}", "control": "{control}", "mean": "{mean:.2f s}"}
     columns |= {f"{share} %": f"{{quantile_{share}:.2f s}}" for share in (10, 50, 90)}
     columns |= {"error": "{position_error:.1f cm}", **shared.LARGEST}
     columns |= {"most frequent end": "{end} ({count} of {trials})"}
+    columns |= {"outlives the best": "{outlives:.0%}"}
     rows = []
-    for row, reasons in zip(summary, ends, strict=True):
+    for row, reasons, outlives in zip(summary, ends, against_best, strict=True):
         end, count = reasons.most_common(1)[0]
-        rows.append({**row, "end": end, "count": count})
+        rows.append({**row, "end": end, "count": count, "outlives": outlives})
     return Table("Predicted flight times, simulated", columns, rows)

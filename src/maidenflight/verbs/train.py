@@ -103,12 +103,13 @@ class Train(Verb):
     history: int = setting(
         whole(1, 50), 2, "Last instants in an observation.", group=_OBSERVATION, rare=True
     )
-    look_ahead: int = setting(
+    look_ahead: int | None = setting(
         whole(0, 50),
-        0,
+        None,
         "Points of the reference ahead of time in an observation.",
         rare=True,
         group=_OBSERVATION,
+        usual="5 for tracking; none",
     )
     look_ahead_spacing: float = setting(
         number(0.001, 10.0),
@@ -228,10 +229,12 @@ class Train(Verb):
         """Returns what the policies see and remember, and their layers."""
         if self.start is not None:
             return self.start.spec
-        ahead = core.LookAhead(self.look_ahead, self.look_ahead_spacing)
+        points = core.defaults.choose_points(self.task)
+        points = points if self.look_ahead is None else self.look_ahead
+        ahead = core.LookAhead(points, self.look_ahead_spacing)
         spec = core.PolicySpec(self.history, ahead, self.memory, form=self.form)
         method = self.method or core.defaults.choose_method(spec, initial=False)
-        hidden = self.hidden or core.defaults.choose_hidden(self.control, method)
+        hidden = self.hidden or core.defaults.choose_hidden(self.control, method, ahead.points)
         return dataclasses.replace(spec, hidden=hidden)
 
     @cached_property

@@ -45,12 +45,13 @@ class Transfer(InRealities):
     def compute(self, output: Path, progress: Progress) -> Result:
         """Flies; writes `flights.csv` with a row a flight, and every flight's log."""
         fleet, own = self.fleet, self.fleet.own
-        task, notes = fleet.choose_task(self.task)
+        task, notes = fleet.choose_task(self.chosen_task)
         progress.move(0, None, "compiling and flying")
         if self.rate is not None:
             own = [replace(one, interface=replace(one.interface, rate=self.rate)) for one in own]
         flying: Any = self.realities, self.trials, self.key
-        how: Any = {"task": core.find_task(task), "duration": self.duration}
+        longest = self.longest(task, self.duration)
+        how: Any = {"task": core.find_task(task), "duration": longest}
         transfer = core.transfer([*own, *fleet.foreign], *flying, names=fleet.names, **how)
         rivals, left_out = core.fly_firmware(self.against, *flying, **how)
         record = self.make_flight_record(task)

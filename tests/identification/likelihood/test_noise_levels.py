@@ -1,5 +1,7 @@
 """How noisy a drone is, from sequences of errors that NumPy makes of noise of known size."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -8,11 +10,12 @@ from maidenflight.flights.log import Flight, flight_of
 from maidenflight.identification.likelihood.noise_levels import (
     WALKS,
     against_tilt,
+    correct_walks,
     noise_levels,
-    without_false_walks,
 )
 from maidenflight.identification.likelihood.one_step_errors import ORDER
 from maidenflight.parameters import QUANTITIES, check, crazyflie, replace
+from maidenflight.simulator.physics.sensors import TURNING
 
 PAPER = crazyflie()
 PERIOD, ROWS = 0.01, 100_000
@@ -153,7 +156,16 @@ def test_what_bends_a_path_without_a_tilt_is_a_walk(generator):
 def test_walks_that_the_tilt_does_not_confirm_are_none(generator):
     noise = {**dict.fromkeys(WALKS, 0.05), "gyro_noise": 0.1}
     still: list[Flight] = [tilting(generator, 0.0)]
-    assert without_false_walks(noise, still) == {**dict.fromkeys(WALKS, 0.0), "gyro_noise": 0.1}
-    assert without_false_walks(noise, [tilting(generator, 0.05)]) == noise
+    assert correct_walks(noise, still) == {**dict.fromkeys(WALKS, 0.0), "gyro_noise": 0.1}
+    assert correct_walks(noise, [tilting(generator, 0.05)]) == noise
     short = [one.part(0, 20) for one in still]
-    assert without_false_walks(noise, short) == noise
+    assert correct_walks(noise, short) == noise
+    walking = tilting(generator, 0.05)
+    turning = dataclasses.replace(
+        walking, body_rates=walking.body_rates + np.array([TURNING, 0, 9])
+    )
+    # Its steps have twice the variance of those at rest; a ranger's height has not.
+    at_rest = 0.05 / np.sqrt(2.0)
+    assert correct_walks(noise, [turning]) == pytest.approx(
+        {**noise, "position_walk": at_rest, "velocity_walk": at_rest}
+    )

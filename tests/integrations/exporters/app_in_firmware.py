@@ -39,6 +39,8 @@ GIVEN = np.dtype(
         ("modes", "i4", 7),
         ("acceleration", "f4", 3),
         ("battery", "f4"),
+        ("wanted_velocity", "f4", 3),
+        ("wanted_acceleration", "f4", 3),
     ]
 )
 ASKED = np.dtype(

@@ -76,7 +76,7 @@ PROCESSOR = (
     PARAMETERS,
     SELF_TEST,
     SWITCHED_AWAY,
-    NO_FUTURE,
+    _,
     BATTERY,
     FENCE,
     CEILING,
@@ -361,7 +361,9 @@ def test_a_policy_that_looks_ahead_sees_the_circle_to_come(
     np.testing.assert_allclose(found["forces"] * (65535 / 60000), commands, rtol=0, atol=1e-5)
 
 
-def test_a_policy_that_looks_ahead_hovers_but_follows_no_set_points_by_radio(load: Load) -> None:
+def test_a_policy_that_looks_ahead_hovers_and_takes_set_points_with_their_motion(
+    load: Load,
+) -> None:
     app = load(AHEAD)
     assert app.parameters["ahead"].value == 3
     assert app.read_only == {"ahead", "hash", "propellers"}
@@ -378,16 +380,20 @@ def test_a_policy_that_looks_ahead_hovers_but_follows_no_set_points_by_radio(loa
     here = np.array([[0, 0, 1]], np.float32)
     stays = HOVER_THRUST / 60000, np.broadcast_to(here, (1, 3, 3))
     (action,) = actions_in_python(policy_of(AHEAD), at_start, here, *stays)
-    np.testing.assert_allclose(
-        found["forces"] * (65535 / 60000), (np.clip(action, -1, 1) + 1) / 2, rtol=0, atol=1e-5
-    )
-    refusing = load(AHEAD)
-    refusing.set(task=2)
-    refusing.until(1000)
-    refusing.set(enable=1)
-    found = refusing.hover(5)
-    assert (refusing.log("active"), refusing.log("why")) == (0, NO_FUTURE)
-    assert (found["mode"] == LEGACY).all()
+    still = (np.clip(action, -1, 1) + 1) / 2
+    np.testing.assert_allclose(found["forces"] * (65535 / 60000), still, rtol=0, atol=1e-5)
+    led = load(AHEAD)
+    led.set(task=2)
+    led.until(1000)
+    led.set(enable=1)
+    velocity, acceleration = np.array([0.5, -0.3, 0.2]), np.array([0.4, 1.0, -0.6])
+    (found,) = led.hover(wanted_velocity=velocity, wanted_acceleration=acceleration)
+    later = np.array([[0.2], [0.4], [0.6]])
+    motion = here + velocity * later + acceleration * later**2 / 2
+    (action,) = actions_in_python(policy_of(AHEAD), at_start, here, stays[0], motion[None])
+    moving = (np.clip(action, -1, 1) + 1) / 2
+    np.testing.assert_allclose(found["forces"] * (65535 / 60000), moving, rtol=0, atol=1e-5)
+    assert np.abs(moving - still).max() > 1e-3
 
 
 def test_the_action_before_the_first_is_that_of_the_pid_s_mean_thrust(load: Load) -> None:

@@ -21,7 +21,7 @@ from maidenflight.parameters import crazyflie, noiseless, replace  # noqa: E402
 from maidenflight.simulator.physics import dynamics  # noqa: E402
 from maidenflight.simulator.policy_spec import PolicySpec  # noqa: E402
 from maidenflight.simulator.randomization import relative_box  # noqa: E402
-from maidenflight.simulator.tasks import tasks, trajectories  # noqa: E402
+from maidenflight.simulator.tasks import tasks, waypoints  # noqa: E402
 from maidenflight.simulator.tasks.look_ahead import LookAhead  # noqa: E402
 
 IDS = [f"maidenflight/{name}-v0" for name in maidenflight.integrations.gym.TASKS]
@@ -299,7 +299,7 @@ def test_way_points_of_a_file_are_a_task(tmp_path):
     task = world("tracking", waypoints=tmp_path / "way.csv")[0].task
     assert task.duration == 3.5
     np.testing.assert_allclose(task.reference(jnp.float32(1.0)), [0.25, 0, 1], atol=1e-6)
-    curve = trajectories.pentagram()
+    curve = waypoints.pentagram()
     assert world("tracking", trajectory=curve)[0].task.reference is curve
 
 

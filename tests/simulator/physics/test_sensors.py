@@ -205,10 +205,10 @@ def test_without_a_lag_the_gyro_filter_is_none_and_its_slope_is_finite():
     assert np.isfinite(slope)
 
 
-@partial(jax.jit, static_argnums=1)
-def drifted(parameters, steps, elapsed, key):
+@partial(jax.jit, static_argnums=(1, 4))
+def drifted(parameters, steps, elapsed, key, rates=(0.0, 0.0, 5.0)):
     """Errors of many estimates after each of some steps from none, steps x samples x 6."""
-    many = jax.vmap(sensors.walk_estimate, (0, None, None, 0))
+    many = jax.vmap(lambda *now: sensors.walk_estimate(*now, jnp.array(rates)), (0, None, None, 0))
 
     def one(drift, key):
         drift = many(
@@ -244,6 +244,9 @@ def test_height_walks_by_itself():
     parameters = replace(PAPER, position_walk=0.08, height_walk=0.01, velocity_walk=0.0)
     walked = float64(drifted(parameters, 50, float32(0.02), jax.random.key(9)))[-1, :, :3]
     np.testing.assert_allclose(walked.std(axis=0), [0.08, 0.08, 0.01], rtol=0.05)
+    rates = (0.6 * sensors.TURNING, 0.8 * sensors.TURNING, 5.0)
+    turned = float64(drifted(parameters, 50, float32(0.02), jax.random.key(9), rates))[-1, :, :3]
+    np.testing.assert_allclose(turned, np.sqrt([2.0, 2.0, 1.0]) * walked, atol=1e-6)
 
 
 def test_one_measurement_moves_position_and_velocity_alike():

@@ -14,7 +14,7 @@ from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.physics import dynamics
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.rollouts import rollout
-from maidenflight.simulator.tasks import tasks, trajectories
+from maidenflight.simulator.tasks import tasks, waypoints
 from maidenflight.simulator.tasks.look_ahead import LookAhead
 
 KEY = jax.random.key(0)
@@ -67,7 +67,7 @@ def test_an_observation_ends_with_the_reference_to_come(task, where, time):
 @pytest.mark.slow
 def test_in_flight_it_is_relative_to_what_is_measured_and_stays_at_a_trajectory_s_last_point():
     env = Environment(
-        task=tasks.tracking(trajectories.zigzag(LINE), 0.2),
+        task=tasks.tracking(waypoints.zigzag(LINE), 0.2),
         spec=PolicySpec(look_ahead=POINTS, history=3),
     )
     drone = crazyflie()

@@ -11,7 +11,7 @@ from arrays import float32
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.simulator.physics import dynamics, rotations
-from maidenflight.simulator.tasks import failures, rewards, tasks, trajectories
+from maidenflight.simulator.tasks import failures, rewards, tasks, trajectories, waypoints
 
 PAPER = crazyflie()
 CIRCLE = tasks.paper_circle()
@@ -204,7 +204,7 @@ def test_tracking_starts_near_its_reference_and_as_fast_as_it():
 
 
 def test_tracking_without_a_latest_start_starts_where_the_trajectory_does():
-    path = trajectories.zigzag(((0.0, 0.0, 0.0, 1.0), (1.0, 0.8, 0.0, 1.0), (2.0, 0.0, 0.0, 1.0)))
+    path = waypoints.zigzag(((0.0, 0.0, 0.0, 1.0), (1.0, 0.8, 0.0, 1.0), (2.0, 0.0, 0.0, 1.0)))
     state, time, position, _ = starts(tasks.tracking(path, 2.0))
     np.testing.assert_array_equal(time, 0)
     assert fills(position, [0.05] * 3)

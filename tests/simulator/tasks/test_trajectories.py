@@ -8,7 +8,7 @@ import pytest
 
 from arrays import float32
 from maidenflight.errors import InputError
-from maidenflight.simulator.tasks import tasks, trajectories
+from maidenflight.simulator.tasks import courses, tasks, trajectories, waypoints
 
 PATH = ((0.0, 0.0, 0.0, 1.0), (1.0, 0.5, 0.0, 1.2), (1.5, 0.5, -0.5, 1.1), (3.0, 0.0, 0.2, 0.9))
 SHAPES = {
@@ -16,10 +16,10 @@ SHAPES = {
     "hold": (trajectories.hold(), 1.0),
     "climb": (trajectories.climb(), 1.5),
     "figure-eight": (trajectories.figure_eight(), 5.5),
-    "pentagram": (trajectories.pentagram(), 5.0),
+    "pentagram": (waypoints.pentagram(), 5.0),
     "accelerating circle": (trajectories.accelerating_circle(2.5), 6.0),
-    "zigzag": (trajectories.zigzag(PATH), 3.0),
-    "polynomial": (trajectories.polynomial(PATH), 3.0),
+    "zigzag": (waypoints.zigzag(PATH), 3.0),
+    "minimum snap": (waypoints.minimum_snap(PATH), 3.0),
 }
 shapes = pytest.mark.parametrize("name", SHAPES)
 periodic = pytest.mark.parametrize("name", ["circle", "figure-eight", "pentagram"])
@@ -144,7 +144,7 @@ def test_a_circle_from_rest_never_accelerates_as_a_jump_would():
 
 
 def test_a_pentagram_has_five_equal_edges_at_one_speed_and_corners_of_36_degrees():
-    trajectory = trajectories.pentagram(diameter=1.0, period=4.0, height=0.6)
+    trajectory = waypoints.pentagram(diameter=1.0, period=4.0, height=0.6)
     corners = points(trajectory, np.arange(6) * 0.8)
     edges = np.diff(corners, axis=0)
     np.testing.assert_allclose(np.linalg.norm(edges, axis=1), np.sin(np.radians(72)), rtol=1e-5)
@@ -167,19 +167,19 @@ def test_a_climb_ends_at_its_height_after_its_duration_and_never_sinks():
     np.testing.assert_allclose([rising[0], rising[50], rising[-1]], [0, 1.875 * 0.4, 0], atol=1e-6)
 
 
-@pytest.mark.parametrize("kind", [trajectories.zigzag, trajectories.polynomial])
+@pytest.mark.parametrize("kind", [waypoints.zigzag, waypoints.minimum_snap])
 @pytest.mark.parametrize("path", [PATH, PATH[:2]])
 def test_every_way_point_is_passed_in_time_and_the_ends_are_held(kind, path):
     table = np.array(path)
     trajectory = kind(path)
-    np.testing.assert_allclose(points(trajectory, table[:, 0]), table[:, 1:], atol=2e-6)
+    np.testing.assert_allclose(points(trajectory, table[:, 0]), table[:, 1:], atol=1e-5)
     np.testing.assert_allclose(
-        points(trajectory, [-1.0, table[-1, 0] + 5]), table[[0, -1], 1:], atol=1e-6
+        points(trajectory, [-1.0, table[-1, 0] + 5]), table[[0, -1], 1:], atol=1e-5
     )
 
 
 def test_a_zigzag_is_straight_and_leaves_its_corners_in_the_new_direction():
-    trajectory = trajectories.zigzag(PATH)
+    trajectory = waypoints.zigzag(PATH)
     np.testing.assert_allclose(
         points(trajectory, [0.25, 2.25]), [[0.125, 0, 1.05], [0.25, -0.15, 1.0]], atol=1e-6
     )
@@ -189,37 +189,37 @@ def test_a_zigzag_is_straight_and_leaves_its_corners_in_the_new_direction():
     )
 
 
-def test_a_polynomial_rests_at_its_ends_and_four_derivatives_have_no_steps():
-    derivative = trajectories.polynomial(PATH)
+def test_a_curve_of_least_snap_rests_at_its_ends_and_four_derivatives_have_no_steps():
+    derivative = waypoints.minimum_snap(PATH)
     for order in range(1, 5):
         derivative = velocity(derivative)
-        if order <= 2:
-            np.testing.assert_allclose(points(derivative, [0.0, 3.0]), 0, atol=1e-4)
+        if order <= 3:
+            np.testing.assert_allclose(points(derivative, [0.0, 3.0]), 0, atol=1e-3)
         for corner in (1.0, 1.5):
             before, at = points(derivative, [corner - 1e-5, corner])
             np.testing.assert_allclose(before, at, atol=1e-3 * np.abs(at).max())
             assert np.abs(at).max() > 0.1, "it does not stop there"
 
 
-def test_two_points_give_the_minimum_jerk_curve_that_a_climb_is():
+def test_two_points_give_the_curve_of_least_snap_between_them():
     times = np.linspace(0, 1.5, 50)
-    smooth = trajectories.polynomial(((0.0, 0.0, 0.0, 0.0), (1.5, 0.0, 0.0, 1.0)))
-    np.testing.assert_allclose(
-        points(smooth, times), points(trajectories.climb(1.0, 1.5), times), atol=1e-6
-    )
+    smooth = waypoints.minimum_snap(((0.0, 0.0, 0.0, 0.0), (1.5, 0.0, 0.0, 1.0)))
+    s = times / 1.5
+    height = 35 * s**4 - 84 * s**5 + 70 * s**6 - 20 * s**7
+    np.testing.assert_allclose(points(smooth, times)[:, 2], height, atol=1e-5)
 
 
 def test_the_same_arguments_give_the_same_object_so_that_nothing_compiles_twice(tmp_path):
     path, again = PATH, tuple(map(tuple, np.array(PATH).tolist()))
-    assert trajectories.zigzag(path) is trajectories.zigzag(again)
-    assert trajectories.polynomial(path) is trajectories.polynomial(again)
+    assert waypoints.zigzag(path) is waypoints.zigzag(again)
+    assert waypoints.minimum_snap(path) is waypoints.minimum_snap(again)
     assert trajectories.figure_eight(3.5) is trajectories.figure_eight(trajectories.FAST)
     assert (
         trajectories.circle()
         is trajectories.circle(0.5, height=1.0)
         is not trajectories.circle(0.5, height=2.0)
     )
-    assert trajectories.pentagram() is trajectories.pentagram(diameter=0.5)
+    assert waypoints.pentagram() is waypoints.pentagram(diameter=0.5)
     assert (
         trajectories.hold((0.0, 0.0, 1.0))
         is trajectories.hold((0.0, 0.0, 1.0))
@@ -228,23 +228,21 @@ def test_the_same_arguments_give_the_same_object_so_that_nothing_compiles_twice(
     assert trajectories.climb(1.0) is trajectories.climb(1.0)
     for name in ("one.csv", "two.csv"):
         (tmp_path / name).write_text("time,x,y,z\n0,0,0,1\n1,1,0,1\n")
-    assert trajectories.waypoints(tmp_path / "one.csv") is trajectories.waypoints(
-        tmp_path / "two.csv"
-    )
+    assert waypoints.waypoints(tmp_path / "one.csv") is waypoints.waypoints(tmp_path / "two.csv")
 
 
 def test_a_way_point_file_is_read_as_it_was_written_and_its_clock_starts_at_zero(tmp_path):
     file = tmp_path / "path.csv"
     rows = [f"{x},{time + 100},{z},{y},note" for time, x, y, z in PATH]
     file.write_text("\ufeffx, time, z, y, comment\n" + "\n".join(rows) + "\n\n", encoding="utf-8")
-    np.testing.assert_allclose(trajectories.read_waypoints(file), PATH, atol=1e-12)
+    np.testing.assert_allclose(waypoints.read_waypoints(file), PATH, atol=1e-12)
     times = np.linspace(0, 3, 20)
     np.testing.assert_allclose(
-        points(trajectories.waypoints(file), times), points(SHAPES["zigzag"][0], times), atol=1e-6
+        points(waypoints.waypoints(file), times), points(SHAPES["zigzag"][0], times), atol=1e-6
     )
     np.testing.assert_allclose(
-        points(trajectories.waypoints(file, smooth=True), times),
-        points(SHAPES["polynomial"][0], times),
+        points(waypoints.waypoints(file, smooth=True), times),
+        points(SHAPES["minimum snap"][0], times),
         atol=1e-6,
     )
 
@@ -252,8 +250,12 @@ def test_a_way_point_file_is_read_as_it_was_written_and_its_clock_starts_at_zero
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "missing column time, x, y, z"),
-        ("0,0,0,1\n1,0,0,1\n", "expected a header line with time,x,y,z"),
+        ("", "missing column x, y, z"),
+        ("0,0,0,1\n1,0,0,1\n", "expected a header line with t,x,y,z"),
+        ("t,x,y,z,yaw\n0,0,0,1,0\n1,0,0,1,0.5\n", "line 3: a yaw"),
+        ("x,y,z\n0,0,1\n0,0,1\n", "line 3: the same place as before"),
+        ("t,time,x,y,z\n0,0,0,0,1\n", "twice column time"),
+        ("x,y,z\n0,0,1\n1,0,1,0\n", "line 3 has more cells"),
         ("time,x,z\n0,0,1\n1,0,1\n", "missing column y;"),
         ("time,x,y,z\n", "0 way-points; expected two or more"),
         ("time,x,y,z\n0,0,0,1\n", "1 way-points; expected two or more"),
@@ -287,7 +289,7 @@ def test_a_bad_way_point_file_is_refused_with_file_row_and_cure(tmp_path, text, 
     file = tmp_path / "path.csv"
     file.write_text(text)
     with pytest.raises(InputError) as raised:
-        trajectories.waypoints(file)
+        waypoints.waypoints(file)
     assert str(raised.value).startswith(str(file))
     assert message in str(raised.value)
 
@@ -296,13 +298,13 @@ def test_an_unreadable_file_is_refused_and_a_fast_path_can_be_allowed(tmp_path):
     fast, binary = tmp_path / "fast.csv", tmp_path / "binary.csv"
     fast.write_text("time,x,y,z\n0,0,0,1\n1,6,0,1\n")
     binary.write_bytes(b"time,x,y,z\n\xff\xfe\n")
-    assert trajectories.read_waypoints(fast, fastest=7.0)[-1] == (1.0, 6.0, 0.0, 1.0)
+    assert waypoints.read_waypoints(fast, fastest=7.0)[-1] == (1.0, 6.0, 0.0, 1.0)
     for file in (tmp_path / "absent.csv", tmp_path, binary):
         with pytest.raises(InputError, match="not a readable CSV file"):
-            trajectories.read_waypoints(file)
+            waypoints.read_waypoints(file)
 
 
-@pytest.mark.parametrize("kind", [trajectories.zigzag, trajectories.polynomial])
+@pytest.mark.parametrize("kind", [waypoints.zigzag, waypoints.minimum_snap])
 def test_bad_way_points_given_in_python_are_refused_by_number(kind):
     for path, message in [
         (((0.0, 0.0, 0.0, 1.0),), "1 way-points"),
@@ -312,3 +314,60 @@ def test_bad_way_points_given_in_python_are_refused_by_number(kind):
     ]:
         with pytest.raises(InputError, match=message):
             kind(path)
+
+
+def test_way_points_without_time_are_passed_with_least_snap_and_within_their_limits(tmp_path):
+    file = tmp_path / "places.csv"
+    places = [(0, 0, 1), (0.5, 0.1, 1.2), (0.6, -0.8, 1), (2.5, 0, 1)]
+    file.write_text("x,y,z\n" + "".join(f"{x},{y},{z}\n" for x, y, z in places))
+    trajectory, duration = waypoints.read_reference(file)
+    table = np.array(waypoints.read_waypoints(file))
+    np.testing.assert_allclose(table[:, 1:], places, atol=1e-12)
+    times = np.linspace(0, duration, 400)
+    speed, acceleration = (
+        np.linalg.norm(points(slope, times), axis=1).max()
+        for slope in (velocity(trajectory), velocity(velocity(trajectory)))
+    )
+    assert speed <= 1.01
+    assert acceleration <= 2.52
+    assert speed > 0.98 or acceleration > 2.45, "one of them decides"
+
+    def snap(times):
+        at = np.linspace(0, times[-1], 4001)
+        fourth = waypoints.snap_spline(times, table[:, 1:])(at, nu=4)
+        return np.trapezoid(np.sum(fourth**2, axis=1), at)
+
+    least = snap(table[:, 0])
+    for number in (1, 2):
+        for shift in (-0.05, 0.05):
+            moved = table[:, 0].copy()
+            moved[number] += shift
+            assert snap(moved) > least
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("t,x,y,z\n0,0,0,1\n1,1,0,-0.1\n", "a height of -0.1 m"),
+        ("t,x,y,z\n0,0,0,1\n1,4,0,1\n", r"up to 8\.8 m/s and 29\.6"),
+    ],
+)
+def test_a_reference_that_no_drone_follows_is_refused(tmp_path, text, message):
+    file = tmp_path / "path.csv"
+    file.write_text(text)
+    with pytest.raises(InputError, match=message):
+        tasks.find_task(str(file))
+
+
+def test_a_course_starts_at_rest_and_is_smooth_and_as_fast_as_its_parts():
+    course = courses.random_course(120.0, seed=0)
+    times = np.arange(0.0, 120.0, 0.02)
+    np.testing.assert_allclose(points(course, [0.0, 0.9]), [[0, 0, 1]] * 2, atol=1e-6)
+    speeds = np.linalg.norm(points(velocity(course), times), axis=1)
+    pushes = np.linalg.norm(points(velocity(velocity(course)), times), axis=1)
+    assert 1.0 < speeds.max() < 1.5
+    assert 2.5 < pushes.max() < 6.0
+    assert np.quantile(speeds, 0.1) < 0.1, "it hovers too"
+    assert np.ptp(points(course, times)[:, 2]) > 0.3
+    assert courses.random_course(120.0, seed=0) is course
+    assert np.abs(points(courses.random_course(120.0, seed=1), times) - points(course, times)).max()

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from maidenflight.flights.log import Flight
 from maidenflight.parameters import Parameters, levers
+from maidenflight.simulator.physics.sensors import turning
 
 ROWS = 8
 """Rows over which noise is measured, at most: 0.08 s at 100 Hz, in which a policy reacts. Over
@@ -104,21 +105,24 @@ def noise_levels(
     }
 
 
-def without_false_walks(noise: dict[str, float], flights: Sequence[Flight]) -> dict[str, float]:
-    """Returns the noise without walks where position moves as the drone's tilt accelerates it.
+def correct_walks(noise: dict[str, float], flights: Sequence[Flight]) -> dict[str, float]:
+    """Returns the noise with the walks of a drone that does not turn, or without false ones.
 
-    Estimates of velocity and position in a motion capture differ as after a walk, since velocity is
-    of another scale (6 % too large in logs of a Crazyflie) and in steps; but position holds both.
-    What walks bends the path where no tilt does: 7 mm in half a second under optical flow, 0.2 mm
-    in motion captures.
+    Walks are false where position moves as the drone's tilt accelerates it. Estimates of velocity
+    and position in a motion capture differ as after a walk, since velocity is of another scale (6 %
+    too large in logs of a Crazyflie) and in steps; but position holds both. What walks bends the
+    path where no tilt does: 7 mm in half a second under optical flow, 0.2 mm in motion captures.
 
     Args:
         noise: of `noise_levels`.
         flights: checked flights with a state.
     """
-    if against_tilt(flights) > _CONTRADICTED * noise["position_walk"]:
-        return noise
-    return {**noise, **dict.fromkeys(WALKS, 0.0)}
+    if against_tilt(flights) <= _CONTRADICTED * noise["position_walk"]:
+        return {**noise, **dict.fromkeys(WALKS, 0.0)}
+    rates = np.concatenate([flight.body_rates for flight in flights])
+    further = float(np.sqrt(np.mean(turning(rates) ** 2)))
+    across = {name: noise[name] / further for name in ("position_walk", "velocity_walk")}
+    return {**noise, **across}
 
 
 def against_tilt(flights: Sequence[Flight]) -> float:

@@ -18,10 +18,7 @@ from maidenflight.identification.likelihood.estimator import Models, Question, a
 from maidenflight.identification.likelihood.fit import box_of, fit
 from maidenflight.identification.likelihood.flight_differences import differences
 from maidenflight.identification.likelihood.laplace import Others
-from maidenflight.identification.likelihood.noise_levels import (
-    noise_levels,
-    without_false_walks,
-)
+from maidenflight.identification.likelihood.noise_levels import correct_walks, noise_levels
 from maidenflight.identification.likelihood.observation import ObservationModel
 from maidenflight.identification.likelihood.one_step import LENGTH, OneStep, one_step_objective
 from maidenflight.identification.likelihood.one_step_errors import ORDER
@@ -104,7 +101,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     drone = fit_result.best.drone
     left = fine.products_about_means(drone)
     noise = noise_levels(left, drone, stride(flights[0]) * flights[0].period)
-    noise = without_false_walks(noise, flights)
+    noise = correct_walks(noise, flights)
     drone = replace(drone, **{name: np.float32(value) for name, value in noise.items()})
     interval, spread = (
         fit_result.posterior.interval,

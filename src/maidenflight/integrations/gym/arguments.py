@@ -16,6 +16,7 @@ from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import Distribution, relative_box
 from maidenflight.simulator.tasks import failures, tasks, trajectories
+from maidenflight.simulator.tasks import waypoints as way_points
 from maidenflight.simulator.tasks.tasks import Task
 from maidenflight.simulator.tasks.trajectories import Trajectory
 
@@ -25,7 +26,7 @@ Drones = Parameters | Distribution | StrPath | None
 SHAPES: dict[str, Callable[..., Trajectory]] = {
     "circle": trajectories.circle,
     "figure_eight": trajectories.figure_eight,
-    "pentagram": trajectories.pentagram,
+    "pentagram": way_points.pentagram,
 }
 """Closed curves by name."""
 
@@ -115,9 +116,9 @@ def _tracking(
     latest_start: float = 0.0,
 ) -> Task:
     if waypoints is not None:
-        last = trajectories.read_waypoints(waypoints)[-1][0]
+        last = way_points.read_waypoints(waypoints)[-1][0]
         return tasks.tracking(
-            trajectories.waypoints(waypoints, smooth), duration or last, farthest, latest_start
+            way_points.waypoints(waypoints, smooth), duration or last, farthest, latest_start
         )
     if isinstance(trajectory, str):
         if trajectory not in SHAPES:

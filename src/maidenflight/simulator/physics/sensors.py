@@ -35,6 +35,11 @@ sensors_bmi088_bmp3xx.c)."""
 ACCELEROMETER_NOISE = 0.5
 """Standard deviation of a reading before the filter, at 500 Hz [m/s2]: motors' vibration, of the
 size between 20 and 40 Hz in logs of a brushed Crazyflie (IMRCLab 2026)."""
+TURNING = 1.57
+"""Roll and pitch rate together at which the variance of steps of horizontal drift has doubled
+[rad/s]. A flow deck sees a turn as motion, and what is taken off for it is of another instant. In
+the authors' flights of all three control structures: 0.06 m/sqrt(s) at 0.4 rad/s, 0.08 at 1.8, 0.13
+at 3.4 and 0.19 at 5.2 (paper/notes/flight-times.md)."""
 DRIFT_TIME = 1.0
 """Correlation time of the error of the estimated velocity [s]; a flight log of seconds cannot
 distinguish it from a pure random walk."""
@@ -76,11 +81,23 @@ def drifts(parameters: Parameters) -> bool:
     return any(bool(np.any(np.asarray(walk) > 0)) for walk in walks)
 
 
+def turning(body_rates: Float[Any, "... 3"]) -> Float[Any, "..."]:
+    """Returns how much further horizontal estimates walk while the drone turns.
+
+    Args:
+        body_rates: [rad/s].
+
+    Source: ours; see `TURNING`.
+    """
+    return (1.0 + (body_rates[..., 0] ** 2 + body_rates[..., 1] ** 2) / TURNING**2) ** 0.5
+
+
 def walk_estimate(
     drift: Float[Array, "6"],
     elapsed: Float[Array, ""],
     parameters: Parameters,
     normal: Float[Array, "3"],
+    body_rates: Float[Array, "3"],
 ) -> Float[Array, "6"]:
     """Draws the drift of the estimated position [m] and velocity [m/s] after some time.
 
@@ -96,9 +113,12 @@ def walk_estimate(
         elapsed: time between the two [s].
         parameters: uses `position_walk`, `height_walk` and `velocity_walk`.
         normal: draws from the standard normal distribution.
+        body_rates: [rad/s].
 
     Source: ours; sizes and spectrum from the authors' flights (docs/identification.md).
     """
+    further = turning(body_rates)
+    normal = normal * jnp.stack([further, further, jnp.ones_like(further)])
     decay = jnp.exp(-elapsed / DRIFT_TIME)
     root = jnp.sqrt(elapsed)
     velocity = decay * drift[3:] + parameters.velocity_walk * root * normal

@@ -16,7 +16,7 @@ from maidenflight.parameters import Parameters
 from maidenflight.registry import import_part
 from maidenflight.simulator.physics import dynamics, noise, rotations
 from maidenflight.simulator.physics.dynamics import State
-from maidenflight.simulator.tasks import trajectories
+from maidenflight.simulator.tasks import courses, trajectories
 from maidenflight.simulator.tasks.failures import (
     MAX_POSITION_ERROR_M,
     hover_failure,
@@ -34,6 +34,7 @@ from maidenflight.simulator.tasks.rewards import (
     take_off_reward,
 )
 from maidenflight.simulator.tasks.trajectories import Trajectory, cached_by_arguments
+from maidenflight.simulator.tasks.waypoints import read_reference
 
 Reset = Callable[[Parameters, Array], tuple[State, Float[Array, ""]]]
 
@@ -279,15 +280,16 @@ def take_off(height: float = 1.0, duration: float = 1.5) -> Task:
 
 @cached_by_arguments
 def tracking(
-    trajectory: Trajectory,
-    duration: float,
+    trajectory: Trajectory | None = None,
+    duration: float = 5.0,
     farthest: float = MAX_POSITION_ERROR_M,
     latest_start: float = 0.0,
 ) -> Task:
     """Follows any trajectory, with the paper's reward, from near it and as fast as it.
 
     Args:
-        trajectory: what to follow.
+        trajectory: what to follow; by default a long random course, on which episodes start
+            anywhere, for policies that follow any reference.
         duration: of an episode [s].
         farthest: distance from the set-point [m] at which an episode fails.
         latest_start: episodes start on the trajectory's clock uniformly up to this time [s]: a
@@ -299,6 +301,8 @@ def tracking(
 
     Source: reward, failure and all start values but velocity as in `circle`.
     """
+    if trajectory is None:
+        trajectory, latest_start = courses.random_course(), courses.COURSE_S - duration
     if not duration > 0.0:
         raise InputError(f"duration = {duration} s of an episode; expected more than 0.")
     try:
@@ -365,13 +369,19 @@ def _fast(name: str, reference: Trajectory, fastest: float) -> Task:
 
 
 def find_task(name: str) -> Task:
-    """Returns the task of a name, one of `TASKS` or `MODULE:NAME` of a task or what makes one.
+    """Returns the task of a name.
+
+    Args:
+        name: one of `TASKS`; a CSV file, whose reference is followed from its start; or
+            `MODULE:NAME` of a task or what makes one.
 
     Raises:
-        InputError: there is no such task.
+        InputError: there is no such task, or the file is wrong.
     """
     if name in TASKS:
         return TASKS[name]()
+    if name.endswith(".csv"):
+        return tracking(*read_reference(name))
     part = import_part(name, "task")
     task = part if isinstance(part, Task) or not callable(part) else part()
     if not isinstance(task, Task):

@@ -24,6 +24,7 @@ typedef struct {
     int32_t modes[7];
     float acceleration[3]; /* [g] */
     float battery; /* [V] */
+    float wanted_velocity[3], wanted_acceleration[3];
 } given_t;
 
 /* What the PID was asked, and when. */
@@ -148,6 +149,8 @@ void fly(uint32_t first, int count, const given_t *given, found_t *all)
         battery = in->battery;
         sensors.gyro = (vector_t){in->gyro[0], in->gyro[1], in->gyro[2]};
         setpoint.position = (vector_t){in->wanted[0], in->wanted[1], in->wanted[2]};
+        setpoint.velocity = (vector_t){in->wanted_velocity[0], in->wanted_velocity[1], in->wanted_velocity[2]};
+        setpoint.acceleration = (vector_t){in->wanted_acceleration[0], in->wanted_acceleration[1], in->wanted_acceleration[2]};
         memcpy(&setpoint.mode, in->modes, sizeof setpoint.mode);
         position_thrust = in->thrust;
         memset(&found, 0, sizeof found);

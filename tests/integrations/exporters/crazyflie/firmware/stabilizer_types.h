@@ -44,6 +44,7 @@ typedef struct {
     float thrust; /* 0 to 65535 */
     vector_t position;
     vector_t velocity;
+    vector_t acceleration; /* [m/s^2] */
     bool velocity_body;
     struct {
         stab_mode_t x, y, z, roll, pitch, yaw, quat;
