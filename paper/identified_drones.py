@@ -19,8 +19,7 @@ import polars
 import maidenflight as mf
 from maidenflight import policy_file, results
 from maidenflight.experiments.drones import possible_drones
-from maidenflight.experiments.transfer import Transfer
-from maidenflight.flying.firmware_pilot import FirmwarePilot
+from maidenflight.experiments.transfer import Transfer, firmware_pilot
 from maidenflight.identification import drone_file
 from maidenflight.names import CONTROLLERS, POSTERIOR
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone
@@ -36,7 +35,7 @@ class Source(NamedTuple):
     """Logs of a real drone."""
 
     pattern: str
-    """Of the logs, below the data's folder."""
+    """Of the logs or their folder, below the data's folder."""
     start: str
     """Named drone to begin with."""
     mass: float | None
@@ -44,7 +43,7 @@ class Source(NamedTuple):
 
 
 SOURCES = {
-    "authors": Source("authors/flights/pwm/*", "crazyflie", None),
+    "authors": Source("authors/flights/pwm", "crazyflie", None),
     "brushed": Source("usd/brushed/jana*", "crazyflie_2.0", 34.7),
     "brushless": Source("usd/brushless/eckart*", "crazyflie_brushless", 37.0),
     "payload": Source("usd/payload/eckart*", "crazyflie_brushless", 44.4),
@@ -61,6 +60,7 @@ def make(name: str, data: Path, output: Path) -> tuple[Path, Path]:
         for file in sorted(data.glob(source.pattern)):
             (logs / file.name).unlink(missing_ok=True)
             (logs / file.name).symlink_to(file.resolve())
+        logs = data / source.pattern if (data / source.pattern).is_dir() else logs
         Identify(logs=logs, start=source.start, mass=source.mass).run(drone)
     if not (policies / "policy_1.json").is_file():
         Train(drone=str(drone), yaw_penalty=0.1, accept_bounds=True).run(policies)
@@ -119,7 +119,7 @@ def main() -> None:
         key = jax.random.key(0)
         rows.append(row(name, f"{len(policies)} policies", mf.transfer(policies, places, 1, key)))
         for controller in CONTROLLERS:
-            pilot = FirmwarePilot(controller=controller)
+            pilot = firmware_pilot(controller, policies[0].interface.full_scale_counts)
             rows.append(row(name, controller, mf.transfer([pilot], places, 1, key)))
         results.write(arguments.output / "table.csv", polars.DataFrame(rows).write_csv())
         print(*rows[-3:], sep="\n", flush=True)

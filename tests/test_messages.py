@@ -105,6 +105,7 @@ def test_the_list_of_commands_is_shown_where_none_is_given(command: Command) -> 
             "not attitude. Leave out --control",
         ),
         ("transfer {tmp}/circle --reference {tmp}/no.csv", "no.csv: not a readable CSV file"),
+        ("envelope {tmp}/circle --reference a.csv --along speed", "a reference ends before"),
         ("predict {tmp}/circle --drone crazyflie --reference a.txt", "name ends with .csv"),
         ("train --updates x", "Options: maidenflight train --help."),
         ("soar", "No such command 'soar'. Options: maidenflight --help."),

@@ -129,9 +129,12 @@ AXES: dict[str, SpeedRamp | Condition] = dict(
 
 
 def choose_axes(task: str) -> tuple[str, ...]:
-    """Returns along which policies for a task are judged by default, by names of `AXES`."""
+    """Returns along which policies for a task are judged by default, by names of `AXES`.
+
+    Speed grows where the path goes on, which that of a file does not.
+    """
     own = {"fast_circle": ("circle",), "fast_figure_eight": ("figure_eight",)}
-    standing = task in ("hover", "take_off")
+    standing = task in ("hover", "take_off") or task.endswith(".csv")
     return (*(() if standing else own.get(task, ("speed",))), "gusts")
 
 

@@ -18,7 +18,9 @@ from maidenflight.flying.engine import fly_all
 from maidenflight.flying.firmware_pilot import FirmwarePilot
 from maidenflight.flying.pilots import AnyPolicy, pilots_of
 from maidenflight.flying.scenario import Scenario
+from maidenflight.names import Firmware
 from maidenflight.simulator.controllers.control import Controller
+from maidenflight.simulator.physics.battery import COUNTS
 from maidenflight.simulator.realities.reality import AnyReality, check_reality
 from maidenflight.simulator.tasks import failures, tasks
 from maidenflight.simulator.tasks.failures import APP, ZERO_SHOT
@@ -144,8 +146,24 @@ def transfer(
     return Transfer(polars.DataFrame(table), tuple(flights))
 
 
+def firmware_pilot(controller: str, counts: float) -> FirmwarePilot:
+    """Returns a controller of the firmware whose command of 1 has as much thrust as the policies'.
+
+    Args:
+        controller: a name of `CONTROLLERS`.
+        counts: of full scale, of the policies; all of them: the firmware is today's.
+    """
+    firmware: Firmware = "2026.08" if counts > COUNTS else "2021.10"
+    return FirmwarePilot(controller=controller, firmware=firmware)
+
+
 def fly_firmware(
-    controllers: Sequence[str], realities: Sequence[AnyReality], trials: int, key: Array, **how: Any
+    controllers: Sequence[str],
+    realities: Sequence[AnyReality],
+    trials: int,
+    key: Array,
+    counts: float = COUNTS,
+    **how: Any,
 ) -> tuple[list[polars.DataFrame], list[str]]:
     """Flies controllers of the firmware as policies fly, where they can hold the drone.
 
@@ -154,6 +172,7 @@ def fly_firmware(
         realities: as of `transfer`, as the following ones are.
         trials: flights of each.
         key: random key.
+        counts: see `firmware_pilot`.
         how: task and duration.
 
     Returns:
@@ -163,7 +182,7 @@ def fly_firmware(
     for name in controllers:
         for place in realities:
             try:
-                pilot = FirmwarePilot(controller=name)
+                pilot = firmware_pilot(name, counts)
                 baseline = transfer(
                     [pilot], place, trials, key, names=[f"{name} (firmware)"], **how
                 )

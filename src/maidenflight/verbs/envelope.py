@@ -41,6 +41,12 @@ class Envelope(InRealities):
     )
     seed: int = shared.seed()
 
+    def check_early(self) -> None:
+        """Refuses speed along a reference that ends."""
+        super().check_early()
+        if self.reference is not None and "speed" in (self.along or ()):
+            raise InputError("--along speed: a reference ends before it grows; leave one out.")
+
     def compute(self, output: Path, progress: Progress) -> Result:
         """Flies; writes `envelope.csv`, whole again after each axis, and a picture."""
         import polars

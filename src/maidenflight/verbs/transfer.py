@@ -53,7 +53,8 @@ class Transfer(InRealities):
         longest = self.longest(task, self.duration)
         how: Any = {"task": core.find_task(task), "duration": longest}
         transfer = core.transfer([*own, *fleet.foreign], *flying, names=fleet.names, **how)
-        rivals, left_out = core.fly_firmware(self.against, *flying, **how)
+        counts = {"counts": own[0].interface.full_scale_counts} if own else {}
+        rivals, left_out = core.fly_firmware(self.against, *flying, **counts, **how)
         record = self.make_flight_record(task)
         logs = core.logs.write_logs(output, {one.name: one for one in transfer.flights}, record)
         table = run_folder.FLIGHTS.write(output / run_folder.FLIGHTS.name, transfer.table)
