@@ -229,10 +229,7 @@ class Here:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("small", "policies"), [(True, 1), (False, 2)])
 def test_figure_4_computes_gathers_and_draws_a_study_and_goes_on_where_it_was(
-    small: bool,
-    policies: int,
     figure_4: Any,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -245,14 +242,14 @@ def test_figure_4_computes_gathers_and_draws_a_study_and_goes_on_where_it_was(
         figure_4.mf, "sweep", lambda *given, **more: sweep(*given, Here(), retries=0, **more)
     )
     arguments = ["--settings", str(tmp_path / "study.toml"), "--authors", str(tmp_path)]
-    arguments += [*(["--small"] if small else []), "-o", str(made)]
+    arguments += ["--small", "-o", str(made)]
     figure_4.main(arguments)
     table = made / "flights.csv"
     flights, record = figure_4.FLIGHTS.read(table)
-    assert flights.height == 4 * policies * 2
+    assert flights.height == 4 * 2
     assert set(flights["training_rate"]) == {100}
-    assert set(flights["number"]) == set(range(1, policies + 1))
-    assert flights["policy"].n_unique() == 4 * policies
+    assert set(flights["number"]) == {1}
+    assert flights["policy"].n_unique() == 4
     assert "attitude_80ms_15ms/1" in set(flights["policy"])
     assert (record["settings"]["drone"], record["settings"]["duration"]) == ("crazyflie", 0.4)
     # At 25 Hz a flight lasts a whole number of 40 ms.
@@ -267,7 +264,7 @@ def test_figure_4_computes_gathers_and_draws_a_study_and_goes_on_where_it_was(
     )
     assert "T_m 80 ms" in capsys.readouterr().out
     kept = [policy_file.read_policy(path) for path in made.glob("results/*/policies/policy_*.json")]
-    assert len(kept) == 4 * policies
+    assert len(kept) == 4
     assert {(one.interface.name, one.interface.rate, one.spec.hidden) for one in kept} == {
         ("attitude", 100, (8,))
     }
