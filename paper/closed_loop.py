@@ -3,17 +3,17 @@
 Policies are dealt into five outer folds (`fold_of`). For each, the whole recipe runs with the
 flights and policies of the other four: the likelihood of the dynamics, trims and how they differ,
 the closed loop. Its drone then predicts the policies of the fold: the outer score, by which choices
-count. The inner score is that of the policies which the recipe saw. What is made is kept in the
-output folder, a folder a fold, and not made again.
+count. The inner score is that of the drone of all flights, which predicts all policies with and
+without one flight of the policy whose number is next as a log of the day. Drones lie in the output
+folder, those of a fold in one of their own, and are not made again.
 
-    python paper/closed_loop.py --authors ../shared/data/authors -o closed_loop
+    python paper/closed_loop.py --authors ../shared/data/authors -o closed_loop --folds 0 1 2 3 4
 
-`--whole` also makes the drone of all flights, which predicts all 72 with and without one flight of
-the policy whose number is next as a log of the day. With logs of other Crazyflies it says how well
-both its drones predict these: by the likelihood of a row, and by the rotor speeds where they were
+Without `--folds` only the inner score. With logs of other Crazyflies it says how well the drones of
+all flights predict these: by the likelihood of a row, and by the rotor speeds where they were
 measured.
 
-    ... --whole --elsewhere ../shared/data/nanobench --elsewhere ../shared/data/usd/brushed
+    ... --elsewhere ../shared/data/nanobench --elsewhere ../shared/data/usd/brushed
 
 Source of flights and policies: Gronauer et al. 2022, github SvenGronauer/phoenix-drone-simulation.
 """
@@ -156,7 +156,7 @@ def agreements(
     """
     real = flights.group_by("name").agg(polars.col("flight_time_s").mean().alias("measured"))
     rows: list[dict[str, object]] = []
-    for structure in STRUCTURES:
+    for structure in [one for one in STRUCTURES if one in ("all", *told["control"])]:
         own = told if structure == "all" else told.filter(control=structure)
         seeds = [
             agreement(joined["mean"].to_numpy(), joined["measured"].to_numpy())
@@ -254,18 +254,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--trials", type=int, default=32, help="flights of each policy and seed")
     parser.add_argument("--seeds", type=int, default=4, help="of the predictions")
-    parser.add_argument("--folds", type=int, nargs="*", default=range(FOLDS), help="to run")
-    parser.add_argument("--whole", action="store_true", help="also the drone of all flights")
+    parser.add_argument("--folds", type=int, nargs="*", default=(), help="outer folds to run")
     parser.add_argument(
         "--elsewhere", type=Path, action="append", default=[], help="logs of another Crazyflie"
     )
     given = parser.parse_args(arguments)
     policies, flights = published(given.authors)
-    fold, rows = fold_of(list(policies)), []
-    files, possible = {}, {}
-    for number in [*given.folds, *([WHOLE] if given.whole else [])]:
+    fold = fold_of(list(policies))
+    rows: list[dict[str, object]] = []
+    files: dict[int, dict[str, Path]] = {}
+    possible: dict[tuple[str, int], Parameters] = {}
+    for number in [*given.folds, WHOLE]:
         inner = {name: policy for name, policy in policies.items() if fold[name] != number}
-        place = given.output / ("whole" if number == WHOLE else f"fold_{number}")
+        place = given.output if number == WHOLE else given.output / f"fold_{number}"
         files[number] = identified(given.authors, place, inner)
         for label, file in files[number].items():
             possible[label, number] = possible_drones(file, TRIMS, 0)
@@ -276,25 +277,23 @@ def main(arguments: Sequence[str] | None = None) -> None:
         rows.extend(agreements({"drone": label, "of": part}, polars.concat(told), flights))
 
     for label in ("likelihood", "closed loop"):
-        outer = {
-            name: possible[label, own] for name, own in fold.items() if (label, own) in possible
-        }
-        add(label, "outer", outer)
-        if given.whole:
-            add(label, "inner", dict.fromkeys(policies, possible[label, WHOLE]))
-    if given.whole:
-        logs = {name: todays_log(given.authors, list(policies), name) for name in policies}
-        matched = files[WHOLE]["closed loop"]
-        own = {name: possible_drones(matched, TRIMS, 0, today=log) for name, log in logs.items()}
-        add(TODAY, "inner", own)
-        points = {
-            label: tree.map(lambda leaf: np.asarray(leaf).mean(axis=0).astype(np.float32), drones)
-            for (label, number), drones in possible.items()
-            if number == WHOLE
-        }
-        for folder in given.elsewhere:
-            for row in elsewhere(folder, points):
-                print(", ".join(f"{name}: {value}" for name, value in row.items()))
+        outer = {name: possible[label, one] for name, one in fold.items() if one in given.folds}
+        if outer:
+            add(label, "outer", outer)
+        add(label, "inner", dict.fromkeys(policies, possible[label, WHOLE]))
+    logs = {name: todays_log(given.authors, list(policies), name) for name in policies}
+    matched = files[WHOLE]["closed loop"]
+    own = {name: possible_drones(matched, TRIMS, 0, today=log) for name, log in logs.items()}
+    add(TODAY, "inner", own)
+    points = {
+        label: tree.map(
+            lambda leaf: np.asarray(leaf).mean(axis=0).astype(np.float32), possible[label, WHOLE]
+        )
+        for label in files[WHOLE]
+    }
+    for folder in given.elsewhere:
+        for row in elsewhere(folder, points):
+            print(", ".join(f"{name}: {value}" for name, value in row.items()))
     table = polars.DataFrame(rows)
     with polars.Config(tbl_rows=-1, tbl_cols=-1, tbl_width_chars=220, float_precision=2):
         print(table)

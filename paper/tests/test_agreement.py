@@ -60,3 +60,11 @@ def test_a_drone_of_three_parameters_ranks_the_published_pwm_policies_as_their_f
     assert found.spearman > 0.8
     assert found.pearson > papers.pearson
     assert found.mean_absolute_error < papers.mean_absolute_error - 1.0
+
+
+def test_policies_trained_alike_share_an_outer_fold() -> None:
+    names = [f"{control}/{number}" for control in ("pwm", "attitude") for number in range(3, 23)]
+    fold = script("closed_loop").fold_of(names[::-1])
+    assert [fold[f"pwm/{number}"] for number in (3, 4, 5, 11, 12, 13)] == [0, 0, 1, 4, 4, 0]
+    assert [fold[f"attitude/{number}"] for number in (3, 4, 5, 9)] == [2, 2, 3, 0]
+    assert all(list(fold.values()).count(number) == 8 for number in range(5))

@@ -336,7 +336,7 @@ def test_of_two_policies_it_is_told_which_outlives_the_other() -> None:
     np.testing.assert_allclose(chances, [[0.5, 2 / 9, 1.0], [7 / 9, 0.5, 1.0], [0.0, 0.0, 0.5]])
     told = flights.group_by("policy", maintain_order=True).agg(mean=polars.col("duration").mean())
     (note,) = describe_alike(told, chances[:, 1])
-    assert note.startswith("a cannot be told apart from b:")
+    assert note.startswith("a cannot be told apart from b, whose")
     assert describe_alike(told, np.array([0.1, 0.5, 0.0])) == []
 
 

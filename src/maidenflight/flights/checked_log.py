@@ -34,8 +34,8 @@ class CheckedLog(NamedTuple):
     keys: np.ndarray
     """What tells its rows apart; see `one_drone.row_keys`."""
 
-    def sound(self, piece: Flight) -> Flight:
-        """A piece without rotor speeds that contradict the motion."""
+    def without_wrong_speeds(self, piece: Flight) -> Flight:
+        """Returns a piece without rotor speeds that contradict the motion."""
         wrong = any(
             one.verdict == WARNS and one.name == rotor_speeds.NAME
             for one in self.checks.get(piece.name, ())

@@ -278,12 +278,12 @@ def _of_file(file: Path, alone: bool, reading: _ReadLog, options: _ReadOptions) 
     reading.notes.extend([*log.notes, *log.faults])
     reading.paths.append(file)
     if log.parts == 1:
-        yield from (log.sound(piece) for piece in log.pieces)
+        yield from (log.without_wrong_speeds(piece) for piece in log.pieces)
         return
     again = formats.logged(file, options.battery_law, options.law_of_drone)
     for part in () if isinstance(again, Table) else again:
         for flight, time in part.flights:
-            yield from map(log.sound, cut(flight, time, options.ignore)[0])
+            yield from map(log.without_wrong_speeds, cut(flight, time, options.ignore)[0])
 
 
 def _nothing(path: Path, files: int, reasons: list[str]) -> str:

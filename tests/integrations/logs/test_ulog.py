@@ -17,6 +17,7 @@ from made_flights import driven, sensed
 from maidenflight.errors import InputError
 from maidenflight.flights import formats
 from maidenflight.flights.reading import Flights, read_flights
+from maidenflight.flights.tables import Table
 from maidenflight.identification.identify import identify
 from maidenflight.identification.methods import Likelihood
 from maidenflight.parameters import component, crazyflie, replace
@@ -82,7 +83,9 @@ def test_set_points_explain_the_motors_of_real_logs(name: str, shared_data: Path
     path = shared_data / "real" / "px4" / name
     if not path.is_file():
         pytest.skip("the logs are not here")
-    notes = next(formats.logged(path)).notes
+    logs = formats.logged(path)
+    assert not isinstance(logs, Table)
+    notes = next(logs).notes
     (said,) = (re.search(r"explain ([\d.]+) %", note) for note in notes if "explain" in note)
     assert said is not None
     assert float(said[1]) >= 99.98

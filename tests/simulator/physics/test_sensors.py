@@ -208,12 +208,11 @@ def test_without_a_lag_the_gyro_filter_is_none_and_its_slope_is_finite():
 @partial(jax.jit, static_argnums=(1, 4))
 def drifted(parameters, steps, elapsed, key, rates=(0.0, 0.0, 5.0)):
     """Errors of many estimates after each of some steps from none, steps x samples x 6."""
-    many = jax.vmap(lambda *now: sensors.walk_estimate(*now, jnp.array(rates)), (0, None, None, 0))
+    many = jax.vmap(sensors.walk_estimate, (0, None, None, 0, None))
 
     def one(drift, key):
-        drift = many(
-            drift, elapsed, parameters, jax.random.normal(key, (SAMPLES, sensors.DRIFT_NORMALS))
-        )
+        normal = jax.random.normal(key, (SAMPLES, sensors.DRIFT_NORMALS))
+        drift = many(drift, elapsed, parameters, normal, jnp.array(rates))
         return drift, drift
 
     return lax.scan(one, jnp.zeros((SAMPLES, 6)), jax.random.split(key, steps))[1]

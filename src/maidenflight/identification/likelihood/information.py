@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float
 from maidenflight.identification.likelihood.fit import SLOWING_DOWN
 from maidenflight.identification.likelihood.observation import ObservationModel
 from maidenflight.identification.outcome.plausible import (
+    ARRIVAL,
     HOVERING,
     NEXT_FLIGHT,
     OTHER_DAY,
@@ -88,7 +89,9 @@ def expected_intervals(
         likely = shown & [name not in directions for name in names]
         scores, curvatures = scores[:, likely], curvatures[:, likely][:, :, likely]
         spread = between_segment_sd(scores * model.rows, curvatures * model.rows)
-        deviations[likely] = np.hypot(deviations[likely], spread / np.sqrt(NEXT_FLIGHT))
+        least = np.array([ARRIVAL if name == "latency" else 0.0 for name in names])[likely]
+        spread = np.hypot(spread / np.sqrt(NEXT_FLIGHT), least)
+        deviations[likely] = np.hypot(deviations[likely], spread)
     result = {}
     for name, deviation in zip(names, deviations, strict=True):
         low, high = priors[name]

@@ -26,7 +26,7 @@ from maidenflight.identification.likelihood.observation import BY_MOMENT
 from maidenflight.identification.likelihood.one_step import one_step_objective
 from maidenflight.identification.likelihood.sensor_errors import SensorErrors
 from maidenflight.identification.methods import Likelihood
-from maidenflight.identification.outcome.plausible import HOVERING
+from maidenflight.identification.outcome.plausible import ARRIVAL, HOVERING
 from maidenflight.identification.outcome.posterior import inverse
 from maidenflight.identification.signals.lag import DELAYS
 
@@ -58,9 +58,6 @@ thrust and motors follow other laws, lag and inertia come out 1 to 5 % off."""
 _FILTERED = 0.002
 """Standard error of its latency [s]: the gyro may be filtered or not (a Crazyflie's is, 2.8 ms
 late), and a simulator adds a step of its own."""
-_ARRIVAL = 3e-4
-"""Standard error with which any latency is known [s]: a command arrives within a physics step of
-1 ms (1 / sqrt(12))."""
 
 
 def is_zero_order_hold(flights: Sequence[Flight]) -> bool:
@@ -92,7 +89,7 @@ def doubt_of_states(
         # Thrust has its own error, and trims are of a flight.
         errors = share * np.abs(fit_result.box.values(unit))
         errors[[name == HOVERING or name.startswith("torque_bias") for name in names]] = 0.0
-        errors[[name == "latency" for name in names]] = _FILTERED if contradicted else _ARRIVAL
+        errors[[name == "latency" for name in names]] = _FILTERED if contradicted else ARRIVAL
     difference = [other.optimum - unit for other in others.values()]
     return np.diag(
         np.sum(np.square(difference), axis=0) + (errors / fit_result.box.slope(unit)) ** 2
