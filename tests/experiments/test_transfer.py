@@ -7,7 +7,7 @@ import pytest
 
 from made_flights import calm
 from maidenflight.errors import InputError
-from maidenflight.experiments.transfer import activity, fly_firmware, transfer
+from maidenflight.experiments.transfer import activity, firmware_pilot, fly_firmware, transfer
 from maidenflight.flying import engine
 from maidenflight.flying.foreign_policy import foreign_policy
 from maidenflight.parameters import crazyflie, replace
@@ -27,6 +27,11 @@ def test_the_firmware_is_left_out_where_it_cannot_hold_the_drone() -> None:
     tables, (note,) = fly_firmware(["pid"], [strong], 1, jax.random.key(0))
     assert tables == []
     assert note.startswith("the firmware's pid does not fly in strong: strong hovers at")
+
+
+@pytest.mark.parametrize("counts", [60000.0, 65535.0])
+def test_the_firmware_has_as_much_thrust_as_the_policies_beside_it(counts: float) -> None:
+    assert firmware_pilot("pid", counts).full_scale_counts == counts
 
 
 @pytest.mark.slow
