@@ -21,7 +21,7 @@ def _file(help: str) -> Any:
 
 
 class Report(Verb):
-    """Make one self-contained HTML page of a RUN, or of several side by side.
+    """Make one HTML page of a RUN, or of several.
 
     RUN is a folder with run.json, which commands write beside their output, or a file or folder
     that it lists; this folder by default. Files that are renamed, moved or by others are named by
