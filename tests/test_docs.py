@@ -248,7 +248,8 @@ def test_the_python_and_the_commands_on_realities_run(monkeypatch: pytest.Monkey
     assert set(names["evaluation"].table["reality"]) == {"virtual-7", "worn-7"}
     policy_file.write_policy("policies/policy_1.json", policies[0])
     DroneFile(mf.crazyflie()).write("drone.toml")
-    assert run_commands(blocks("docs/evaluation.md", "sh", "Transfer"), monkeypatch) == 3
+    Path("mine.csv").write_text("t,x,y,z\n0,0,0,1\n1,0.1,0,1\n")
+    assert run_commands(blocks("docs/evaluation.md", "sh", "Transfer"), monkeypatch) == 4
     assert Path("recorded/reality.toml").exists()
 
 

@@ -29,6 +29,7 @@ from maidenflight.verb import find_verb
 SOURCE = Path(maidenflight.__file__).parent
 FREE = {
     "results.py": "the one that writes",
+    "cli/completion.py": "a line at the end of a shell's own file, which may be a link",
     "integrations/radio/row_files.py": "packets of a real flight are appended as they come",
     "integrations/monitoring/loggers.py": "event files, written by their own packages",
     "integrations/monitoring/live.py": "recordings, written by rerun while training goes on",

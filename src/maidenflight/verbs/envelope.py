@@ -21,7 +21,6 @@ class Envelope(InRealities):
     A flight succeeds while its mean distance from the set-point is at most 10 cm and no guard
     trips; the envelope is what 95 % of flights reach, about the task that the policies were trained
     for. Its speed grows within a flight; each grade of another condition is a flight of 20 s.
-    raptor and policies by others fly as in transfer. All of it is simulated.
     """
 
     output = Output("envelope", "Folder for the results.")
@@ -30,9 +29,8 @@ class Envelope(InRealities):
     along: tuple[str, ...] | None = setting(
         several(choice(*names.AXES)),
         None,
-        "What grows harder: speed on the task's own path, on a circle or a figure-eight, gusts, "
-        "payload, an emptier battery, a damaged propeller, latency; may be repeated. Conditions "
-        "other than speed are for virtual drones.",
+        "What grows harder: speed on the task's own path, a circle or a figure-eight; of virtual "
+        "drones gusts, payload, an emptier battery, a damaged propeller, latency; may be repeated.",
         usual="speed and gusts",
     )
     flights: int = setting(whole(1, 1000), 20, "Flights of each policy along each axis.")

@@ -28,8 +28,7 @@ class FliesPolicies(Verb):
     reference: Path | None = setting(
         path("a CSV file", "FILE"),
         None,
-        "What they follow instead of a task: a CSV file with the columns t, x, y, z [s, m], or "
-        "way-points x, y, z, which are timed by minimum snap.",
+        "What they follow instead: columns t, x, y, z [s, m], or way-points x, y, z.",
         group=shared.FLIGHTS,
         files=True,
     )

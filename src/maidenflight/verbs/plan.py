@@ -7,7 +7,6 @@ from maidenflight.settings import flag, listed, number, setting
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Verb
 from maidenflight.verbs import core, shared
-from maidenflight.verbs.logs import scale_of
 
 _ROOM = listed(
     number(0.0, 1e4), "width, depth and height in metres, such as 2x2x1.5", "WxDxH", separator="x"
@@ -112,7 +111,7 @@ def _summarize(flight_plan: "core.planning.PlanResult") -> list[Table | str]:
     blocks = [{"name": one.manoeuvre.name, "seconds": one.seconds} for one in plan.blocks]
     rows = []
     for name, one in plan.expected.items():
-        scale, unit = scale_of(name, one.plausible)
+        scale, unit = core.logs.scale_of(name, one.plausible)
         widths = {key: scale * width for key, width in dataclasses.asdict(one).items()}
         remark = "not determined" if name in flight_plan.unidentifiable else ""
         rows.append(widths | {"name": name, "unit": unit, "remark": remark})

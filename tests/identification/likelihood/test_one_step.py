@@ -84,26 +84,31 @@ def test_an_autoregressions_weights_and_deviation_are_recovered():
 
 
 def regressions(wrong):
-    """Each column's least-squares autoregression over all windows, its new errors: windows x rows x
-    6."""
-    weights, new = [], []
+    """Each column's least-squares autoregression over all windows with the least noise of a sensor
+    besides, and the deviation of what is new."""
+    weights, deviations = [], []
     for column in COLUMNS:
         series = wrong[..., column].astype(float)
-        past = np.stack(
-            [series[:, ORDER - lag : LENGTH - lag] for lag in range(1, ORDER + 1)], axis=-1
+        rows = np.stack(
+            [series[:, ORDER - lag : LENGTH - lag] for lag in range(ORDER + 1)], axis=-1
         )
-        now = series[:, ORDER:]
-        weights.append(np.linalg.lstsq(past.reshape(-1, ORDER), now.reshape(-1), rcond=None)[0])
-        new.append(now - past @ weights[-1])
-    return np.array(weights), np.stack(new, axis=-1)
+        rows = rows.reshape(-1, ORDER + 1)
+        # As many rows more, each of one past error alone, are white noise in the mean.
+        noise = LEAST_NOISE * np.sqrt(len(rows)) * np.eye(ORDER + 1)
+        rows = np.vstack([rows, noise])
+        weights.append(np.linalg.lstsq(rows[:, 1:], rows[:, 0], rcond=None)[0])
+        left = rows[:, 0] - rows[:, 1:] @ weights[-1]
+        deviations.append(np.sqrt((left**2).sum() / (len(rows) - ORDER - 1)))
+    return np.array(weights), np.array(deviations)
 
 
 @pytest.mark.slow
 def test_the_value_is_the_gaussian_log_likelihood_of_what_is_new(noisy, noisy_windows):
-    weights, new = regressions(np.asarray(many_errors(noisy_windows, TRUTH)))
-    deviation = np.sqrt(np.mean(new**2, axis=(0, 1)))
-    rows = new.shape[0] * new.shape[1]
-    expected = -norm.logpdf(new, scale=deviation).sum() / rows
+    wrong = np.asarray(many_errors(noisy_windows, TRUTH))
+    weights, deviation = regressions(wrong)
+    rows = wrong.shape[0] * (LENGTH - ORDER)
+    # At its own deviation a normal density's mean logarithm needs no data.
+    expected = (0.5 + 0.5 * np.log(2 * np.pi) + np.log(deviation)).sum()
     found = noisy.noise_model(TRUTH)
     np.testing.assert_allclose(found.coefficients, weights, atol=2e-3)
     np.testing.assert_allclose(found.deviation, deviation, rtol=1e-4)
