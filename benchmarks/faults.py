@@ -21,6 +21,8 @@ from pathlib import Path
 
 import click
 
+from maidenflight.run_folder import CHECKPOINT
+
 STUDY = """
 [[task]]
 name = "f"
@@ -77,10 +79,9 @@ def finish(arguments: list[str], folder: Path) -> None:
 
 def contents(place: Path) -> dict[str, bytes]:
     """Returns the files of an output that do not hold times."""
-    files = [place] if place.is_file() else sorted(place.rglob("*"))
     return {
-        path.name if path == place else str(path.relative_to(place)): path.read_bytes()
-        for path in files
+        str(path.relative_to(place)): path.read_bytes()
+        for path in sorted(place.rglob("*"))
         if path.is_file() and path.name not in TIMED and path.suffix != ".lock"
     }
 
@@ -116,11 +117,11 @@ def small_disk(folder: Path) -> Iterator[Path]:
         subprocess.run(["umount", str(folder)], check=True)
 
 
-def again(arguments: list[str], output: Path) -> list[str]:
+def again(arguments: list[str], made: Path) -> list[str]:
     """Returns the command that goes on from what a fault left."""
-    if arguments[0] == "sweep" or not output.exists():
+    if arguments[0] == "sweep" or not any(made.rglob("*")):
         return arguments
-    unfinished = arguments[0] == "train" and not (output / "training.csv").exists()
+    unfinished = (made / "out" / CHECKPOINT).exists()
     return [*arguments, "--resume" if unfinished else "--overwrite"]
 
 
@@ -128,20 +129,19 @@ def try_faults(name: str, fault: str, times: int, folder: Path, moments: random.
     """Lets a fault happen several times, and counts what came of the command given again."""
     count: Counter[str] = Counter()
     with small_disk(folder / "disk") as disk:
-        output = disk / "out"
-        arguments = [*COMMANDS[name], "-o", str(output)]
+        made = disk / "made"
+        arguments = [*COMMANDS[name], "-o", str(made / "out")]
         finish(arguments, folder)
-        shutil.rmtree(output) if output.is_dir() else output.unlink()
+        shutil.rmtree(made)
         began = time.perf_counter()
         finish(arguments, folder)
-        expected, usual = contents(output), time.perf_counter() - began
+        expected, usual = contents(made), time.perf_counter() - began
         while count.total() < times:
-            for path in disk.iterdir():
-                shutil.rmtree(path) if path.is_dir() else path.unlink()
+            shutil.rmtree(made, ignore_errors=True)
             strike(begin(arguments, folder), fault, moments.uniform(0.2, usual), disk)
-            process = begin(again(arguments, output), folder)
+            process = begin(again(arguments, made), folder)
             _, words = process.communicate()
-            same = process.returncode == 0 and contents(output) == expected
+            same = process.returncode == 0 and contents(made) == expected
             count["same bytes" if same else "other"] += 1
             if not same:
                 print(f"{name}, {fault}: code {process.returncode}, {words[-300:]}", flush=True)
