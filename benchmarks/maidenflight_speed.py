@@ -64,26 +64,29 @@ driven = partial(stepping.drive_entries, dynamics.euler)
 """The state after a command's period."""
 
 
-def motor_level(shared: Parameters, own: Any, commands: int, steps: int = 2) -> Any:
+def motor_level(
+    shared: Parameters, own: Any, commands: int, steps: int = 2, drive: Any = driven
+) -> Any:
     """One drone whose motors are commanded at 100 Hz: motor lag, delay line, rigid body.
 
-    5 ms a physics step; the state as `vectors.Entries`, which is faster for many drones.
+    5 ms a physics step; the state as `vectors.Entries`, which is faster for many drones, or with
+    another `drive` as arrays.
     """
 
     def hold(flown: Any, number: jax.Array) -> tuple[Any, None]:
         state, given = flown
         line = latency.put(given, own["command"], number)
-        return (driven(state, line, steps, shared), line.commands), None
+        return (drive(state, line, steps, shared), line.commands), None
 
     (state, given), _ = jax.lax.scan(hold, own["flown"], jnp.arange(commands))
     return own | {"flown": (state, latency.in_front(given, commands))}
 
 
-def rate_pid(shared: Parameters, own: Any, commands: int) -> Any:
+def rate_pid(shared: Parameters, own: Any, commands: int, drive: Any = driven) -> Any:
     """One drone under body-rate control.
 
     The firmware's PID at 500 Hz, motor lag, delay line and rigid body; 2 ms per physics step. All
-    vectors are `vectors.Entries`.
+    vectors are `vectors.Entries`, or with another `drive` arrays.
     """
     controller = control.attitude_rate()
 
@@ -93,42 +96,7 @@ def rate_pid(shared: Parameters, own: Any, commands: int) -> Any:
             exact = Measurement(*state[:4])
             memory, command = controller.command(memory, own["action"], exact, jnp.zeros(3))
             line = latency.put(given, rotor_speed_command(command), number)
-            return (driven(state, line, 1, shared), line.commands, memory), None
-
-        (state, given, memory), _ = jax.lax.scan(hold, flown, jnp.arange(COMMANDS))
-        return (state, latency.in_front(given, COMMANDS), memory), None
-
-    flown, _ = jax.lax.scan(act, own["flown"], None, length=commands // COMMANDS)
-    return own | {"flown": flown}
-
-
-def motor_arrays(shared: Parameters, own: Any, commands: int, steps: int = 2) -> Any:
-    """`motor_level` of a state of arrays."""
-
-    def hold(flown: Any, number: jax.Array) -> tuple[Any, None]:
-        state, given = flown
-        line = latency.put(given, own["command"], number)
-        return (stepping.drive(dynamics.euler, state, line, steps, shared), line.commands), None
-
-    (state, given), _ = jax.lax.scan(hold, own["flown"], jnp.arange(commands))
-    return own | {"flown": (state, latency.in_front(given, commands))}
-
-
-def rate_arrays(shared: Parameters, own: Any, commands: int) -> Any:
-    """`rate_pid` of a state of arrays."""
-    controller = control.attitude_rate()
-
-    def act(flown: Any, _: None) -> tuple[Any, None]:
-        def hold(flown: Any, number: jax.Array) -> tuple[Any, None]:
-            state, given, memory = flown
-            exact = Measurement(*state[:4])
-            memory, command = controller.command(memory, own["action"], exact, jnp.zeros(3))
-            line = latency.put(given, rotor_speed_command(command), number)
-            return (
-                stepping.drive(dynamics.euler, state, line, 1, shared),
-                line.commands,
-                memory,
-            ), None
+            return (drive(state, line, 1, shared), line.commands, memory), None
 
         (state, given, memory), _ = jax.lax.scan(hold, flown, jnp.arange(COMMANDS))
         return (state, latency.in_front(given, COMMANDS), memory), None
@@ -213,7 +181,10 @@ SERIES: dict[str, tuple[Callable[..., Any], int]] = {
 }
 """One drone's function, and the steps that are counted a turn of its loop: physics steps, in
 training steps of the environment."""
-OF_ARRAYS: dict[str, Callable[..., Any]] = {"motor": motor_arrays, "rate": rate_arrays}
+OF_ARRAYS: dict[str, Callable[..., Any]] = {
+    name: partial(one, drive=partial(stepping.drive, dynamics.euler))
+    for name, one in (("motor", motor_level), ("rate", rate_pid))
+}
 """The same of states of arrays."""
 
 

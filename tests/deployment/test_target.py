@@ -161,8 +161,8 @@ def flown_in_python(
             else np.concatenate([memory[:, 1:], instant], axis=1)
         )
         points = (ahead[:, step] - np.asarray(now.position)[:, None]).reshape(len(memory), -1)
-        seen = jnp.concatenate([memory.reshape(len(memory), -1), points, remembered], axis=1)
-        action, remembered = jnp.split(act(seen), [4], axis=1)
+        observation = jnp.concatenate([memory.reshape(len(memory), -1), points, remembered], axis=1)
+        action, remembered = jnp.split(act(observation), [4], axis=1)
         flown.append(
             (
                 np.concatenate([memory.reshape(len(memory), -1), points, remembered], axis=1),

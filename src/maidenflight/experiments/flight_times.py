@@ -321,8 +321,8 @@ def describe_alike(
     ]
     if not alike:
         return []
-    shown = ", ".join(alike[:3]) + (f" and {len(alike) - 3} more" if len(alike) > 3 else "")
+    some = ", ".join(alike[:3]) + (f" and {len(alike) - 3} more" if len(alike) > 3 else "")
     return [
-        f"{names[best]} cannot be told apart from {shown}, whose flights outlive its own "
+        f"{names[best]} cannot be told apart from {some}, whose flights outlive its own "
         f"with a probability above {UNSURE:.0%}."
     ]

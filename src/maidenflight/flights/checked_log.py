@@ -54,7 +54,6 @@ def check_log(parts: Iterable[Logged], ignore: Collection[str] = ()) -> CheckedL
     notes: dict[str, None] = {}
     results: dict[str, list[tuple[CheckResult, ...]]] = {}
     keys = [np.zeros(0, np.uint64)]
-    number, log = 0, None
     number, name = 0, ""
     for number, log in enumerate(parts, 1):
         name = log.name

@@ -281,10 +281,7 @@ def _why_unreadable(body: str, name: str, columns: int, lines: tuple[int, int], 
 
 
 def _parquet_parts(path: Path, name: str) -> Iterator[Table]:
-    with _parquet_errors(name):
-        frame, head = polars.scan_parquet(path), polars.read_parquet_metadata(path)
-        rows = frame.select(polars.len()).collect().item()
-        inputs.check_growth(path.stat().st_size, 8 * rows * len(polars.read_parquet_schema(path)))
+    frame, rows, head = _open_parquet(path, path.stat().st_size, name)
     starts = range(0, max(1, rows - PART_ROWS + 1), PART_ROWS)
     for start in starts:
         with _parquet_errors(name):
@@ -293,15 +290,24 @@ def _parquet_parts(path: Path, name: str) -> Iterator[Table]:
 
 
 def _from_parquet(raw: bytes, name: str) -> Table:
-    with _parquet_errors(name):
-        rows = polars.scan_parquet(io.BytesIO(raw)).select(polars.len()).collect().item()
-        cells = rows * len(polars.read_parquet_schema(io.BytesIO(raw)))
-        inputs.check_growth(len(raw), 8 * cells)
-        frame = polars.read_parquet(io.BytesIO(raw))
-        head = polars.read_parquet_metadata(io.BytesIO(raw))
-    if frame.height == 0:
+    frame, rows, head = _open_parquet(io.BytesIO(raw), len(raw), name)
+    if rows == 0:
         raise InputError(f"{name}: no rows. Leave the file out.")
-    return Table(name, frame, head=head)
+    with _parquet_errors(name):
+        return Table(name, frame.collect(), head=head)
+
+
+def _open_parquet(
+    source: Path | io.BytesIO, size: int, name: str
+) -> tuple[polars.LazyFrame, int, dict[str, str]]:
+    """The rows of a Parquet file, not yet read, their number and what its metadata say."""
+    with _parquet_errors(name):
+        frame = polars.scan_parquet(source)
+        rows = frame.select(polars.len()).collect().item()
+        inputs.check_growth(size, 8 * rows * len(frame.collect_schema()))
+        if isinstance(source, io.BytesIO):
+            source.seek(0)
+        return frame, rows, polars.read_parquet_metadata(source)
 
 
 @contextmanager

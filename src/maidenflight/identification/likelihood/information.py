@@ -84,9 +84,9 @@ def expected_intervals(
     if is_truth:
         off = np.array([1.0 if name == SLOWING_DOWN else 0.0 for name in names])
         effect = np.abs([float(component(start, name)) for name in names] - off)
-        shown = (effect > _SEEN * deviations) | [name in directions for name in names]
-        deviations[shown] = together(shown)
-        likely = shown & [name not in directions for name in names]
+        visible = (effect > _SEEN * deviations) | [name in directions for name in names]
+        deviations[visible] = together(visible)
+        likely = visible & [name not in directions for name in names]
         scores, curvatures = scores[:, likely], curvatures[:, likely][:, :, likely]
         spread = between_segment_sd(scores * model.rows, curvatures * model.rows)
         least = np.array([ARRIVAL if name == "latency" else 0.0 for name in names])[likely]

@@ -84,20 +84,24 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     expected = _expected_intervals(problem, coarse, motors)
     problem.reporter.expected(expected)
     unidentifiable = {name: one.prior for name, one in expected.items() if not one.identifiable}
-    seen = set[str]()
+    decided = set[str]()
     while True:
         question = _question(problem, settings, (coarse, fine), motors, unidentifiable)
         fit_result = answer_question(problem, settings, question)
         box, draws = fit_result.best.box, fit_result.samples
         searched = [name for name in box.names if not (motors and name in DELAYS)]
         wide = _too_wide(draws, searched, expected, _groups(problem, motors))
-        shown = _shown(problem, coarse, motors, fit_result.best.drone, unidentifiable.keys() - seen)
-        seen |= {*wide, *shown}
-        if not wide and not shown:
+        identifiable = _find_identifiable(
+            problem, coarse, motors, fit_result.best.drone, unidentifiable.keys() - decided
+        )
+        decided |= {*wide, *identifiable}
+        if not wide and not identifiable:
             break
         unidentifiable |= {name: expected[name].prior for name in wide}
-        expected |= shown
-        unidentifiable = {name: one for name, one in unidentifiable.items() if name not in shown}
+        expected |= identifiable
+        unidentifiable = {
+            name: one for name, one in unidentifiable.items() if name not in identifiable
+        }
     drone = fit_result.best.drone
     left = fine.products_about_means(drone)
     noise = noise_levels(left, drone, stride(flights[0]) * flights[0].period)
@@ -158,7 +162,7 @@ def _coarse(problem: Problem, settings: Likelihood) -> OneStep:
     return one_step_objective(problem.flights, settings, settings.coarse_physics_step)
 
 
-def _shown(
+def _find_identifiable(
     problem: Problem,
     coarse: OneStep,
     motors: MotorResponse | None,

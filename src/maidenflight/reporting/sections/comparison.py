@@ -74,7 +74,9 @@ def parameters(runs: Runs) -> Markup:
             for name, one in estimates.items()
         }
         label = f"{parameter.replace('_', ' ')}{f' [{unit}]' if unit else ''}"
-        rows.append({"parameter": label, **_fill(runs, values), "apart": _apart(estimates)})
+        rows.append(
+            {"parameter": label, **_fill(runs, values), "apart": _measure_difference(estimates)}
+        )
     columns = {"parameter": "Parameter", **{name: name for name in identified}}
     table = _tabulate(
         "parameters", rows, {**columns, "apart": tables.number("Apart [standard errors]", 1)}
@@ -84,15 +86,15 @@ def parameters(runs: Runs) -> Markup:
 
 def tested(runs: Runs) -> Markup:
     """Returns test flights of all runs: their durations, and a row for each run and drone."""
-    return _flown(runs, {name: run.table for name, run in runs.items()})
+    return _show_flights(runs, {name: run.table for name, run in runs.items()})
 
 
 def predicted(runs: Runs) -> Markup:
     """Returns predicted flights of all runs."""
-    return _flown(runs, {name: run.prediction for name, run in runs.items()})
+    return _show_flights(runs, {name: run.prediction for name, run in runs.items()})
 
 
-def _flown(runs: Runs, parts: Mapping[str, polars.DataFrame | None]) -> Markup:
+def _show_flights(runs: Runs, parts: Mapping[str, polars.DataFrame | None]) -> Markup:
     tables_of = [
         rows.with_columns(
             run=polars.lit(name),
@@ -158,7 +160,7 @@ def _colour(runs: Runs, name: str) -> str:
     return COLOURS[list(runs).index(name) % len(COLOURS)]
 
 
-def _apart(estimates: Mapping[str, Estimate]) -> float:
+def _measure_difference(estimates: Mapping[str, Estimate]) -> float:
     """Largest difference of two estimates in standard errors of the difference."""
     several = list(estimates.values())
     errors = [(one.interval[1] - one.interval[0]) / _WIDTH for one in several]
