@@ -183,3 +183,12 @@ def test_jobs_of_submitit_give_the_same_bytes_and_one_that_is_killed_is_begun_ag
     mf.sweep(entries, tmp_path / "expected", Here(), retries=0)
     places = (tmp_path / name / "study.csv" for name in ("out", "expected"))
     assert len({place.read_bytes() for place in places}) == 1
+
+
+def test_pools_that_are_left_behind_add_no_words_to_the_last_ones() -> None:
+    left = (
+        "import multiprocessing as m; from maidenflight.cli import interruption; "
+        "locks = [m.get_context('spawn').Lock()]; interruption.leave(3)"
+    )
+    ending = subprocess.run([sys.executable, "-c", left], capture_output=True, env=environment())
+    assert (ending.returncode, ending.stderr) == (3, b"")

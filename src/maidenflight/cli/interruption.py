@@ -46,8 +46,11 @@ def line() -> str:
 def leave(code: int) -> NoReturn:
     """Ends the process without what Python does at its end.
 
-    Threads of XLA may still be compiling, and crash an interpreter that is being taken down.
+    Threads of XLA may still be compiling, and crash an interpreter that is being taken down. Pools
+    of processes give back their semaphores, or their tracker's warning would be the last words.
     """
+    if processes := sys.modules.get("multiprocessing.util"):
+        processes._run_finalizers(0)
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):
             stream.flush()
