@@ -61,6 +61,8 @@ class Run:
     """Errors of open-loop predictions; see `prediction_error`."""
     windows: polars.DataFrame | None = None
     """Some windows, logged and predicted; see `predicted_windows`."""
+    calibration: polars.DataFrame | None = None
+    """Truths and intervals of drones of the posterior; see `calibration.draw_calibrations`."""
     predicted: Kinds = UNKNOWN
     """Whether the flights of both were of a simulated drone."""
     used: frozenset[str] = frozenset()
@@ -118,6 +120,7 @@ class Run:
             self.drone,
             self.validation,
             self.windows,
+            self.calibration,
             self.training,
             self.table,
             self.prediction,
@@ -136,6 +139,7 @@ def of_transfer(result: Transfer) -> Run:
 _TABLES: Mapping[manifest.Kind, Table] = {
     "validation": run_folder.VALIDATION,
     "windows": run_folder.WINDOWS,
+    "calibration": run_folder.CALIBRATION,
     "training": run_folder.TRAINING,
     "prediction": run_folder.PREDICTION,
     "study": run_folder.STUDY,
@@ -180,6 +184,7 @@ def read_run(source: StrPath | None = None, options: FileOptions | None = None) 
         kinds=kinds,
         validation=rows.get("validation"),
         windows=rows.get("windows"),
+        calibration=rows.get("calibration"),
         predicted=predicted,
         used=used,
         judged=judged,

@@ -1,6 +1,7 @@
 """`Identify`: a drone's parameters from flight logs."""
 
 import dataclasses
+from collections.abc import Callable, Iterable
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -151,24 +152,8 @@ class Identify(Verb):
                     f"not identifiable from these flights: {unidentifiable}; plausible ranges stay"
                 )
 
-        flights = core.read_flights(
-            *(self.logs, lambda done, of: show(*overall.read(done, of)), self.most_seconds),
-            settings.lead_in,
-            commands=self.commands,
-            battery_law=self.battery_law,
-            ignore=self.ignore,
-            faulty=self.faulty,
-            drone=self.start,
-        )
-        identification = core.identify(
-            flights,
-            settings,
-            start=self.first.parameters,
-            over=self.over,
-            bounds=self.bounds,
-            key=self.key,
-            on_progress=on_progress,
-        )
+        flights = self.read(lambda done, of: show(*overall.read(done, of)))
+        identification = self.identify(flights, self.key, on_progress)
         over = (
             self.over if isinstance(self.over, str) else list(self.over or identification.estimates)
         )
@@ -221,6 +206,44 @@ class Identify(Verb):
         """Returns the drone to begin with."""
         return core.read_start(self.start, self.mass)
 
+    def read(self, on_file: Callable[[int, int], None]) -> "core.Flights":
+        """Reads the logs.
+
+        Args:
+            on_file: called with (files read, files found).
+        """
+        return core.read_flights(
+            *(self.logs, on_file, self.most_seconds, self.lead_in),
+            commands=self.commands,
+            battery_law=self.battery_law,
+            ignore=self.ignore,
+            faulty=self.faulty,
+            drone=self.start,
+        )
+
+    def identify(
+        self,
+        flights: Iterable["core.Flight"],
+        key: Any,
+        on_progress: "Callable[[core.Stage], None]",
+    ) -> "core.Identification":
+        """Identifies the drone from flights.
+
+        Args:
+            flights: checked flights.
+            key: random key.
+            on_progress: called with the stage and how far it is.
+        """
+        return core.identify(
+            flights,
+            self._objective(),
+            start=self.first.parameters,
+            over=self.over,
+            bounds=self.bounds,
+            key=key,
+            on_progress=on_progress,
+        )
+
     def _describe(
         self, flights: "core.Flights", identification: "core.Identification"
     ) -> "list[Table | str]":
@@ -229,6 +252,7 @@ class Identify(Verb):
             *core.estimates_output.tabulate_gains(identification),
             *core.estimates_output.describe_delays(identification),
             *core.estimates_output.describe_fit(identification, self.start),
+            *core.estimates_output.describe_advice(identification),
         ]
 
     def _objective(self) -> "core.Likelihood | core.Replay":

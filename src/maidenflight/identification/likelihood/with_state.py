@@ -33,6 +33,7 @@ from maidenflight.identification.outcome.estimates import (
     evaluations_table,
     notes_on,
 )
+from maidenflight.identification.outcome.narrowing import advise
 from maidenflight.identification.outcome.plausible import (
     VARIANCE_SHARE,
     ExpectedInterval,
@@ -133,6 +134,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         evaluations=sum(len(values) for _, values in fit_result.runs),
         search=evaluations_table(box, fit_result.runs),
         posterior=draws,
+        advice=advise(estimates, unidentifiable, draws, motors),
         gains=fit_result.gains,
         noise=noise,
         notes=(

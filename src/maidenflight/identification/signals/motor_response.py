@@ -15,7 +15,7 @@ inference via coarsening (powers of likelihoods).
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -55,6 +55,8 @@ DRAWS = 500
 """Samples of the posterior."""
 _GYRO = ("gyro x", "gyro y")
 _ROTORS = "rotor speed"
+TWICE, SPEEDS = "fly as long again", "log rotor speeds"
+"""What narrows the lag."""
 
 
 class DelayEstimate(NamedTuple):
@@ -80,6 +82,8 @@ class MotorResponse:
     notes: tuple[str, ...]
     per_flight: Mapping[str, tuple[float, float]]
     """Mean and variance of the logarithm of lag and latency together [s], by flight."""
+    expected_deviations: Mapping[str, float] = field(default_factory=dict)
+    """Standard deviation of that logarithm to expect, by what is done next."""
 
     @property
     def is_identifiable(self) -> bool:
@@ -179,7 +183,21 @@ def estimate_motor_response(
         tuple(joined_by("signal", one).delay_estimate(one) for one in signals),
         (note,) if left_out else (),
         {one: joined_by("flight", one).moments for one in names},
+        _expect(joined, stretches),
     )
+
+
+def _expect(joined: _Joined, stretches: Sequence[_Stretch]) -> dict[str, float]:
+    """Returns the standard deviations of lag and latency together to expect.
+
+    From twice the flight the variance of joined stretches is halved, from measured speeds each
+    stretch has the least error; `_LIKE` stays.
+    """
+    own = float(joined.weight @ (joined.error**2 - _LIKE**2))
+    expected = {TWICE: float(np.sqrt(joined.moments[1] - own / 2))}
+    if all(one.signal != _ROTORS for one in stretches):
+        expected[SPEEDS] = float(np.hypot(_LIKE, _OWN / np.sqrt(len(stretches) / len(_GYRO))))
+    return expected
 
 
 def _before(flights: Sequence[Flight]) -> Float[np.ndarray, "D"]:
