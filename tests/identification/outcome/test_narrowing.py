@@ -18,7 +18,7 @@ SAMPLES = {
 }
 MOTORS = MotorResponse(
     *(SAMPLES["motor_time_constant"], LATENCY, None, (), (), {}),
-    {TWICE: 0.15, SPEEDS: 0.05},
+    {TWICE: (0.15, 0.0), SPEEDS: (0.05, 0.0)},
 )
 
 

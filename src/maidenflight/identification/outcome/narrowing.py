@@ -41,7 +41,7 @@ def advise(
     """Returns for each parameter that is hardly known what narrows it.
 
     What follows the motors' lag, as inertia does, narrows with it: the rest of its variance after a
-    regression of its samples on those of lag and latency together stays.
+    regression of its samples on those of lag and latency stays.
 
     Args:
         estimates: the identified parameters.
@@ -77,14 +77,16 @@ def _narrowest(
     """Returns what narrows a parameter most, if anything does, and by how much."""
     if motors is None or not {*DELAYS, name} <= set(samples):
         return None
-    total = np.log(sum(samples[one] for one in DELAYS))
+    lag, latency = (samples[one] for one in DELAYS)
     own = np.log(np.maximum(samples[name], 1e-12))
-    slope = float(np.cov(own, total)[0, 1] / np.var(total, ddof=1))
-    rest = np.var(own - slope * total)
+    delays = np.column_stack([np.log(lag + latency), latency])
+    delays = delays - delays.mean(axis=0)
+    slopes = np.linalg.lstsq(delays, own - own.mean(), rcond=None)[0]
+    rest = np.var(own - delays @ slopes)
     now = np.std(own)
     best = None
-    for action, deviation in motors.expected_deviations.items():
-        expected = float(np.sqrt(rest + (slope * deviation) ** 2))
+    for action, deviations in motors.expected_deviations.items():
+        expected = float(np.sqrt(rest + np.sum((slopes * deviations) ** 2)))
         if expected < _WORTH * now:
             low, high = estimate.value * np.exp(1.96 * expected * np.array([-1.0, 1.0]))
             now, best = expected / _WORTH, Advice(name, action, (float(low), float(high)))

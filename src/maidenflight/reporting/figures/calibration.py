@@ -32,8 +32,8 @@ def ranks(summary: Sequence[dict[str, Any]]) -> Figure:
         bar = {"type": "rect", "color": charts.paint("orange"), "opacity": 0.8}
         band = {"type": "rect", "color": charts.paint("soft"), "opacity": 0.25}
         layers = [
-            charts.layer("bar", bar, **ends, tooltip=tooltip),
             charts.layer("band", band, **ends),
+            charts.layer("bar", bar, **ends, tooltip=tooltip),
         ]
         name = one["parameter"].replace("_", " ")
         title = [name, f"{one['held']} of {one['in_model']} held"]
