@@ -75,7 +75,7 @@ def test_drones_are_begun_while_there_is_time(monkeypatch: pytest.MonkeyPatch) -
         count += 1
         if clock.count(is_lost=False):
             break
-    assert (count, now[0]) == (22, 270.0)
-    assert clock.share == pytest.approx(270.0 / calibration.BUDGET_S)
+    assert (count, now[0]) == (23, 280.0)
+    assert clock.share == pytest.approx(1.0)
     lost = calibration._Clock(None)
     assert [lost.count(is_lost=True) for _ in range(5)] == [False] * 4 + [True]
