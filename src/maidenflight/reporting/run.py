@@ -24,18 +24,12 @@ from maidenflight.inputs import StrPath
 from maidenflight.parameters import Parameters, component
 from maidenflight.reporting import identified, trained
 from maidenflight.reporting.identified import SIMULATED, UNKNOWN, Kinds
-from maidenflight.reporting.run_files import (
-    FileOptions,
-    RunFiles,
-    find_files,
-    nothing_here,
-)
+from maidenflight.reporting.run_files import FileOptions, RunFiles, find_files, nothing_here
 from maidenflight.run_folder import Table
 
 MAX_FLIGHTS = 300
 """Flights that the viewer holds, and logs of recorded flights that are read; more would make the
 page heavy."""
-
 
 BRIEF_S = 2.0
 """A log shorter than this counts although the drone hardly flies in it [s]."""
@@ -48,7 +42,7 @@ class Run:
     reality: Parameters | None = None
     """The truth about a virtual drone."""
     recorded: tuple[Flight, ...] = ()
-    """The first `MOST` flights that were recorded."""
+    """The first `MAX_FLIGHTS` flights that were recorded."""
     logs: int = 0
     """How many there are."""
     refused: tuple[str, ...] = ()
@@ -113,17 +107,9 @@ class Run:
     @property
     def known(self) -> bool:
         """Whether there is anything to show."""
-        tables = (
-            self.reality,
-            self.drone,
-            self.validation,
-            self.windows,
-            self.training,
-            self.table,
-            self.prediction,
-            self.study,
-        )
-        return any(part is not None for part in tables) or bool(self.recorded or self.policies)
+        tables = self.validation, self.windows, self.training, self.table, self.prediction
+        parts = self.reality, self.drone, self.study, *tables
+        return any(part is not None for part in parts) or bool(self.recorded or self.policies)
 
 
 def of_transfer(result: Transfer) -> Run:
@@ -369,18 +355,11 @@ def usable(flight: Flight) -> slice:
 
 
 def viewable(run: Run) -> list[int]:
-    """Returns places of the viewer's flights among `flights_to_show`.
-
-    The first with two rows.
-    """
-    return [
-        number for number, flight in enumerate(flights_to_show(run)) if usable(flight).stop > 1
-    ][:MAX_FLIGHTS]
+    """Returns which of `flights_to_show` the viewer holds: the first with two rows and more."""
+    flights = enumerate(flights_to_show(run))
+    return [number for number, flight in flights if usable(flight).stop > 1][:MAX_FLIGHTS]
 
 
 def flights_to_show(run: Run) -> tuple[Flight, ...]:
-    """Returns flights to look at.
-
-    Test flights where there are any, else those that were recorded.
-    """
+    """Returns test flights where there are any, else those that were recorded."""
     return run.flights if run.table is not None else run.recorded

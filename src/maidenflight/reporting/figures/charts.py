@@ -18,6 +18,10 @@ Spec = dict[str, Any]
 """A Vega-Lite specification or a part of one."""
 DIGITS = 6
 """Significant digits of the numbers in a page."""
+PALETTE = ("blue", "orange", "green", "purple")
+"""Colours of things in their order; of more things some share one."""
+CROSS = "M-.7-.7L.7 .7M-.7 .7L.7-.7"
+"""Mark of a flight that a guard ended."""
 
 
 class Entry(NamedTuple):

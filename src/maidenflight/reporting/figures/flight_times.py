@@ -16,8 +16,6 @@ BOXED = 5
 """Flights from which on a row has a box; fewer stand for themselves."""
 DOTTED = 60
 """Flights up to which each of a row is a dot; of more, those beyond the whiskers are."""
-CROSS = "M-.7-.7L.7 .7M-.7 .7L.7-.7"
-"""Mark of a flight that a guard ended."""
 REACHED = END_REASONS[TIME_LIMIT]
 """Reason of the end of a flight that lasted as long as it might."""
 
@@ -123,7 +121,7 @@ def _marks(name: str, flights: polars.DataFrame) -> list[Spec]:
     levels = np.linspace(-1, 1, len(times)) if len(times) > 1 else np.zeros(1)
     for time, level, end in zip(times, levels, flights["end_reason"], strict=True):
         if every or time < near.min() or time > near.max():
-            shape = "circle" if end == REACHED else CROSS
+            shape = "circle" if end == REACHED else charts.CROSS
             marks.append(
                 {**common, "kind": "flight", "x": time, "level": level, "end": end, "shape": shape}
             )

@@ -18,8 +18,6 @@ from maidenflight.reporting.html import render
 from maidenflight.reporting.run import Run
 from maidenflight.reporting.sections import flights, head
 
-COLOURS = ("blue", "orange", "green", "purple")
-"""Of runs, in their order."""
 Runs = Mapping[str, Run]
 """By their name."""
 _WIDTH = 2 * 1.96
@@ -147,17 +145,18 @@ def _draw(runs: Runs, names: Sequence[str]) -> Figure:
                 {**look, "kind": "bar", "x": start, "x2": stop},
                 {**look, "kind": "value", "x": value},
             ]
-    ticks = {"values": [0, 0.25, 0.5, 0.75, 1], "format": "%"}
-    x = charts.number("x", "share of the range that is plausible before the flights", axis=ticks)
     labels = [(name.replace("_", " "), "") for name in names]
     legend = [Entry(name, _colour(runs, name), "bar", name) for name in runs]
     return Figure(
-        "Parameters", [intervals.rows(labels, marks, x, {"name": "run"})], legend, columns=1
+        "Parameters",
+        [intervals.rows(labels, marks, intervals.plausible_axis(), {"name": "run"})],
+        legend,
+        columns=1,
     )
 
 
 def _colour(runs: Runs, name: str) -> str:
-    return COLOURS[list(runs).index(name) % len(COLOURS)]
+    return charts.PALETTE[list(runs).index(name) % len(charts.PALETTE)]
 
 
 def _measure_difference(estimates: Mapping[str, Estimate]) -> float:

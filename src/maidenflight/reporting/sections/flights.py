@@ -1,7 +1,6 @@
 """Test flights, predicted flights and recorded flights: pictures and tables."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from math import degrees
 from typing import Any
 
@@ -151,21 +150,15 @@ def _predictions(test_flights: polars.DataFrame) -> Markup:
 
 def recorded(run: Run) -> Markup:
     """Returns the flights that were recorded; the viewer is theirs where there are no others."""
+    rows, in_viewer = _trims_of(run), run.table is None
+    figure = trims.trims(rows, run.estimates, chooses=in_viewer) if rows.height > 1 else None
     return render(
         "recorded.html",
-        viewer=_viewer(run) if run.table is None else Markup(),
-        trims=_trims(run),
-        table=_recorded(run),
+        viewer=_viewer(run) if in_viewer else Markup(),
+        trims=figure,
+        table=_recorded(run, rows) if rows.height else Markup(),
         refused=run.refused,
     )
-
-
-def _trims(run: Run) -> Figure | None:
-    """Nothing where there are not several flights, or they say nothing."""
-    trims_table = _trims_of(run)
-    if trims_table.height < 2:
-        return None
-    return replace(trims.trims(trims_table, run.estimates), chooses=run.table is None)
 
 
 def _viewer(run: Run) -> Markup:
@@ -197,10 +190,8 @@ def _trims_of(run: Run) -> polars.DataFrame:
     return polars.DataFrame(rows)
 
 
-def _recorded(run: Run) -> Markup | str:
+def _recorded(run: Run, rows: polars.DataFrame) -> Markup:
     """The recorded flights, for choosing what the viewer shows."""
-    if not run.recorded:
-        return ""
     trim_of = Markup("{} trim [10<sup>\N{MINUS SIGN}6</sup> N m]")
     columns: dict[str, Column | str] = {
         "flight": "Flight",
@@ -220,7 +211,7 @@ def _recorded(run: Run) -> Markup | str:
     in_viewer = run.table is None
     return tables.sortable(
         "flights" if in_viewer else "recorded",
-        _trims_of(run),
+        rows,
         columns,
         viewable(run) if in_viewer else None,
     )
