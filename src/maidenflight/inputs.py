@@ -143,6 +143,36 @@ def readable(path: StrPath, kind: str = "text") -> str:
         raise InputError(f"{path}: cannot be read as {kind} ({error}).") from error
 
 
+def toml_file(path: StrPath, kind: str, cure: str) -> dict[str, Any]:
+    """Returns the content of a TOML file that a user gives.
+
+    Args:
+        path: the file.
+        kind: what it should be, for the error.
+        cure: what to do where it is not, as a sentence.
+
+    Raises:
+        InputError: it cannot be read, or is not TOML.
+    """
+    try:
+        return from_toml(text(path))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read as {kind} ({error}). {cure}") from error
+
+
+def json_file(path: StrPath, cure: str) -> Any:
+    """Returns the content of a JSON file of ours; arguments as of `toml_file`.
+
+    Raises:
+        InputError: it cannot be read, or is not JSON.
+    """
+    content = readable(path)
+    try:
+        return from_json(content)
+    except ValueError as error:
+        raise InputError(f"{path}: not valid JSON ({error}). {cure}") from error
+
+
 def comments(path: StrPath) -> list[str]:
     """Returns the lines that a file in UTF-8 begins with, each with a "#" before it.
 

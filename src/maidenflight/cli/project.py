@@ -1,6 +1,5 @@
 """A folder's own settings: `maidenflight.toml` holds what its commands need no options for."""
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +27,7 @@ def read_project(verb: type[Verb]) -> dict[str, Any]:
     """
     if not Path(FILE).is_file():
         return {}
-    try:
-        content = inputs.from_toml(inputs.readable(FILE))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{FILE}: not TOML ({error}). Correct it.") from error
+    content = inputs.toml_file(FILE, "TOML", "Correct it.")
     for name, value in content.items():
         if isinstance(value, dict) and name in VERBS:
             continue

@@ -1,6 +1,5 @@
 """`Flight`, what a drone measured and commanded row by row, and our own file format for it."""
 
-import json
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -276,7 +275,7 @@ def to_csv(flight: Flight, record: Mapping[str, Any] | None = None) -> str:
         ),
         *([] if flight.by_battery_law else ["# by_battery_law: no"]),
         *([f"# assumed_law: {flight.assumed_law}"] if flight.assumed_law else []),
-        f"# record: {json.dumps(dict(record or {}))}",
+        results.record_line(record),
     ]
     return "\n".join(head) + "\n" + frame.write_csv(float_precision=7)
 

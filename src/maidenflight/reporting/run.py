@@ -297,7 +297,7 @@ def _own(path: Path, records: dict[str, Mapping[str, Any]]) -> Flight:
             f"{path}: rows are {flight.period:g} s apart; expected a time that increases, in "
             "seconds. Log it again."
         )
-    records[_name(path)] = run_folder.record_of(text, path)
+    records[_name(path)] = results.parse_record(inputs.comments(path), path)
     return flight
 
 

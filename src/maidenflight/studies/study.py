@@ -115,18 +115,10 @@ def read_study(path: StrPath, cpus: int = 1, gpus: int = 0, *, trust: bool = Fal
     Raises:
         InputError: it is missing or no TOML, it names code without trust, or see `of`.
     """
-    try:
-        content = inputs.from_toml(inputs.text(path))
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"{path}: not a study ({error}). Give a TOML file with tables [[task]]; see "
-            "docs/clusters.md."
-        ) from error
-    unknown = content.keys() - {"task"}
-    if unknown:
-        raise InputError(
-            f"{path}: {min(unknown)} is unknown. Expected tables [[task]]; see docs/clusters.md."
-        )
+    cure = "Give a TOML file with tables [[task]] alone; see docs/clusters.md."
+    content = inputs.toml_file(path, "a study", cure)
+    if unknown := content.keys() - {"task"}:
+        raise InputError(f"{path}: {min(unknown)} is unknown. {cure}")
     if not trust and (code := next(_code_in(content), None)):
         raise InputError(
             f"{path}: {code} is Python code, which anybody may have written. Look at it, then add "

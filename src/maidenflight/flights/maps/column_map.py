@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from maidenflight import inputs
 from maidenflight.errors import InputError
 from maidenflight.flights import tables
 from maidenflight.flights.checks.checking import FASTEST_S
@@ -75,7 +76,7 @@ def read(path: Path) -> ColumnMap:
     Raises:
         InputError: it cannot be read, or an entry is missing, unknown or of the wrong kind.
     """
-    content = signal_map.content(path)
+    content = inputs.toml_file(path, "TOML", "Mend it.")
     time = content.pop(TIME, None)
     signal_map.check_signals(path, content, NEEDED)
     sources = {signal: _source(path, signal, entry) for signal, entry in content.items()}

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from maidenflight import inputs
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
 from maidenflight.flights.streams import joining, streams
@@ -41,18 +40,6 @@ class Motors(NamedTuple):
     """Number of a motor at full throttle."""
     square: bool = True
     """Whether rotor speed follows the numbers, or thrust does."""
-
-
-def content(path: Path) -> dict[str, Any]:
-    """Reads the TOML of a map.
-
-    Raises:
-        InputError: it cannot be read.
-    """
-    try:
-        return inputs.from_toml(inputs.text(path))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as TOML ({error}). Mend it.") from error
 
 
 def check_signals(path: Path, entries: Mapping[str, Any], needed: tuple[str, ...]) -> None:

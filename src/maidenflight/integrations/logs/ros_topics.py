@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from maidenflight import inputs
 from maidenflight.errors import InputError
 from maidenflight.flights.maps import signal_map
 from maidenflight.flights.maps.signal_map import COUNTS, MOTOR_KEYS, Motors
@@ -103,7 +104,7 @@ def read(path: Path) -> Layout | Variables:
     Raises:
         InputError: it cannot be read, or an entry is missing, unknown or of the wrong kind.
     """
-    content = signal_map.content(path)
+    content = inputs.toml_file(path, "TOML", "Mend it.")
     if "variables" in content:
         return _variables(path, content)
     clock = content.pop("clock", CLOCKS[0])

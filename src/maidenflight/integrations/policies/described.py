@@ -201,13 +201,10 @@ def _read(path: StrPath) -> dict[str, Any]:
     Raises:
         InputError: it cannot be read, or a value makes no sense.
     """
-    try:
-        content = inputs.from_toml(inputs.text(path))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as a policy's TOML file ({error}).") from error
+    content = inputs.toml_file(path, "a policy's TOML file", "Mend it.")
     if "network" not in content:
         raise InputError(f"{path}: network is lacking; expected the name of a file beside it.")
-    return dict(content)
+    return content
 
 
 def complete_description(path: StrPath, content: Mapping[str, Any]) -> dict[str, Any]:
