@@ -186,18 +186,9 @@ class Fly(Verb):
             course = core.flight_plan.read(self.plan)
         count = self.flights or (4 if pid and self.plan is None else 1)
         session_result = record(
-            self.uri or "",
-            output,
-            course,
-            count,
-            self.seed,
-            say=_say,
-            care=care,
+            self.uri or "", output, course, count, self.seed, say=_say, care=care
         )
-        complete = (
-            all(one.ending.reason == COMPLETE for one in session_result)
-            and len(session_result) == count
-        )
+        complete = [one.ending.reason for one in session_result] == [COMPLETE] * count
         return Result(
             content={
                 "flights": [
