@@ -48,10 +48,7 @@ class Policy:
     """What it sees and remembers, and its hidden layers, which `check` compares with the arrays."""
 
     def __call__(self, observation: Float[Array, "20H+3K+M"]) -> Float[Array, "4+M"]:
-        """Action, and memory if there is any, for an observation.
-
-        Not clipped, because the next observation holds it as it is.
-        """
+        """Returns the action, not clipped, as the next observation holds it, and any memory."""
         form, size = self.spec.policy_form, self.spec.observed_size
         inputs, memory = observation[:size], observation[size:]
         values = (form.observed(inputs) - self.observation_mean) / self.observation_std

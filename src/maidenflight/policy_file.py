@@ -246,10 +246,7 @@ def _format_of(keys: AbstractSet[str]) -> PolicyFormat | None:
 
 
 def _numbers(nested: Any) -> Array:
-    """Nested lists of numbers as float32.
-
-    Text, true and false, missing numbers and what float32 cannot hold are refused.
-    """
+    """Converts nested lists of numbers that float32 can hold."""
     array = inputs.numbers(nested)
     if array.dtype.kind not in "fi" or np.any(
         np.isfinite(array) & (np.abs(array) > float(np.finfo(np.float32).max) * (1 + 1e-7))

@@ -240,10 +240,7 @@ def find_policies(folder: Path) -> list[Path]:
 
 
 def by_number(path: Path) -> tuple[str, list[int], str]:
-    """Returns what files are sorted by.
-
-    Flight_100 after flight_99, in folder policy_10 after policy_9.
-    """
+    """Returns what sorts files by their numbers: flight_100 after flight_99."""
     numbers = [int(part) for part in re.findall(r"\d+", str(path))]
     return re.sub(r"\d+", "", str(path)), numbers, str(path)
 
@@ -253,17 +250,14 @@ LOG = Numbered("flight", ".csv")
 
 
 def evaluations_path(drone: StrPath) -> Path:
-    """Returns where the evaluations of an identification go.
-
-    `identification.csv` for `drone.toml`, `NAME_identification.csv` for `NAME.toml`.
-    """
+    """Returns where evaluations go: `NAME_identification.csv`, for drone.toml without NAME."""
     path = Path(drone)
     named = EVALUATIONS.name if path.stem == Path(DRONE).stem else f"{path.stem}_{EVALUATIONS.name}"
     return path.with_name(named)
 
 
 def picture_path(drone: StrPath) -> Path:
-    """Returns where the picture of an identification goes: as `beside`, with `.svg`."""
+    """Returns where the picture of an identification goes, beside the evaluations."""
     return evaluations_path(drone).with_suffix(".svg")
 
 

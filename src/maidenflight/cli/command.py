@@ -4,9 +4,10 @@ import gc
 import json
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import click
@@ -15,7 +16,7 @@ from click.shell_completion import CompletionItem
 
 from maidenflight import cache, compiler, cores, results, terminal
 from maidenflight.cli.interruption import resumable
-from maidenflight.cli.project import FILE, read_project
+from maidenflight.cli.project import FILE, read_project, settings_for
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.registry import VERBS
@@ -56,10 +57,10 @@ class _Values(click.ParamType):
 class VerbCommand(click.Command):
     """A verb as a command: its options by group, those that are rare only by `--help-all`."""
 
-    def __init__(self, verb: type[Verb]) -> None:
+    def __init__(self, verb: type[Verb], project: Mapping[str, Any] = MappingProxyType({})) -> None:
         self.verb, self.declared = verb, {k: v for k, (_, v) in verb.settings().items()}
         rare = any(setting.rare for setting in self.declared.values())
-        self.project = read_project(verb)
+        self.project = settings_for(verb, project)
         super().__init__(
             verb.name,
             params=[
@@ -175,7 +176,9 @@ class Commands(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Returns a verb's command."""
-        return VerbCommand(find_verb(cmd_name)) if cmd_name in VERBS else None
+        if ctx.obj is None:
+            ctx.obj = read_project()
+        return VerbCommand(find_verb(cmd_name), ctx.obj) if cmd_name in VERBS else None
 
 
 def run_verb(verb: Verb, output: str | None, as_json: bool, overwrite: bool) -> None:

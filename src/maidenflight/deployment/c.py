@@ -318,10 +318,7 @@ def _wrapped(text: str) -> str:
 
 
 def _comment(record: Mapping[str, Any] | None) -> str:
-    """A record as lines of a C comment.
-
-    What would end the comment, or form a trigraph, is escaped as JSON allows.
-    """
+    """A record as a C comment; what would end it is escaped as JSON allows."""
     text = json.dumps(dict(record or {})).replace("*", "\\u002a").replace("?", "\\u003f")
     lines = textwrap.wrap(text, _WIDTH - 13, break_on_hyphens=False)
     return " * Record:   " + "\n *           ".join(lines)

@@ -48,10 +48,7 @@ class TableFormat(NamedTuple):
 
 
 class PackedTable(NamedTuple):
-    """A binary way of writing down a table in the columns of a `TableFormat`.
-
-    Its files have no ending.
-    """
+    """A binary way of writing a table with columns of a `TableFormat`; files have no ending."""
 
     description: str
     recognises: Callable[[bytes], bool]

@@ -243,10 +243,7 @@ def flight_of(name: str, period: float, **known: Any) -> Flight:
 
 
 def to_csv(flight: Flight, record: Mapping[str, Any] | None = None) -> str:
-    """Returns the text of a flight in our format.
-
-    Four comment lines, a header line, one line a row.
-    """
+    """Returns the text of a flight in our format: comments, a header line, a line a row."""
     columns: dict[str, np.ndarray] = {"time": np.arange(len(flight)) * flight.period}
     for group, names in GROUPS.items():
         if group != "time":

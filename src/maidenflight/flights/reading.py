@@ -203,10 +203,7 @@ class _FaultError(InputError):
 
 
 def _set_zero_order_hold(flight: Flight, options: _ReadOptions, reading: "_ReadLog") -> Flight:
-    """A flight whose log does not say what a command stands for, as told.
-
-    Or a note that it is a guess.
-    """
+    """Sets what commands stand for where the log does not say it, or notes the guess."""
     if options.commands:
         zero_order_hold = options.commands == ZERO_ORDER_HOLD
         return replace(flight, zero_order_hold=zero_order_hold, assumed=False)

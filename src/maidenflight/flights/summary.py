@@ -1,5 +1,6 @@
 """What logs hold: signals, rates, and how much a flight moves the drone."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -77,16 +78,16 @@ def rank(logs: Sequence[Summary]) -> list[tuple[Summary, dict[str, float]]]:
     return [(logs[place], shares[place]) for place in order]
 
 
-def choose_most_telling(logs: Sequence[Summary], share: float = MOST_SHARE) -> list[Summary]:
-    """Chooses the fewest logs, the most telling first, that hold a share of every quantity."""
-    chosen: list[Summary] = []
-    held: dict[str, float] = dict.fromkeys(QUANTITIES, 0.0)
-    for log, shares in rank(logs):
-        if all(held[name] >= share for name in shares):
-            break
-        chosen.append(log)
-        held = {name: held[name] + shares.get(name, 0.0) for name in held}
-    return chosen
+def choose_most_telling(
+    ranked: Sequence[tuple[Summary, Mapping[str, float]]], share: float = MOST_SHARE
+) -> list[Summary]:
+    """Chooses the fewest logs of `rank`, from the first on, that hold a share of all quantities."""
+    totals: Counter[str] = Counter()
+    for count, (_, shares) in enumerate(ranked):
+        if all(totals[name] >= share for name in shares):
+            return [log for log, _ in ranked[:count]]
+        totals.update(shares)
+    return [log for log, _ in ranked]
 
 
 def summaries(flights: Iterable[Flight]) -> tuple[Summary, ...]:

@@ -173,10 +173,7 @@ def vega() -> list[Markup]:
 
 
 def _themes() -> Markup:
-    """Light and dark again, for those who choose another than their system has.
-
-    Print is always light.
-    """
+    """Rules for those who choose light or dark themselves; print is always light."""
     light, dark = re.findall(r":root \{(.*?)\}", asset("colours.css"), re.DOTALL)
     return Markup(
         f":root[data-theme=light] {{{light}  color-scheme: light;\n}}\n"

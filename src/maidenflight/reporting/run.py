@@ -209,10 +209,7 @@ def _kinds(
     judged: frozenset[str],
     virtual: bool,
 ) -> tuple[Kinds, Kinds]:
-    """Kinds of the flights that the drone was identified from, and of those that were predicted.
-
-    By their logs, where these are known.
-    """
+    """Kinds of the flights of the identification, and of those predicted, by their logs."""
     known: dict[str, bool | None] = dict(logs)
     otherwise = SIMULATED if virtual or (known and all(known.values())) else UNKNOWN
     own = identified.kinds_identified(drone, identified.kinds_of(used, known, otherwise))

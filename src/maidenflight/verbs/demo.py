@@ -160,10 +160,7 @@ class _Stage(Progress):
 
 
 def _compile_training(train: Train) -> None:
-    """Compiles training while flights are recorded and identified, by one update of it.
-
-    The compiled program is that of any drone: its parameters are arguments.
-    """
+    """Compiles training, by an update for any drone, while flights are recorded."""
     controller, learner = core.control.pwm(), train.learner_settings
     core.train(
         core.find_task("circle"),

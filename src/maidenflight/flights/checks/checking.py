@@ -245,10 +245,7 @@ def _jumps(
 
 
 def _still(flight: Flight) -> Bool[np.ndarray, "N"]:
-    """Rows that repeat the row before as one of at least `STILL` in a row.
-
-    Sensors are never that quiet.
-    """
+    """Rows that repeat the row before, `STILL` or more in a row: no sensor is that quiet."""
     values = np.concatenate([getattr(flight, group) for group in _needed(flight)], axis=1)
     same = np.concatenate([[False], (values[1:] == values[:-1]).all(axis=1)])
     still = np.zeros(len(flight), bool)

@@ -116,10 +116,7 @@ def export_authors_json(policy: Policy, directory: StrPath, *, name: str = "poli
 
 
 def _before_adding(deviation: np.ndarray) -> np.ndarray:
-    """Numbers of float32 that are the deviations once `EPSILON` is added.
-
-    Where there is none, those that come nearest.
-    """
+    """Numbers of float32 that, or nearly, are the deviations once `EPSILON` is added."""
     epsilon = np.float32(EPSILON)
     below = deviation - epsilon
     tried = np.stack(

@@ -15,6 +15,7 @@ import numpy as np
 from jax import lax, tree
 from jaxtyping import Array, Bool, Float, UInt32
 
+from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie
 from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import Environment
@@ -41,6 +42,18 @@ class Flight(NamedTuple):
     error: Float[Array, ""]
     """Sum of the distances from the set-point after each step [m]."""
     steps: Float[Array, ""]
+
+
+def check_step(groups: Groups | None, shape: tuple[int, ...], expected: Any) -> None:
+    """Refuses a step before an episode has begun, and actions of another shape than expected.
+
+    Raises:
+        InputError: which of both.
+    """
+    if groups is None:
+        raise InputError("step: no episode has begun. Call reset() first.")
+    if shape != expected:
+        raise InputError(f"step: actions of shape {shape}, expected {expected}.")
 
 
 STATISTICS = 4

@@ -133,11 +133,7 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             InputError: no episode has begun, or the action has not four numbers.
         """
         command = np.asarray(action, np.float32)
-        if self._groups is None or command.shape != (ACTION_SIZE,):
-            wrong = f"an action of shape {command.shape}, expected (4,)"
-            if self._groups is None:
-                wrong = "no episode has begun. Call reset() first"
-            raise InputError(f"step: {wrong}.")
+        flying.check_step(self._groups, command.shape, (ACTION_SIZE,))
         self._groups, row = self.program.step(self._groups, command)
         numbers = np.array(row)
         observation = numbers[: -flying.STATISTICS]
@@ -153,10 +149,7 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return observation, reward, not truncated, truncated, episode
 
     def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Returns a picture of the drone and its reference, (480, 640, 3) uint8.
-
-        `None` without a `render_mode`.
-        """
+        """Returns a picture, (480, 640, 3) uint8; `None` without a `render_mode`."""
         if self.render_mode is None:
             return None
         if self._groups is None:

@@ -95,11 +95,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             InputError: no episode has begun, or there are not four numbers for each drone.
         """
         commands = np.asarray(actions, np.float32)
-        if self._groups is None or commands.shape != self.action_space.shape:
-            wrong = f"actions of shape {commands.shape}, expected {self.action_space.shape}"
-            if self._groups is None:
-                wrong = "no episode has begun. Call reset() first"
-            raise InputError(f"step: {wrong}.")
+        flying.check_step(self._groups, commands.shape, self.action_space.shape)
         self._groups, rows = self._program.step_all(self._groups, commands)
         rows = np.array(rows)
         observations, (rewards, reasons, errors, durations) = (
@@ -122,10 +118,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return observations, rewards.astype(np.float64), self._over & ~truncated, truncated, infos
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """Returns a picture of each drone and its reference, (480, 640, 3) uint8.
-
-        `None` without a `render_mode`.
-        """
+        """Returns a picture of each drone, as of `QuadrotorEnv`."""
         if self.render_mode is None:
             return None
         if self._groups is None:
@@ -138,10 +131,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         )
 
     def _begin(self, is_reset: Bool[np.ndarray, "n"], groups: flying.Groups | None) -> np.ndarray:
-        """Begins the next, already prepared episode of some drones.
-
-        Returns first observations of all drones.
-        """
+        """Begins the next episode of some drones; returns first observations of all."""
         if np.any(is_reset & ~self._ready):
             # Copies, since JAX may read its arguments after it has returned.
             self._ahead = self._program.launch_all(

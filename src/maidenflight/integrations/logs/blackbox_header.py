@@ -129,10 +129,7 @@ def gyro_scale(headers: Mapping[str, Any]) -> float:
 
 
 def gyro_delay(headers: Mapping[str, Any]) -> float:
-    """Returns the delay of the static low-pass filters of first order before the PID [s].
-
-    1 / (2 pi f) each.
-    """
+    """Returns the delay of the static low-pass filters before the PID, 1 / (2 pi f) each [s]."""
     delay = 0.0
     for keys in (
         ("gyro_lpf1_static_hz", "gyro_lowpass_hz"),

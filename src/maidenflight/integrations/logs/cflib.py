@@ -210,10 +210,7 @@ def _chosen(table: Table) -> dict[str, Spelling]:
 
 
 def _together(read: dict[str, np.ndarray], clock: str) -> dict[str, np.ndarray]:
-    """Lays rows of one time together, each column's first number in them.
-
-    Blocks of a log come as rows of their own.
-    """
+    """Joins rows of one time, each column by its first number: blocks come as own rows."""
     if not (read[clock][1:] == read[clock][:-1]).any() or not any(
         np.isnan(values).any() for values in read.values()
     ):

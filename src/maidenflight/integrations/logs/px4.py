@@ -114,10 +114,7 @@ def _centred(time: np.ndarray, values: np.ndarray) -> Stream:
 
 
 def _force(topics: Topics, parameters: Parameters) -> tuple[Stream | None, float]:
-    """Specific force, forward, left, up, and the delay of its filter [s].
-
-    The one that is not filtered, if there is one.
-    """
+    """Specific force, forward, left, up, unfiltered if logged, and its filter's delay [s]."""
     raw = columns(
         topics,
         "sensor_combined",

@@ -16,7 +16,8 @@ from typing import Any
 from maidenflight import inputs
 from maidenflight.errors import InputError
 from maidenflight.flights.maps import signal_map
-from maidenflight.flights.maps.signal_map import COUNTS, MOTOR_KEYS, Motors
+from maidenflight.flights.maps.signal_map import COUNTS, Motors
+from maidenflight.inputs import Fields
 
 CLOCKS = ("header", "received")
 """What stamps samples: a message's header where it has one, or when it was recorded."""
@@ -104,16 +105,14 @@ def read(path: Path) -> Layout | Variables:
     Raises:
         InputError: it cannot be read, or an entry is missing, unknown or of the wrong kind.
     """
-    content = inputs.toml_file(path, "TOML", "Mend it.")
+    content = inputs.toml_file(path, "TOML", signal_map.CURE)
     if "variables" in content:
         return _variables(path, content)
     clock = content.pop("clock", CLOCKS[0])
     if clock not in CLOCKS:
         raise InputError(f"{path}: clock = {clock!r}; expected {' or '.join(map(repr, CLOCKS))}.")
-    signal_map.check_signals(path, content, NEEDED)
-    sources = {signal: _source(path, signal, table) for signal, table in content.items()}
-    scale = signal_map.motors(path, content["motors"])
-    return Layout(sources, scale, clock == CLOCKS[1])
+    sources, motors = signal_map.read_sources(path, content, NEEDED, _source)
+    return Layout(sources, motors, clock == CLOCKS[1])
 
 
 def _variables(path: Path, content: dict[str, Any]) -> Variables:
@@ -129,20 +128,6 @@ def _variables(path: Path, content: dict[str, Any]) -> Variables:
     return Variables({topic: tuple(some) for topic, some in names.items()})
 
 
-def _source(path: Path, signal: str, table: Any) -> Source:
-    known_keys = {"topic", "fields", "scale", *(MOTOR_KEYS if signal == "motors" else ())}
-    count = COUNTS[signal]
-    if (
-        not isinstance(table, dict)
-        or set(table) - known_keys
-        or not isinstance(table.get("topic"), str)
-        or not isinstance(table.get("fields"), list)
-        or len(table["fields"]) != count
-        or not all(isinstance(field, str) for field in table["fields"])
-    ):
-        raise InputError(
-            f"{path}: [{signal}] needs topic, a name, and fields, {count} of them, and may have "
-            f"{', '.join(sorted(known_keys - {'topic', 'fields'}))}."
-        )
-    scale = signal_map.number(path, signal, "scale", table.get("scale", 1.0))
-    return Source(table["topic"], tuple(table["fields"]), scale)
+def _source(signal: str, fields: Fields) -> Source:
+    names = fields.texts("fields", [COUNTS[signal]])
+    return Source(fields.text("topic"), names, fields.number("scale", usual=1.0))

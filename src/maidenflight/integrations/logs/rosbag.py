@@ -115,7 +115,7 @@ def _opened(path: Path, name: str) -> Iterator[Bag]:
     with optional("rosbags", "rosbag", "reading a ROS 2 recording"):
         from rosbags.rosbag2 import Reader
         from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
-    kind = ".db3" if _first(path).startswith(SQLITE.begins) else ".mcap"
+    kind = ".db3" if inputs.beginning(path, 16).startswith(SQLITE.begins) else ".mcap"
     storage: Any = Reader.STORAGE_PLUGINS[kind](path)
     try:
         storage.open()
@@ -182,11 +182,6 @@ def _refuse_undefined(bag: Bag, topics: Iterable[str]) -> None:
             "ROS 2 Iron do not. Convert it to MCAP where these messages are installed: ros2 bag "
             "convert, with storage_id: mcap."
         )
-
-
-def _first(path: Path) -> bytes:
-    with path.open("rb") as file:
-        return file.read(16)
 
 
 def _together(logs: list[tuple[Flight, np.ndarray, list[str]]]) -> LoggedFlights:

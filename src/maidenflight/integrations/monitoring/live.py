@@ -145,10 +145,7 @@ def training(
 
 
 def _training_view(blueprint: Any, flight: Flight | None = None) -> Any:
-    """Scores beside the best policy's flight.
-
-    Viewed from where a flight like the first one is in view, once there is one.
-    """
+    """Scores beside the best policy's flight, from where such a flight is in view."""
     titles = {
         "episode_return": "Return",
         "survival": "Survival [%]",
@@ -210,10 +207,7 @@ def _recording(rerun: Any, path: Path | None, layout: Any) -> Iterator[Any]:
 
 
 def _sent(recording: Any) -> bool:
-    """Whether all that was logged has reached the viewer or the file.
-
-    Without waiting for a viewer that was closed.
-    """
+    """Sends what was logged; false where the viewer was closed."""
     try:
         recording.flush(timeout_sec=_LONGEST_WAIT)
     except RuntimeError:
@@ -240,10 +234,7 @@ def _layout(blueprint: Any, views: Any) -> Any:
 
 
 def _flight_view(blueprint: Any, entity: str, flight: Flight | None = None) -> Any:
-    """A flight in space beside its time series.
-
-    Viewed from where all of it is in view, if it is known.
-    """
+    """A flight in space beside its time series; a known one is in view as a whole."""
     lines = [
         blueprint.TimeSeriesView(name=title, origin=f"{entity}/{series}")
         for series, (title, _) in _SERIES.items()

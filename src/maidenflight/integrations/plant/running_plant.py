@@ -131,10 +131,7 @@ def begin(plant: Plant, parameters: Parameters, key: Array) -> PlantState:
 
 @partial(jax.jit, static_argnums=1)
 def draw(key: Array, steps: int) -> Float[Array, "steps N"]:
-    """Returns random numbers of so many steps.
-
-    Drawn in each, they would take longer than the physics.
-    """
+    """Returns random numbers of many steps, which each step would draw too slowly."""
     normal, uniform = noise.draw(key, steps * _NORMALS, steps * sensors.UNIFORMS)
     return jnp.concatenate([normal.reshape(steps, -1), uniform.reshape(steps, -1)], axis=1)
 

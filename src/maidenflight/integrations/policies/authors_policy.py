@@ -111,10 +111,7 @@ def interface_of(control: str) -> ControlInterface:
 
 
 def control_of(path: Path) -> str | None:
-    """Finds the control structure that a file's name, or its folder's, says.
-
-    "attitude_rate" before "attitude", with which it begins.
-    """
+    """Finds the control structure that the name of a file or of its folder begins with."""
     names = path.stem.lower(), path.absolute().parent.name.lower()
     longest = sorted(CONTROLS, key=len, reverse=True)
     return next(

@@ -238,10 +238,7 @@ class Crazyflie:
             self._rows = rows
 
     def parameter(self, name: str) -> float | None:
-        """Returns a parameter's value as it was on connecting.
-
-        Nothing where the firmware has none of that name.
-        """
+        """Returns a parameter's value on connecting; None where the firmware has none such."""
         if self._cf.param.toc.get_element(*name.split(".")) is None:
             return None
         return float(self._cf.param.get_value(name))

@@ -214,10 +214,7 @@ def recover(folder: Path) -> tuple[list[Path], list[str]]:
 
 
 def _packets(table: Table, block: Block, stamps: Float[np.ndarray, "N"]) -> Int[np.ndarray, "M"]:
-    """Row numbers of a block's packets, in order of time and each once.
-
-    A radio may repeat and swap packets.
-    """
+    """Rows of a block's packets by time, each once: a radio may repeat and swap them."""
     # Not a number was sent, empty was not: only floats can be the one, only integers tell the
     # other.
     whole = next(name for name, kind in block.variables.items() if kind != "FP16")
@@ -255,10 +252,7 @@ def _match_instants(
 
 
 def _on_grid(flight: Flight, time: Float[np.ndarray, "N"], name: str, simulated: str) -> Flight:
-    """The flight with a row for each period.
-
-    Those that are missing are not numbers, and readers cut there.
-    """
+    """The flight with a row each period; those that are missing are not numbers."""
     number = np.round(time / PERIOD).astype(int)
     place, first = np.unique(number, return_index=True)
     fields: dict[str, Any] = {}

@@ -159,10 +159,7 @@ def layer(condition: str, mark: Spec, **encoding: Any) -> Spec:
 
 
 def tooltip(fields: Mapping[str, str]) -> list[Spec]:
-    """Returns the tooltip of a mark under the pointer: labels by the field.
-
-    Numbers in four digits.
-    """
+    """Returns the tooltip of a mark: labels by the field, numbers in four digits."""
     return [
         {"field": name, "title": label, **({"format": ".4~g"} if label.endswith("]") else {})}
         for name, label in fields.items()

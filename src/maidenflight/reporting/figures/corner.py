@@ -31,8 +31,7 @@ def corner(
 ) -> Figure:
     """Draws posterior samples of each pair of parameters, with distributions on the diagonal.
 
-    Where there are more than `MOST`, those with the strongest correlations stand, and the title
-    says so.
+    Of more than `MAX_PARAMETERS` those with the strongest correlations stand; the title says so.
 
     Args:
         draws: N values by parameter [SI], names as in `parameters.COMPONENTS`; an entry of each

@@ -68,10 +68,7 @@ def _boxed(rows: polars.DataFrame, *keys: str) -> bool:
 
 
 def _times(title: str, rows: polars.DataFrame) -> Figure | None:
-    """Box plots; control structures, where all are known, in groups and in their colours.
-
-    Nothing where no flight time is a number.
-    """
+    """Box plots, in groups if all control structures are known; None without a time."""
     if not rows["duration"].is_finite().any():
         return None
     colours = flight_time_figures.COLOURS
