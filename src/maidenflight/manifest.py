@@ -216,11 +216,7 @@ def _name(path: StrPath, folder: StrPath) -> str | None:
 
 
 def _entry(fields: Fields) -> Entry:
-    """Reads an entry.
-
-    Raises:
-        InputError: it is damaged, or lists a file outside the run folder.
-    """
+    """Reads an entry."""
     seed, written, read = fields.get("seed"), fields.table("written"), fields.table("inputs")
     if type(seed) not in (int, type(None)):
         raise fields.refused("seed", "a whole number")

@@ -203,11 +203,7 @@ def from_json(text: str, place: str = "policy", control: str | None = None) -> P
 
 
 def _own(content: Mapping[str, Any], place: str) -> Policy:
-    """The policy of a file of ours.
-
-    Raises:
-        InputError: it is damaged.
-    """
+    """The policy of a file of ours."""
     try:
         weights, biases = (
             tuple(_numbers(layer[name]) for layer in content["layers"])

@@ -187,11 +187,7 @@ def checksum(tables: Iterable[Numbers]) -> int:
 
 
 def _evaluated(policy: Policy, observations: Numbers) -> Numbers:
-    """The policy's outputs for a batch of observations, summed in float64 and then rounded.
-
-    Raises:
-        InputError: an action is too large for float32.
-    """
+    """The policy's outputs for a batch of observations, summed in float64 and then rounded."""
     mean, deviation = (
         np.asarray(numbers, np.float64)
         for numbers in (policy.observation_mean, policy.observation_std)

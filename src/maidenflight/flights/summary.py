@@ -113,6 +113,8 @@ def _summary(name: str, pieces: list[Flight]) -> Summary:
     command, attitude, volts = joined("command"), joined("attitude"), joined("battery")
     level = np.cos(attitude[:, 0]) * np.cos(attitude[:, 1])
     turning = command @ TORQUES[:, :2] / 4
+    battery = (float(np.nanmin(volts)), float(np.nanmax(volts))) if "battery" in signals else None
+    tilt = float(np.arccos(np.nanmin(level).clip(-1, 1))) if "attitude" in signals else None
     return Summary(
         name=name,
         pieces=len(pieces),
@@ -121,13 +123,9 @@ def _summary(name: str, pieces: list[Flight]) -> Summary:
         signals=signals,
         commands=ZERO_ORDER_HOLD if first.zero_order_hold else SUBSAMPLED,
         simulated=first.simulated,
-        battery=(float(np.nanmin(volts)), float(np.nanmax(volts)))
-        if "battery" in signals
-        else None,
+        battery=battery,
         speed=_size(joined("velocity")) if "velocity" in signals else None,
-        tilt=float(np.arccos(np.clip(np.nanmin(level), -1.0, 1.0)))
-        if "attitude" in signals
-        else None,
+        tilt=tilt,
         body_rates=_size(joined("body_rates")[:, :2]),
         command=float(command.mean()),
         thrust_spread=float(command.mean(axis=1).std()),

@@ -53,9 +53,9 @@ class Table:
             return f"line {self.first_line + row}"
         return f"row {self.first_row + row + 1}"
 
-    def share(self, columns: Sequence[str]) -> float:
-        """Returns the share of the named columns that are there."""
-        return len(set(columns) & set(self.frame.columns)) / len(columns)
+    def has_most_of(self, columns: Sequence[str]) -> bool:
+        """Returns whether most of the named columns are there."""
+        return len(set(columns) & set(self.frame.columns)) >= 0.6 * len(columns)
 
 
 def read(path: Path, name: str) -> Table:

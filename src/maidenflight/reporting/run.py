@@ -219,11 +219,7 @@ def _kinds(
 
 
 def _digests(record: Mapping[str, Any], path: Path | None) -> frozenset[str]:
-    """Digests of the flight logs that the record of a file names.
-
-    Raises:
-        InputError: it names its inputs in another way.
-    """
+    """Digests of the flight logs that the record of a file names."""
     digests = results.recorded_inputs(record, str(path)) if record else {}
     return frozenset(digest for digest, file in digests.items() if not file.endswith(".toml"))
 
@@ -239,9 +235,6 @@ def _recorded(
     """The flights in logs of any format, and why others cannot be used.
 
     Our own logs count whole, of others the gapless pieces in which the drone flies, if any.
-
-    Raises:
-        InputError: a log of ours, or one that an option names, cannot be used.
     """
     flights: list[tuple[Path, Flight]] = []
     refused = []
@@ -257,11 +250,7 @@ def _recorded(
 
 
 def _pieces(path: Path) -> Sequence[Flight]:
-    """The pieces of a log in which the drone flies; the whole of one that is brief.
-
-    Raises:
-        InputError: there is not even that.
-    """
+    """The pieces of a log in which the drone flies; the whole of one that is brief."""
     try:
         return read_flights(path, faulty="use").flights
     except InputError:
@@ -301,11 +290,7 @@ def _own(path: Path, records: dict[str, Mapping[str, Any]]) -> Flight:
 def _test_flights(
     files: RunFiles, records: dict[str, Mapping[str, Any]]
 ) -> tuple[polars.DataFrame | None, tuple[Flight, ...]]:
-    """Reads the rows of test flights, and their logs.
-
-    Raises:
-        InputError: a file is broken, or there are not as many logs as rows.
-    """
+    """Reads the rows of test flights, and their logs."""
     path = files.first("flights")
     if path is None:
         return None, ()

@@ -325,11 +325,7 @@ def _expanded(
 def _content(
     entry: _Entry, settings: dict[str, Any], digests: dict[str, list[str]]
 ) -> dict[str, Any]:
-    """The settings by which a result is named: with the content of files that they name.
-
-    Raises:
-        InputError: a file is not there, or the settings do not go together.
-    """
+    """The settings by which a result is named: with the content of files that they name."""
     content = dict(settings)
     for name, setting in settings_of(entry.verb).items():
         value = settings.get(name)
@@ -348,11 +344,7 @@ def _content(
 
 
 def _digests(value: str, label: str, known: dict[str, list[str]]) -> list[str]:
-    """Digests of the files that a setting names, if it does: files, folders, and drones behind @.
-
-    Raises:
-        InputError: it names a file that is not there.
-    """
+    """Digests of files that a setting names, if any: files, folders, and drones behind @."""
     if value not in known:
         # A name that is too long for a file system is there as little as any other.
         parts = [value] if os.path.exists(value) else re.split("[@+]", value)[:2]

@@ -30,14 +30,8 @@ UNITS = {
     **{"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     **{"m": 1.0, "cm": 1e-2, "mm": 1e-3, "m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
     **{"rad": 1.0, "deg": np.pi / 180, "rad/s": 1.0, "mrad/s": 1e-3, "deg/s": np.pi / 180},
-    **{
-        "m/s2": 1.0,
-        "g": GRAVITY,
-        "mg": 1e-3 * GRAVITY,
-        "V": 1.0,
-        "mV": 1e-3,
-        "rpm": 2 * np.pi / 60,
-    },
+    **{"m/s2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY},
+    **{"V": 1.0, "mV": 1e-3, "rpm": 2 * np.pi / 60},
 }
 """SI units in each unit that a column may have."""
 REMEDY = "Log them at a higher rate."

@@ -17,20 +17,8 @@ from maidenflight.flights.tables import Table
 from maidenflight.simulator.physics import battery
 
 COLUMNS = (
-    *(
-        "x",
-        "y",
-        "z",
-        "x_dot",
-        "y_dot",
-        "z_dot",
-        "roll",
-        "pitch",
-        "yaw",
-        "roll_dot",
-        "pitch_dot",
-        "yaw_dot",
-    ),
+    *("x", "y", "z", "x_dot", "y_dot", "z_dot"),
+    *("roll", "pitch", "yaw", "roll_dot", "pitch_dot", "yaw_dot"),
     *("n0", "n1", "n2", "n3", "mot0", "mot1", "mot2", "mot3", "bat", "time"),
 )
 
@@ -44,11 +32,6 @@ PERIOD = 0.01
 GAP = 0.1
 """Step of the rounded time above which rows must be missing [s]; rounding makes steps of up to 63
 ms."""
-
-
-def recognises(table: Table) -> bool:
-    """Returns whether most of the columns are there."""
-    return table.share(COLUMNS) >= 0.6
 
 
 def flights(table: Table) -> LoggedFlights:
@@ -109,9 +92,7 @@ def _flight(table: dict[str, np.ndarray], name: str) -> Flight:
 
     voltage = table["bat"].astype(np.float32)
     ratio = columns("mot0", "mot1", "mot2", "mot3") / np.float32(65536.0)
-    with np.errstate(
-        invalid="ignore"
-    ):  # a battery that is not a number makes a command that is not one, which checking drops
+    with np.errstate(invalid="ignore"):  # checking drops what is not a number
         command = np.minimum(battery.thrust_command(ratio, voltage[:, None], battery.AUTHORS), 1.0)
     # Where the network commanded the motors, its own command equals that of the motors.
     wanted = (np.clip(columns("n0", "n1", "n2", "n3"), -1.0, 1.0) + 1.0) / 2.0
@@ -136,4 +117,6 @@ def _flight(table: dict[str, np.ndarray], name: str) -> Flight:
     )
 
 
-FORMAT = TableFormat("the 22 columns of Gronauer et al.", recognises, flights)
+FORMAT = TableFormat(
+    "the 22 columns of Gronauer et al.", lambda table: table.has_most_of(COLUMNS), flights
+)

@@ -124,11 +124,7 @@ def _silent() -> Iterator[None]:
 
 
 def _groups(name: str, fields: list[str]) -> dict[str, list[str]]:
-    """Columns of each signal that is used.
-
-    Raises:
-        InputError: one that is needed is missing.
-    """
+    """Columns of each signal that is used."""
     setpoints = {
         "gyroUnfilt": 3,
         "gyroADC": 3,
@@ -239,11 +235,7 @@ def _flight(
 def _command(
     name: str, motor: Float[np.ndarray, "N 4"], headers: Mapping[str, Any]
 ) -> tuple[Float[np.ndarray, "N 4"], list[str]]:
-    """Thrust commands of our motors, and how they were read.
-
-    Raises:
-        InputError: the header lacks the outputs' bounds, or these are none.
-    """
+    """Thrust commands of our motors, and how they were read."""
     bounds = headers.get("motorOutput")
     if not (
         isinstance(bounds, list)

@@ -181,11 +181,7 @@ def flights(table: Table) -> LoggedFlights:
 
 
 def _chosen(table: Table) -> dict[str, Spelling]:
-    """How each signal that a table has is spelt.
-
-    Raises:
-        InputError: one that is needed is missing.
-    """
+    """How each signal that a table has is spelt."""
     present = set(table.frame.columns)
     ways = SPELLINGS | OPTIONAL
     spellings = {

@@ -50,11 +50,6 @@ HALF = 75
 """Half the rows of a match."""
 
 
-def recognises(table: Table) -> bool:
-    """Returns whether most of the columns are there."""
-    return table.share(COLUMNS) >= 0.6
-
-
 def flights(table: Table) -> LoggedFlights:
     """Returns a table's flight, unchecked, the time of its rows [s], and a note on its commands.
 
@@ -179,4 +174,6 @@ def _smoothest_path(match: np.ndarray, penalty: float = 0.02, farthest: int = 3)
     return np.array(path[::-1])
 
 
-FORMAT = TableFormat("NanoBench's 51 columns", recognises, flights, compensated=True)
+FORMAT = TableFormat(
+    "NanoBench's 51 columns", lambda table: table.has_most_of(COLUMNS), flights, compensated=True
+)

@@ -170,11 +170,7 @@ def _decompress(raw: bytes) -> bytes:
 
 
 def _refuse_undefined(bag: Bag, topics: Iterable[str]) -> None:
-    """Refuses topics whose messages cannot be decoded.
-
-    Raises:
-        InputError: the message types, and what brings their definitions.
-    """
+    """Refuses topics whose messages cannot be decoded."""
     lacking = sorted({bag.types[topic] for topic in topics} & bag.undefined)
     if lacking:
         raise InputError(

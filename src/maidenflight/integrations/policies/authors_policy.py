@@ -81,11 +81,7 @@ def read_authors_policy(content: Mapping[str, Any], place: str, control: str | N
 
 
 def _network(content: Mapping[str, Any], place: str) -> Network:
-    """The network of one of the authors' policies.
-
-    Raises:
-        InputError: it is damaged, or its check sum does not hold.
-    """
+    """The network of one of the authors' policies."""
     if content["activation"] != "relu":
         raise InputError(f"{place}: activation = {content['activation']!r}, expected 'relu'.")
     try:

@@ -196,11 +196,7 @@ def of_own_environment(path: StrPath) -> DescribedPolicy:
 
 
 def _read(path: StrPath) -> dict[str, Any]:
-    """What a file says, checked.
-
-    Raises:
-        InputError: it cannot be read, or a value makes no sense.
-    """
+    """What a file says, checked."""
     content = inputs.toml_file(path, "a policy's TOML file", "Mend it.")
     if "network" not in content:
         raise InputError(f"{path}: network is lacking; expected the name of a file beside it.")

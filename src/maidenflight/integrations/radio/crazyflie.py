@@ -157,11 +157,7 @@ class Crazyflie:
         return table is not None and table.get_element(*name.split(".")) is not None
 
     def _start_blocks(self) -> None:
-        """Starts the blocks, and the motors' again until both tell the same instant.
-
-        Raises:
-            InputError: the firmware lacks a variable, or a block stays silent.
-        """
+        """Starts the blocks, and the motors' again until both tell the same instant."""
         missing = [
             name
             for block in (*self.blocks, VARIANCE)

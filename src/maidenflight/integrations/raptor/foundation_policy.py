@@ -104,11 +104,7 @@ def observed(
 
 @lru_cache(maxsize=1)
 def _network() -> Any:
-    """The network, read when first needed.
-
-    Raises:
-        InputError: its package is not installed.
-    """
+    """The network, read when first needed."""
     with optional("foundation_policy", "raptor", "RAPTOR"):
         package: Any = importlib.import_module("foundation_policy")
     return package.Raptor()

@@ -226,11 +226,7 @@ def _world() -> _World:
 
 
 def _pybullet() -> Any:
-    """The package, imported when first needed.
-
-    Raises:
-        InputError: it is not installed.
-    """
+    """The package, imported when first needed."""
     remark = "compiled by pip in many minutes, except for Python 3.11 on Linux"
     return imported("pybullet", "pybullet", "this drone", remark)
 
