@@ -116,15 +116,8 @@ def folded(policy: Policy) -> tuple[Numbers, Numbers]:
     Raises:
         InputError: one is too large for float32.
     """
-    weights, biases, mean, deviation = (
-        np.asarray(numbers, np.float64)
-        for numbers in (
-            policy.weights[0],
-            policy.biases[0],
-            policy.observation_mean,
-            policy.observation_std,
-        )
-    )
+    tables = policy.weights[0], policy.biases[0], policy.observation_mean, policy.observation_std
+    weights, biases, mean, deviation = (np.asarray(table, np.float64) for table in tables)
     scaled = weights / deviation
     shifted = biases - scaled @ mean
     if max(np.abs(scaled).max(), np.abs(shifted).max()) > np.finfo(np.float32).max:
