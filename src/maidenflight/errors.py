@@ -2,7 +2,7 @@
 
 import errno
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from os import PathLike
@@ -19,6 +19,12 @@ _UNPRINTABLE = re.compile(
 def printable(text: str) -> str:
     """Replaces what would control a terminal by its code in hexadecimal digits."""
     return _UNPRINTABLE.sub(lambda match: f"\\u{ord(match[0]):04x}", text)
+
+
+def first_few(entries: Sequence[str], between: str = ", ", most: int = 3) -> str:
+    """Returns the first entries of a list, and how many more there are."""
+    rest = len(entries) - most
+    return between.join(entries[:most]) + (f" and {rest} more" if rest > 0 else "")
 
 
 class InputError(ValueError):

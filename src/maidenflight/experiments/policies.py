@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from maidenflight import names, policy_file, run_folder
-from maidenflight.errors import InputError
+from maidenflight.errors import InputError, first_few
 from maidenflight.flying.foreign_policy import foreign_policy
 from maidenflight.flying.pilots import ForeignPolicy
 from maidenflight.inputs import StrPath
@@ -106,8 +106,7 @@ class Policies:
         ]
         if not others:
             return []
-        more = f" and {len(others) - 3} more" if len(others) > 3 else ""
-        return [f"another task than that of the training: {'; '.join(others[:3])}{more}."]
+        return [f"another task than that of the training: {first_few(others, '; ')}."]
 
 
 def _usual(task: str) -> str:

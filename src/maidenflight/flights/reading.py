@@ -15,7 +15,7 @@ from typing import NamedTuple, TypedDict, Unpack
 import numpy as np
 
 from maidenflight import names, run_folder
-from maidenflight.errors import InputError
+from maidenflight.errors import InputError, first_few
 from maidenflight.flights import compensation, formats, log, not_logs
 from maidenflight.flights.checked_log import check_log, cut
 from maidenflight.flights.checkup import one_drone
@@ -293,9 +293,8 @@ def _nothing(path: Path, files: int, reasons: list[str]) -> str:
             f"{path}: no flight logs ({', '.join(formats.suffixes())}) in this folder or below it. "
             f"Give the folder that holds yours, or record some (maidenflight record -o {place})."
         )
-    more = f"; and {len(reasons) - 3} more" if len(reasons) > 3 else ""
     return (
-        f"{path}: no usable flight in {files} files ({'; '.join(reasons[:3])}{more}). A flight "
+        f"{path}: no usable flight in {files} files ({first_few(reasons, '; ')}). A flight "
         "needs 0.5 s in the air."
     )
 

@@ -225,11 +225,8 @@ def _entry(content: Any, place: str, known: Mapping[str, _Entry]) -> _Entry:
 def _is_in_table(name: str, settings: Mapping[str, Setting], grid: Mapping[str, Any]) -> bool:
     """Returns whether a grid's name, such as set.latency, is of a value in a table."""
     table, _, inner = name.partition(".")
-    return (
-        bool(inner)
-        and name in grid
-        and isinstance(getattr(settings.get(table), "default", 0), dict)
-    )
+    holds_table = isinstance(getattr(settings.get(table), "default", None), dict)
+    return bool(inner) and name in grid and holds_table
 
 
 def _put(settings: dict[str, Any], point: Mapping[str, Any]) -> dict[str, Any]:
@@ -355,10 +352,8 @@ def _digests(value: str, label: str, known: dict[str, list[str]]) -> list[str]:
             elif os.path.isfile(part):
                 # A policy by others is described by one file and stored in another beside it.
                 neighbours = part.parent.iterdir() if part.suffix == ".toml" else ()
-                files += [
-                    part,
-                    *sorted(one for one in neighbours if one.suffix in (".onnx", ".zip")),
-                ]
+                files.append(part)
+                files += sorted(one for one in neighbours if one.suffix in (".onnx", ".zip"))
             elif part.suffix in (".toml", ".json", ".csv"):
                 raise InputError(f"{label} = {value!r}: no file {part} in the study's folder.")
         known[value] = [f"{path.name} {results.digest(path)}" for path in files]

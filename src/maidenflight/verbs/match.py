@@ -66,12 +66,11 @@ class Match(Verb):
                 f"{len(flights)} flights. Give the policies that flew, and logs at their rate that "
                 "hold the estimates which the policies saw."
             )
+        usual = core.drones.choose_prediction(self.first)
         match = core.match(
             matched_flights,
             policies,
-            core.drones.possible_drones(
-                self.first, core.drones.choose_prediction(self.first), self.seed
-            ),
+            core.drones.possible_drones(self.first, usual, self.seed),
             self.key,
             loop,
             core.real_controller,

@@ -152,11 +152,10 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Returns a picture, (480, 640, 3) uint8; `None` without a `render_mode`."""
         if self.render_mode is None:
             return None
-        if self._groups is None:
-            raise InputError("render: no episode has begun. Call reset() first.")
+        groups = flying.check_begun(self._groups, "render")
         if self._scene is None:
             self._scene = self.make_scene()
-        return self._scene.draw(View(*map(np.asarray, self.program.view(self._groups))))
+        return self._scene.draw(View(*map(np.asarray, self.program.view(groups))))
 
     def make_scene(self) -> Scene:
         """Returns the task before a camera, for the pictures of a drone."""

@@ -98,10 +98,8 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         flying.check_step(self._groups, commands.shape, self.action_space.shape)
         self._groups, rows = self._program.step_all(self._groups, commands)
         rows = np.array(rows)
-        observations, (rewards, reasons, errors, durations) = (
-            rows[:, : -flying.STATISTICS].copy(),
-            rows[:, -flying.STATISTICS :].T,
-        )
+        observations = rows[:, : -flying.STATISTICS].copy()
+        rewards, reasons, errors, durations = rows[:, -flying.STATISTICS :].T
         if np.isnan(rewards).any() and not np.isfinite(commands).all():
             raise InputError(
                 "step: an action is not finite, expected finite numbers. Has the policy diverged?"
@@ -121,11 +119,10 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Returns a picture of each drone, as of `QuadrotorEnv`."""
         if self.render_mode is None:
             return None
-        if self._groups is None:
-            raise InputError("render: no episode has begun. Call reset() first.")
+        groups = flying.check_begun(self._groups, "render")
         if not self._scenes:
             self._scenes = [self._make_scene() for _ in range(self.num_envs)]
-        parts = [np.asarray(part) for part in self._program.view_all(self._groups)]
+        parts = [np.asarray(part) for part in self._program.view_all(groups)]
         return tuple(
             scene.draw(View(*(part[i] for part in parts))) for i, scene in enumerate(self._scenes)
         )

@@ -162,19 +162,15 @@ def step(
     near = dynamics.near_ground(parameters, before.state.position[2])
     advanced = plant.integrator(before.state, arriving, near)
     state = dynamics.floor_reaction(advanced, STANDING_HEIGHT_M)
-    gyro = sensors.low_pass(
-        before.gyro, before.state.body_rates, state.body_rates, jnp.float32(STEP), parameters
-    )
-    bias = sensors.walk_bias(before.gyro_bias, jnp.float32(STEP), parameters, normal[4:7])
+    time_step = jnp.float32(STEP)
+    rates = before.state.body_rates, state.body_rates
     after = before._replace(
         state=state,
         delay_line=commands,
         actuators=powered,
-        gyro=gyro,
-        gyro_bias=bias,
-        gyro_noise=sensors.gyro_noise(
-            before.gyro_noise, jnp.float32(STEP), parameters, normal[19:22]
-        ),
+        gyro=sensors.low_pass(before.gyro, *rates, time_step, parameters),
+        gyro_bias=sensors.walk_bias(before.gyro_bias, time_step, parameters, normal[4:7]),
+        gyro_noise=sensors.gyro_noise(before.gyro_noise, time_step, parameters, normal[19:22]),
     )
     change = (state.velocity - before.state.velocity) / STEP
     force = _turned_back(state.quaternion, change.at[2].add(parameters.gravity))

@@ -66,15 +66,14 @@ def _panel(
     y = charts.number("y", "distance [cm]")
     tooltip = charts.tooltip({"series": "policy", "flight": "flight", "back": "back after"})
     shared = {"color": charts.coloured(colours), "detail": {"field": "place"}, "tooltip": tooltip}
+    line = {"type": "line", "strokeWidth": 1.1, "opacity": 0.8}
     cross = {"type": "point", "shape": charts.CROSS, "size": 40, "strokeWidth": 1.6}
+    dashes = {"type": "rule", "strokeDash": [7, 4], "strokeWidth": 1.3}
+    ink = {"type": "rule", "color": charts.paint("ink"), "strokeWidth": 1.3}
     layers: list[Spec] = [
-        charts.layer(
-            "flight", {"type": "line", "strokeWidth": 1.1, "opacity": 0.8}, x=x, y=y, **shared
-        ),
+        charts.layer("flight", line, x=x, y=y, **shared),
         charts.layer("end", cross, x=x, y=y, **shared),
-        charts.layer("within", {"type": "rule", "strokeDash": [7, 4], "strokeWidth": 1.3}, y=y),
-        charts.layer(
-            "jump", {"type": "rule", "color": charts.paint("ink"), "strokeWidth": 1.3}, x=x
-        ),
+        charts.layer("within", dashes, y=y),
+        charts.layer("jump", ink, x=x),
     ]
     return charts.panel(charts.rows(rows), layers, title=str(part["reality"][0]), height=220)

@@ -28,7 +28,7 @@ def flight_times(
     Args:
         rows: a row a flight: `row`, `colour` (a name in `colours.css`), `panel`, `duration` [s] and
             `end_reason`. Where it has `group`, rows of a group stand together. Of a row's name only
-            only what follows a tab is displayed.
+            what follows a tab is displayed.
         title: of the picture.
         labels: what colours stand for, by colour; no legend of colours by default.
 
@@ -50,20 +50,12 @@ def flight_times(
     rows = rows.filter(polars.col("row").is_in(names))
     panels = rows["panel"].unique(maintain_order=True).to_list()
     last = max(1.04 * float(rows["duration"].to_numpy().max()), 0.01)
-    return Figure(
-        title,
-        [
-            _panel(
-                rows.filter(polars.col("panel") == name),
-                names,
-                last,
-                str(name) if len(panels) > 1 else "",
-            )
-            for name in panels
-        ],
-        _legend(rows, labels or {}),
-        least=360,
-    )
+    titles = {name: str(name) if len(panels) > 1 else "" for name in panels}
+    drawn = [
+        _panel(rows.filter(panel=name), names, last, panel_title)
+        for name, panel_title in titles.items()
+    ]
+    return Figure(title, drawn, _legend(rows, labels or {}), least=360)
 
 
 def _panel(flights: polars.DataFrame, names: list[str], last: float, title: str) -> Spec:

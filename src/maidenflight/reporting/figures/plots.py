@@ -58,11 +58,8 @@ def plot_flight(flight: Flight) -> Picture:
         for title, values in signals.items()
         if np.isfinite(values).any()
     ]
-    return Picture(
-        Figure(
-            flight.name, panels, _legend("x, roll, 1", "y, pitch, 2", "z, yaw, 3", "4"), columns=2
-        )
-    )
+    legend = _legend("x, roll, 1", "y, pitch, 2", "z, yaw, 3", "4")
+    return Picture(Figure(flight.name, panels, legend, columns=2))
 
 
 def plot_policy(policy: Policy) -> Picture:

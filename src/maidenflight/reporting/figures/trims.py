@@ -52,12 +52,9 @@ def _panel(
     flights: polars.DataFrame, name: str, label: str, scale: float, estimate: Estimate | None
 ) -> Spec:
     values = scale * flights[name].cast(polars.Float64).to_numpy()
-    error = f"{name}_error"
-    width = (
-        scale * flights[error].cast(polars.Float64).to_numpy()
-        if error in flights.columns
-        else np.full(len(values), np.nan)
-    )
+    error, width = f"{name}_error", np.full(len(values), np.nan)
+    if error in flights.columns:
+        width = scale * flights[error].cast(polars.Float64).to_numpy()
     rows: list[Spec] = [
         {"series": "flight", "x": number, "place": place, "name": flight, "y": value}
         | {"error": spread, "low": value - spread, "high": value + spread}

@@ -1,6 +1,7 @@
 """Several runs side by side: what was identified, and how policies flew."""
 
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -147,12 +148,8 @@ def _draw(runs: Runs, names: Sequence[str]) -> Figure:
             ]
     labels = [(name.replace("_", " "), "") for name in names]
     legend = [Entry(name, _colour(runs, name), "bar", name) for name in runs]
-    return Figure(
-        "Parameters",
-        [intervals.rows(labels, marks, intervals.plausible_axis(), {"name": "run"})],
-        legend,
-        columns=1,
-    )
+    panel = intervals.rows(labels, marks, intervals.plausible_axis(), {"name": "run"})
+    return Figure("Parameters", [panel], legend, columns=1)
 
 
 def _colour(runs: Runs, name: str) -> str:
@@ -161,12 +158,10 @@ def _colour(runs: Runs, name: str) -> str:
 
 def _measure_difference(estimates: Mapping[str, Estimate]) -> float:
     """Largest difference of two estimates in standard errors of the difference."""
-    several = list(estimates.values())
-    errors = [(one.interval[1] - one.interval[0]) / _WIDTH for one in several]
+    values = [(one.value, np.ptp(one.interval) / _WIDTH) for one in estimates.values()]
     return max(
-        abs(several[i].value - several[j].value) / max(float(np.hypot(errors[i], errors[j])), 1e-30)
-        for i in range(len(several))
-        for j in range(i)
+        abs(value - other) / max(float(np.hypot(error, other_error)), 1e-30)
+        for (value, error), (other, other_error) in combinations(values, 2)
     )
 
 

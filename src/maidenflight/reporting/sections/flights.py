@@ -96,12 +96,10 @@ def change(run: Run) -> Markup:
         "reality": "Drone",
         "policy": "Policy",
         "flights": "Flights",
-    }
-    columns |= {
         "lasting": "To the end",
         "soon": f"Back within {within} cm in {recovery.SOON_S:g} s",
+        "recovery": tables.number("Median time to be back [s]", 2),
     }
-    columns |= {"recovery": tables.number("Median time to be back [s]", 2)}
     return render(
         "change.html",
         changes=changes.changes(recoveries, run.flights),
@@ -162,9 +160,8 @@ def _viewer(run: Run) -> Markup:
     viewer_count, of = len(runs.viewable(run)), len(runs.flights_to_show(run))
     if not viewer_count:
         return Markup()
-    return render(
-        "viewer.html", rate=f"{viewer.rate_of(viewer_count):g}", held=viewer_count, flights=of
-    )
+    rate = f"{viewer.rate_of(viewer_count):g}"
+    return render("viewer.html", rate=rate, held=viewer_count, flights=of)
 
 
 def _trims_of(run: Run) -> polars.DataFrame:
@@ -206,9 +203,6 @@ def _recorded(run: Run, rows: polars.DataFrame) -> Markup:
         "battery": tables.number("Battery [V]", 2),
     }
     in_viewer = run.table is None
-    return tables.sortable(
-        "flights" if in_viewer else "recorded",
-        rows,
-        columns,
-        viewable(run) if in_viewer else None,
-    )
+    if in_viewer:
+        return tables.sortable("flights", rows, columns, viewable(run))
+    return tables.sortable("recorded", rows, columns)

@@ -94,12 +94,12 @@ def title(run: Run) -> str:
 
 def summarize(run: Run) -> str:
     """Returns what this run is, in two or three sentences."""
-    trained = (
-        [f"{text.plural(run.policies, 'policy')} trained in simulation"] if run.policies else []
-    )
+    trained = []
+    if run.policies:
+        trained.append(f"{text.plural(run.policies, 'policy')} trained in simulation")
     if run.study is not None:
         entries = text.plural(run.study["task"].n_unique(), "entry")
-        trained = [*trained, f"a study of {entries} and {text.plural(run.study.height, 'row')}"]
+        trained.append(f"a study of {entries} and {text.plural(run.study.height, 'row')}")
     lines = [*_predicted(run), *_tested(run)]
     differs = _kinds_of_tests(run) == {True} and bool(_drawn_from(run) - {True}) and bool(lines)
     sentences = [
@@ -148,10 +148,8 @@ def _predicted(run: Run) -> list[str]:
     if run.prediction is None:
         return []
     count = text.plural(run.prediction["policy"].n_unique(), "policy")
-    return [
-        f"{text.plural(run.prediction.height, 'flight')} of {count} predicted on an identified "
-        "drone"
-    ]
+    flights = text.plural(run.prediction.height, "flight")
+    return [f"{flights} of {count} predicted on an identified drone"]
 
 
 def _tested(run: Run) -> list[str]:
