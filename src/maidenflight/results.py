@@ -109,11 +109,8 @@ def remove_older(written: Sequence[StrPath], record: Mapping[str, Any]) -> None:
             settings.
     """
     new_files = {Path(path) for path in written}
-    for path in {
-        candidate
-        for folder in {path.parent for path in new_files}
-        for candidate in folder.glob("*.csv")
-    } - new_files:
+    folders = {path.parent for path in new_files}
+    for path in {table for folder in folders for table in folder.glob("*.csv")} - new_files:
         settings = read_record(path).get("settings")
         if isinstance(settings, dict) and settings.keys() == record["settings"].keys():
             path.unlink()

@@ -61,15 +61,9 @@ class VerbCommand(click.Command):
         self.verb, self.declared = verb, {k: v for k, (_, v) in verb.settings().items()}
         rare = any(setting.rare for setting in self.declared.values())
         self.project = settings_for(verb, project)
-        super().__init__(
-            verb.name,
-            params=[
-                _parameter(name, one, name in self.project) for name, one in self.declared.items()
-            ]
-            + _common_options(verb, rare),
-            callback=self._run,
-            help=verb.__doc__,
-        )
+        own = [_parameter(name, one, name in self.project) for name, one in self.declared.items()]
+        params = [*own, *_common_options(verb, rare)]
+        super().__init__(verb.name, params=params, callback=self._run, help=verb.__doc__)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Writes the options of each group below its heading."""
@@ -144,27 +138,20 @@ def _common_options(verb: type[Verb], rare: bool) -> list[click.Parameter]:
             context.exit()
 
     default_text = f" [default: {verb.output.default}]" if verb.output.default else ""
-    json_help = "Print one JSON object, and nothing else, on standard output."
-    every = click.Option(
-        ["--help-all"],
-        is_flag=True,
-        is_eager=True,
-        expose_value=False,
-        callback=show_every_option,
-        help="Show all options and exit.",
-    )
-    replace = click.Option(["--overwrite"], is_flag=True, help="Replace results of an earlier run.")
-    return [
-        click.Option(
-            ["-o", "--output"],
-            type=click.Path(),
-            metavar="PATH",
-            help=f"{verb.output.help}{default_text}",
-        ),
-        click.Option(["as_json", "--json"], is_flag=True, help=json_help),
-        *([replace] if verb.replaces else []),
-        *([every] if rare else []),
+    help = f"{verb.output.help}{default_text}"
+    options: list[click.Parameter] = [
+        click.Option(["-o", "--output"], type=click.Path(), metavar="PATH", help=help)
     ]
+    help = "Print one JSON object, and nothing else, on standard output."
+    options.append(click.Option(["as_json", "--json"], is_flag=True, help=help))
+    if verb.replaces:
+        help = "Replace results of an earlier run."
+        options.append(click.Option(["--overwrite"], is_flag=True, help=help))
+    if rare:
+        shown: Any = {"is_flag": True, "is_eager": True, "expose_value": False}
+        help = "Show all options and exit."
+        options.append(click.Option(["--help-all"], **shown, callback=show_every_option, help=help))
+    return options
 
 
 class Commands(click.Group):
