@@ -142,11 +142,8 @@ def _render(content: Mapping[str, Any], sections: Sequence[Section], logs: Any =
     has_charts = any("<figure class=chart " in section.content for section in sections)
     scripts = [asset("page.js")]
     scripts += [asset(name) for name in _VIEWER] if logs else []
-    scripts += (
-        [*vega(), Markup(f"const LOOK = {asset('look.json')};"), asset("charts.js")]
-        if has_charts
-        else []
-    )
+    if has_charts:
+        scripts += [*vega(), Markup(f"const LOOK = {asset('look.json')};"), asset("charts.js")]
     page = render(
         "page.html",
         **content,

@@ -5,7 +5,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from maidenflight import names, results, run_folder
+from maidenflight import results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.settings import (
     choice,
@@ -14,7 +14,6 @@ from maidenflight.settings import (
     listed,
     number,
     setting,
-    several,
     table,
     whole,
 )
@@ -99,14 +98,7 @@ class Identify(Verb):
         rare=True,
     )
     most_seconds: float = shared.most_seconds()
-    ignore: tuple[str, ...] = setting(
-        several(choice(*names.OPTIONAL_SIGNALS), empty=True),
-        (),
-        "Signal to pass over as if it had not been logged, to judge the estimates without it; may "
-        "be repeated.",
-        group=shared.LOGS,
-        rare=True,
-    )
+    ignore: tuple[str, ...] = shared.ignore()
     commands: str | None = shared.commands()
     battery_law: str | None = shared.battery_law()
     faulty: str = shared.faulty()

@@ -55,13 +55,11 @@ def flights(table: Table) -> LoggedFlights:
         part = {name: values[start:stop] for name, values in column.items()}
         flight = _flight(part, table.name if len(parts) == 1 else f"{table.name} part {number}")
         logs.append((flight, np.arange(len(flight)) * PERIOD))
-    place = ", ".join(table.place(start) for start, _ in parts[1:4])
-    notes = (
-        [f"{table.name}: {len(parts)} flights in one file; time runs backwards or leaps at {place}"]
-        if len(parts) > 1
-        else []
-    )
-    return logs, notes
+    if len(parts) == 1:
+        return logs, []
+    places = ", ".join(table.place(start) for start, _ in parts[1:4])
+    reason = f"time runs backwards or leaps at {places}"
+    return logs, [f"{table.name}: {len(parts)} flights in one file; {reason}"]
 
 
 def _refuse_another_rate(name: str, times: list[np.ndarray]) -> None:
@@ -99,10 +97,8 @@ def _flight(table: dict[str, np.ndarray], name: str) -> Flight:
     free = np.isfinite(command) & (ratio < _SATURATED)
     zero_order_hold = bool(free.any() and np.median(np.abs(command - wanted)[free]) < 0.02)
     clock = (np.round(table["time"][0] / PERIOD) + np.arange(len(voltage))) * PERIOD
-    angle = 2 * np.pi * clock / 3.0
-    setpoint = np.stack(
-        [0.25 * (1 - np.cos(angle)), 0.25 * np.sin(angle), np.ones_like(angle)], axis=-1
-    )
+    angle, height = 2 * np.pi * clock / 3.0, np.ones_like(clock)
+    setpoint = np.stack([0.25 * (1 - np.cos(angle)), 0.25 * np.sin(angle), height], axis=-1)
     return flight_of(
         name,
         PERIOD,

@@ -55,7 +55,7 @@ class Variables:
     """By topic, in the order of their values."""
 
 
-_XYZ = ("x", "y", "z")
+_XYZ = "xyz"
 _IMU = ("imu/data_raw", "imu/data")
 _MAVROS = {
     "body_rates": (_IMU, tuple(f"angular_velocity.{axis}" for axis in _XYZ)),
@@ -63,10 +63,7 @@ _MAVROS = {
     # Front right, back left, front left, back right, as PX4 and ArduPilot number an X.
     "motors": (("rc/out",), tuple(f"channels[{number}]" for number in (0, 3, 1, 2))),
     "position": (("local_position/pose",), tuple(f"pose.position.{axis}" for axis in _XYZ)),
-    "attitude": (
-        ("local_position/pose",),
-        tuple(f"pose.orientation.{axis}" for axis in (*_XYZ, "w")),
-    ),
+    "attitude": (("local_position/pose",), tuple(f"pose.orientation.{axis}" for axis in "xyzw")),
     "velocity": (
         ("local_position/velocity_local",),
         tuple(f"twist.linear.{axis}" for axis in _XYZ),
@@ -117,10 +114,11 @@ def read(path: Path) -> Layout | Variables:
 
 def _variables(path: Path, content: dict[str, Any]) -> Variables:
     names = content["variables"]
-    if set(content) != {"variables"} or not isinstance(names, dict) or not all(
+    sound = [
         isinstance(some, list) and some and all(isinstance(one, str) for one in some)
-        for some in names.values()
-    ):  # fmt: skip
+        for some in (names.values() if isinstance(names, dict) else [None])
+    ]
+    if set(content) != {"variables"} or not all(sound):
         raise InputError(
             f"{path}: expected the names of each topic's values alone, such as "
             '\'[variables]\' and \'"/cf1/log1" = ["gyro.x", "gyro.y"]\'.'
