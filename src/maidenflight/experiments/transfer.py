@@ -192,11 +192,8 @@ def fly_firmware(
     for name in controllers:
         for place in realities:
             try:
-                pilot = firmware_pilot(name, counts)
-                baseline = transfer(
-                    [pilot], place, trials, key, names=[f"{name} (firmware)"], **how
-                )
-                tables.append(baseline.table)
+                pilot, label = firmware_pilot(name, counts), f"{name} (firmware)"
+                tables.append(transfer([pilot], place, trials, key, names=[label], **how).table)
             except InputError as error:
                 notes.append(f"the firmware's {name} does not fly in {place.name}: {error}")
     return tables, notes

@@ -5,7 +5,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from maidenflight import names, results, run_folder
+from maidenflight import results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.settings import (
     choice,
@@ -14,7 +14,6 @@ from maidenflight.settings import (
     listed,
     number,
     setting,
-    several,
     table,
     whole,
 )
@@ -99,14 +98,7 @@ class Identify(Verb):
         rare=True,
     )
     most_seconds: float = shared.most_seconds()
-    ignore: tuple[str, ...] = setting(
-        several(choice(*names.OPTIONAL_SIGNALS), empty=True),
-        (),
-        "Signal to pass over as if it had not been logged, to judge the estimates without it; may "
-        "be repeated.",
-        group=shared.LOGS,
-        rare=True,
-    )
+    ignore: tuple[str, ...] = shared.ignore()
     commands: str | None = shared.commands()
     battery_law: str | None = shared.battery_law()
     faulty: str = shared.faulty()
@@ -146,9 +138,9 @@ class Identify(Verb):
         def on_progress(now: core.Stage) -> None:
             show(*overall.reach(now))
             if now.unidentifiable:
-                unidentifiable = ", ".join(now.unidentifiable)
+                left_out = ", ".join(now.unidentifiable)
                 progress.note(
-                    f"not identifiable from these flights: {unidentifiable}; plausible ranges stay"
+                    f"not identifiable from these flights: {left_out}; plausible ranges stay"
                 )
 
         flights = core.read_flights(
@@ -169,14 +161,10 @@ class Identify(Verb):
             key=self.key,
             on_progress=on_progress,
         )
-        over = (
-            self.over if isinstance(self.over, str) else list(self.over or identification.estimates)
-        )
-        record = self.make_record(
-            [*flights.paths, *shared.own_files(self.start)],
-            over=over,
-            **dataclasses.asdict(settings),
-        )
+        is_word = isinstance(self.over, str)
+        over = self.over if is_word else list(self.over or identification.estimates)
+        inputs = [*flights.paths, *shared.own_files(self.start)]
+        record = self.make_record(inputs, over=over, **dataclasses.asdict(settings))
         start = float(self.first.parameters.thrust_to_weight)
         notes = [
             *core.note_mass(self.start, self.mass, flights),
@@ -187,9 +175,8 @@ class Identify(Verb):
         identification.write(output, record)
         _, evaluations, picture = self.places(output)
         run_folder.EVALUATIONS.write(evaluations, identification.search)
-        results.write(
-            picture, core.svg(core.identification_figure(identification, self.first.parameters))
-        )
+        figure = core.identification_figure(identification, self.first.parameters)
+        results.write(picture, core.svg(figure))
         return Result(
             content=_to_content(flights, identification)
             | {"output": str(output), "picture": str(picture)},
@@ -202,12 +189,8 @@ class Identify(Verb):
             read={"logs": flights.paths},
             record=record,
             rows=[
-                {
-                    "parameter": name,
-                    "value": float(one.value),
-                    "low": float(one.interval[0]),
-                    "high": float(one.interval[1]),
-                }
+                {"parameter": name, "value": float(one.value)}
+                | dict(zip(("low", "high"), map(float, one.interval), strict=True))
                 for name, one in identification.estimates.items()
             ],
             notes=identification.notes,
@@ -232,11 +215,8 @@ class Identify(Verb):
         ]
 
     def _objective(self) -> "core.Likelihood | core.Replay":
-        common: dict[str, Any] = {
-            "lead_in": self.lead_in,
-            "evaluations": self.evaluations,
-            "trials": self.trials,
-        }
+        common: dict[str, Any] = {"lead_in": self.lead_in, "evaluations": self.evaluations}
+        common["trials"] = self.trials
         if self.objective == "likelihood":
             return core.Likelihood(**common)
         own: dict[str, Any] = {"method": self.method, "length": self.length}
