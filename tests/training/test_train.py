@@ -291,7 +291,7 @@ def test_a_full_disk_is_said_in_a_line_and_training_goes_on_when_there_is_space(
     monkeypatch.setitem(tasks.TASKS, "circle", lambda: TASK)
     monkeypatch.setitem(control.CONTROLLERS, "pwm", lambda **_: CONTROLLER)
     monkeypatch.setattr(defaults, "choose_settings", lambda *_: TINY)
-    what = "maidenflight train --drone crazyflie --policies 2 --hidden 8 -o".split()
+    what = "maidenflight train --drone crazyflie --randomize 0.1 --policies 2 --hidden 8 -o".split()
     written: list[str] = []
 
     def command(folder: Path, *further: str, full_at: str = "", number: int = 1) -> tuple[int, str]:
