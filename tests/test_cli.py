@@ -151,7 +151,7 @@ def test_help_names_every_battery_law_and_every_signal_that_can_be_ignored(
         ("soar", "No such command"),
         ("record --height 1", "--height"),
         ("fly --recover -o {tmp}/nowhere", "no such folder"),
-        ("record --plan {tmp}/no.toml -o {tmp}/r", "no readable flight plan"),
+        ("record --plan {tmp}/no.toml -o {tmp}/r", "cannot be read as a flight plan"),
         ("record --plan {tmp}/bad.toml -o {tmp}/r", "flight plan of this version"),
         ("record --plan {tmp}/no.toml --duration 9", "--duration: the plan defines"),
         ("fly --plan {tmp}/no.toml --task hover", "--task: the plan defines"),
@@ -229,7 +229,7 @@ def test_a_folder_has_settings_of_its_own_which_options_replace(
     for text, message in (
         ("tusk = 1", "tusk; expected drone, task, control, or a table"),
         ("[drone]\nmess = 1", "[drone] mess; expected "),
-        ("drone = ", "not TOML"),
+        ("drone = ", "cannot be read as TOML"),
     ):
         project.write_text(text)
         code, out, err = command("drone crazyflie")
@@ -432,7 +432,7 @@ def test_training_that_is_interrupted_says_how_to_go_on_and_does(
     tmp_path: Path, monkeypatch: Any, command: Command
 ) -> None:
     folder, whole = tmp_path / "stopped", tmp_path / "whole"
-    what = "train --drone crazyflie --task hover --policies 1 --updates 3 --log tensorboard"
+    what = "train --drone crazyflie --yaw-penalty 0.1 --updates 3 --log tensorboard"
     describe = scores.describe
 
     def interrupt(*_: Any) -> str:
@@ -459,7 +459,7 @@ def test_training_that_is_interrupted_says_how_to_go_on_and_does(
         code, _, err = command(f"{what} -o {place} {further}")
         assert code == 0, err
     assert sorted(path.name for path in folder.iterdir()) == [
-        "policy_1.json",
+        *(f"policy_{number}.json" for number in (1, 2, 3)),
         "tensorboard",
         "training.csv",
         "training.npz",
@@ -468,7 +468,7 @@ def test_training_that_is_interrupted_says_how_to_go_on_and_does(
         assert (folder / name).read_bytes() == (whole / name).read_bytes()
     shown = scalars(folder / "tensorboard" / "policy_1")
     assert shown == scalars(whole / "tensorboard" / "policy_1")
-    assert len(shown) == 3 * polars.read_csv(folder / "training.csv").height
+    assert len(shown) == 3 * polars.read_csv(folder / "training.csv")["update"].n_unique()
 
     # Without --updates the number is the training's own.
     code, _, err = command(what.replace("--updates 3 ", ""), f"-o {folder} --resume")

@@ -28,30 +28,21 @@ def tabulate_estimates(
     """
     replayed = result.objective == "replay"
     rows: list[dict[str, Any]] = []
-    for name, estimate in result.estimates.items():
-        scale, unit = scale_of(name, estimate.value)
+    for name in (*result.estimates, *result.unidentified):
+        estimate, ends = result.estimates.get(name), result.unidentified.get(name, (0.0, 0.0))
+        scale, unit = scale_of(name, estimate.value if estimate else ends[1])
         true = (truth or {}).get(name, "")
-        rows.append(
-            {
-                "name": name,
-                "unit": unit,
-                "value": f"{estimate.value * scale:.4g}",
-                "interval": _range(estimate.interval, scale),
-                "valley": _range(estimate.valley, scale) if estimate.valley else "",
-                "between": _two_digits(estimate.between_sd * scale),
-                "trials": _two_digits(estimate.trial_sd * scale) if estimate.trials[1:] else "",
-                "truth": true if isinstance(true, str) else f"{true * scale:.4g}",
-            }
-        )
-    for name, ends in result.unidentified.items():
-        scale, unit = scale_of(name, ends[1])
-        true = (truth or {}).get(name, "")
-        rows.append(
-            dict.fromkeys(("valley", "between", "trials"), "")
-            | {"name": name, "unit": unit, "value": "not identified"}
-            | {"interval": f"{_range(ends, scale)} (plausible)"}
-            | {"truth": true if isinstance(true, str) else f"{true * scale:.4g}"}
-        )
+        row = {"name": name, "unit": unit, "valley": "", "between": "", "trials": ""}
+        row["truth"] = true if isinstance(true, str) else f"{true * scale:.4g}"
+        if estimate is None:
+            row["value"], row["interval"] = "not identified", f"{_range(ends, scale)} (plausible)"
+        else:
+            row["value"] = f"{estimate.value * scale:.4g}"
+            row["interval"] = _range(estimate.interval, scale)
+            row["valley"] = _range(estimate.valley, scale) if estimate.valley else ""
+            row["between"] = _two_digits(estimate.between_sd * scale)
+            row["trials"] = _two_digits(estimate.trial_sd * scale) if estimate.trials[1:] else ""
+        rows.append(row)
     columns = {"parameter": "{name}", "value": "{value}", "95 % interval": "{interval}"}
     columns |= {"between\nflights": "{between}"}
     columns |= {"range within\n1 %": "{valley}", "between\ntrials": "{trials}"} if replayed else {}

@@ -6,7 +6,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from maidenflight import names, results, run_folder
+from maidenflight import results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.settings import (
     choice,
@@ -15,7 +15,6 @@ from maidenflight.settings import (
     listed,
     number,
     setting,
-    several,
     table,
     whole,
 )
@@ -100,14 +99,7 @@ class Identify(Verb):
         rare=True,
     )
     most_seconds: float = shared.most_seconds()
-    ignore: tuple[str, ...] = setting(
-        several(choice(*names.OPTIONAL_SIGNALS), empty=True),
-        (),
-        "Signal to pass over as if it had not been logged, to judge the estimates without it; may "
-        "be repeated.",
-        group=shared.LOGS,
-        rare=True,
-    )
+    ignore: tuple[str, ...] = shared.ignore()
     commands: str | None = shared.commands()
     battery_law: str | None = shared.battery_law()
     faulty: str = shared.faulty()
@@ -147,21 +139,17 @@ class Identify(Verb):
         def on_progress(now: core.Stage) -> None:
             show(*overall.reach(now))
             if now.unidentifiable:
-                unidentifiable = ", ".join(now.unidentifiable)
+                left_out = ", ".join(now.unidentifiable)
                 progress.note(
-                    f"not identifiable from these flights: {unidentifiable}; plausible ranges stay"
+                    f"not identifiable from these flights: {left_out}; plausible ranges stay"
                 )
 
         flights = self.read(lambda done, of: show(*overall.read(done, of)))
         identification = self.identify(flights, self.key, on_progress)
-        over = (
-            self.over if isinstance(self.over, str) else list(self.over or identification.estimates)
-        )
-        record = self.make_record(
-            [*flights.paths, *shared.own_files(self.start)],
-            over=over,
-            **dataclasses.asdict(settings),
-        )
+        is_word = isinstance(self.over, str)
+        over = self.over if is_word else list(self.over or identification.estimates)
+        inputs = [*flights.paths, *shared.own_files(self.start)]
+        record = self.make_record(inputs, over=over, **dataclasses.asdict(settings))
         start = float(self.first.parameters.thrust_to_weight)
         notes = [
             *core.note_mass(self.start, self.mass, flights),
@@ -172,9 +160,8 @@ class Identify(Verb):
         identification.write(output, record)
         _, evaluations, picture = self.places(output)
         run_folder.EVALUATIONS.write(evaluations, identification.search)
-        results.write(
-            picture, core.svg(core.identification_figure(identification, self.first.parameters))
-        )
+        figure = core.identification_figure(identification, self.first.parameters)
+        results.write(picture, core.svg(figure))
         return Result(
             content=_to_content(flights, identification)
             | {"output": str(output), "picture": str(picture)},

@@ -128,6 +128,18 @@ def commands() -> Any:
     )
 
 
+def ignore() -> Any:
+    """Declares which signals of logs are passed over."""
+    return setting(
+        several(choice(*names.OPTIONAL_SIGNALS), empty=True),
+        (),
+        "Signal to pass over as if it had not been logged, to judge the estimates without it; may "
+        "be repeated.",
+        group=LOGS,
+        rare=True,
+    )
+
+
 def battery_law() -> Any:
     """Declares the law by which logged PWM is read as thrust."""
     laws = ", ".join(repr(law) for law in names.BATTERY_LAWS)

@@ -92,10 +92,7 @@ class Validate(Verb):
         if self.calibration:
             return calibrate(self, self.drone, self.logs, self.draws, output, progress)
         file = core.drone_file.read(self.drone)
-        models = {
-            Path(self.drone).name: file.parameters,
-            "paper's crazyflie": core.crazyflie(),
-        }
+        models = {Path(self.drone).name: file.parameters, "paper's crazyflie": core.crazyflie()}
         law, commands = self.battery_law, self.commands
         read = partial(core.read_flights, self.logs, battery_law=law, faulty=self.faulty)
         flights = read(core.logs.count_files(progress), commands=commands)
@@ -122,11 +119,11 @@ class Validate(Verb):
         ]
         simulated, rows = any(one.simulated for one in flights), errors.to_dicts()
         doubts = _compare(next(iter(models)), likelihoods, rows)
-        verdict = (
-            f"verdict: this drone does not explain these flights: {'; '.join(doubts)}"
-            if doubts
-            else "verdict: this drone explains these flights no worse than what it is compared with"
-        )
+        verdict = "this drone explains these flights no worse than what it is compared with"
+        remark = ""
+        if doubts:
+            verdict = f"this drone does not explain these flights: {'; '.join(doubts)}"
+            remark = "look whether these logs and those it was identified from are sound"
         return Result(
             content={
                 "log_likelihoods": likelihoods,
@@ -138,7 +135,7 @@ class Validate(Verb):
                 "output": str(output),
             },
             summary=[
-                verdict,
+                f"verdict: {verdict}",
                 *core.logs.describe_flights(flights, f"; {rows[0]['windows']} windows of rows"),
                 *_tabulate(likelihoods, rows, simulated),
                 f"in {output}: SI units, and 95 % intervals over {rows[0]['segments']} segments of "
@@ -150,9 +147,7 @@ class Validate(Verb):
             rows=[{**row, "log_likelihood": likelihoods.get(row["model"])} for row in rows],
             notes=notes,
             next=("log", self.logs) if doubts else ("train", "--drone", self.drone),
-            next_remark="look whether these logs and those it was identified from are sound"
-            if doubts
-            else "",
+            next_remark=remark,
             value=errors,
         )
 

@@ -164,10 +164,8 @@ def _truth(run: Run, name: str, scale: float) -> Cell:
 
 
 def _head(name: str, unit: str) -> Cell:
-    template = Markup("{}{}<small> {}</small>")
-    return Cell(
-        template.format(text.symbol(name), f" [{unit}]" if unit else "", _meaning(name)), name
-    )
+    template, in_unit = Markup("{}{}<small> {}</small>"), f" [{unit}]" if unit else ""
+    return Cell(template.format(text.symbol(name), in_unit, _meaning(name)), name)
 
 
 def _meaning(name: str) -> str:
@@ -305,10 +303,8 @@ def _gains(run: Run) -> Markup | str:
 
 def _constants(run: Run) -> Markup | str:
     """Every parameter of the identified drone and of the virtual one."""
-    drones = {
-        "identified": None if run.drone is None else run.drone.parameters,
-        "truth": run.reality,
-    }
+    own = None if run.drone is None else run.drone.parameters
+    drones = {"identified": own, "truth": run.reality}
     drone_columns = {head: drone for head, drone in drones.items() if drone is not None}
     if not drone_columns:
         return ""
