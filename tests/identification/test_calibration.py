@@ -55,7 +55,8 @@ def test_lag_and_latency_are_also_taken_together() -> None:
 @pytest.mark.parametrize("flapping", [0.0, 3e-4])
 def test_the_regulator_pushes_back(flapping: float) -> None:
     # Beside, ahead or above: it leans back or gives less thrust; turned or turning, it turns back.
-    gain = path_flights._gain(replace(crazyflie(), flapping_moment=np.float32(flapping)), 500)
+    drone = replace(crazyflie(), flapping_moment=np.float32(flapping))
+    gain = path_flights._gain(drone, 500, 0.03)
     command = -gain  # of a deviation of one, by column
     assert (command[:, [2, 5]] < 0).all()
     levers = np.asarray(crazyflie().rotor_y)
