@@ -114,9 +114,8 @@ class Run:
 
 def of_transfer(result: Transfer) -> Run:
     """Returns the run of test flights in memory."""
-    return Run(
-        table=run_folder.FLIGHTS.checked(result.table, "transfer"), flights=tuple(result.flights)
-    )
+    table = run_folder.FLIGHTS.checked(result.table, "transfer")
+    return Run(table=table, flights=tuple(result.flights))
 
 
 _TABLES: Mapping[manifest.Kind, Table] = {
@@ -144,9 +143,7 @@ def read_run(source: StrPath | None = None, options: FileOptions | None = None) 
     tables = {kind: table.read(first[kind]) for kind, table in _TABLES.items() if kind in first}
     rows = {kind: rows for kind, (rows, _) in tables.items()}
     drones = {kind: drone_file.read(first[kind]) for kind in ("truth", "drone") if kind in first}
-    records: dict[str, Mapping[str, Any]] = {
-        first[kind].name: drones[kind].record for kind in drones
-    }
+    records = {first[kind].name: drone.record for kind, drone in drones.items()}
     records |= {first[kind].name: record for kind, (_, record) in tables.items()}
     policies = trained.read_policies(files.files.get("policies", ()))
     records |= {_name(path): file.record for path, file in policies.items()}
