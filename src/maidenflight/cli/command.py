@@ -174,7 +174,6 @@ def run_verb(verb: Verb, output: str | None, as_json: bool, overwrite: bool) -> 
     Raises:
         InputError: a place is taken, or see `Verb.run`.
     """
-    _set_up_jax(verb)
     verb.check_early()
     place, resume = verb.choose_output(output), getattr(verb, "resume", None)
     for each in [] if place is None else verb.places(place):
@@ -188,6 +187,7 @@ def run_verb(verb: Verb, output: str | None, as_json: bool, overwrite: bool) -> 
         terminal.Bar(verb.name, remaining=verb.steady) as bar,
         resumable(state, "" if resume is None else "--resume"),
     ):
+        _set_up_jax(verb)
         result = verb.run(place, bar)
     for note in result.notes:
         bar.note(note)

@@ -218,11 +218,12 @@ def flight_of(name: str, period: float, **known: Any) -> Flight:
     for group, names in GROUPS.items():
         if group != "time" and known.get(group) is None:
             known[group] = np.full(rows if group == "battery" else (rows, len(names)), np.nan)
-    arrays = {
-        field: values.astype(np.float32)
-        for field, values in known.items()
-        if isinstance(values, np.ndarray)
-    }
+    with np.errstate(over="ignore"):  # what is not finite is refused by checking
+        arrays = {
+            field: values.astype(np.float32)
+            for field, values in known.items()
+            if isinstance(values, np.ndarray)
+        }
     return Flight(name=name, period=period, **{**known, **arrays})
 
 

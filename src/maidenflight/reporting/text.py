@@ -100,7 +100,7 @@ def rounding(name: str, low: float, high: float) -> tuple[float, int, str]:
 
 def fixed(value: float, digits: int) -> str:
     """Returns a number with so many decimals."""
-    return signed(f"{value:.{digits}f}")
+    return signed(f"{value:z.{digits}f}")
 
 
 def signed(number_text: str) -> str:

@@ -39,8 +39,8 @@ FLIGHTS = "Flights"
 LOGS = "Logs"
 """Heading of settings that say how logs are read."""
 LARGEST = {
-    "tilt of 30": "{largest_tilt:.0f deg}",
-    "rate of 800": "{largest_body_rate:.0f deg/s}",
+    "tilt (limit 30)": "{largest_tilt:.0f deg}",
+    "rate (limit 800)": "{largest_body_rate:.0f deg/s}",
     "farthest": "{largest_distance:.0f cm}",
 }
 """Columns of the largest tilt, body rate and distance of flights, beside the limits of guards."""

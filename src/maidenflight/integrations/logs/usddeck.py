@@ -167,7 +167,8 @@ def _joined(
     for number, records in tables.items():
         rows = None if number == main else _rows(stamps, records[CLOCK].astype(np.int64))
         for place, column in enumerate(events[number].columns):
-            values = records[f"f{place}"].astype(np.float64)
+            with np.errstate(invalid="ignore"):  # a NaN of damaged bytes may signal
+                values = records[f"f{place}"].astype(np.float64)
             spread = values if rows is None else _spread(values, rows, len(stamps))
             columns.setdefault(column, spread)
     return polars.DataFrame(columns)
@@ -227,9 +228,11 @@ def table_2019(raw: bytes, name: str) -> Table:
     if not sets:
         raise InputError(f"{name}: no rows, the log holds no whole set of them. Leave it out.")
     rows = np.concatenate(sets)
-    columns = {
-        column: rows[f"f{place}"].astype(np.float64) for place, (column, _, _) in enumerate(entries)
-    }
+    with np.errstate(invalid="ignore"):  # a NaN of damaged bytes may signal
+        columns = {
+            column: rows[f"f{place}"].astype(np.float64)
+            for place, (column, _, _) in enumerate(entries)
+        }
     ticks = columns.pop(TICK)
     # A clock of 32 bits wraps after 72 minutes.
     steps = np.diff(ticks, prepend=ticks[0])

@@ -66,7 +66,12 @@ def _panel(
         low, high = estimate.interval
         ends = {"y": scale * estimate.value, "low": scale * low, "high": scale * high}
         rows.append({"series": "identified", "x": 1, **ends})
-    x = charts.number("x", "flight", scale={"zero": False, "nice": False, "padding": 8})
+    x = charts.number(
+        "x",
+        "flight",
+        scale={"zero": False, "nice": False, "padding": 8},
+        axis={"tickMinStep": 1, "format": "d"},
+    )
     y = charts.number("y", scale={"zero": False})
     tooltip = charts.tooltip({"name": "", "x": "flight", "y": label, "error": "± [ ]"})
     across = charts.number("low", scale={"zero": False})
