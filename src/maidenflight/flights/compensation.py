@@ -174,10 +174,6 @@ def assumed(pwm: Float[np.ndarray, "N 4"], volts: Float[np.ndarray, "N"]) -> str
 def logged_law(head: Mapping[str, str], name: str) -> str | None:
     """Returns the law that a table's head names, if it does.
 
-    Args:
-        head: of the table.
-        name: of the file, for errors.
-
     Raises:
         InputError: it names one that is not known.
     """

@@ -127,12 +127,7 @@ class Manoeuvre:
         return self.kind != MOTORS
 
     def setpoints(self, seconds: float, seed: int) -> Float[np.ndarray, "N 4"]:
-        """Returns the position [m] relative to the point, and yaw [rad], each 10 ms.
-
-        Args:
-            seconds: how long it lasts.
-            seed: of random steps.
-        """
+        """Returns the position [m] relative to the point, and yaw [rad], each 10 ms."""
         time = np.arange(round(seconds * RATE)) / RATE
         return self.size * KINDS[self.kind](time, self.period, np.random.default_rng(seed))
 

@@ -100,9 +100,6 @@ def between_flights(trims: Sequence[Trim]) -> Float[np.ndarray, "4"] | None:
     Each flight counts alike, however long it was: the next one is one more of them. Counted by
     their rows, those that flew long for the good trim that they had would hide the others.
 
-    Args:
-        trims: of each flight.
-
     Returns:
         In the order of `with_standard_errors`; None for less than `ENOUGH_FLIGHTS`.
 

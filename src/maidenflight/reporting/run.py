@@ -131,10 +131,6 @@ _TABLES: Mapping[manifest.Kind, Table] = {
 def read_run(source: StrPath | None = None, options: FileOptions | None = None) -> Run:
     """Reads a run from its folder, from what its manifest lists, and from files of a user.
 
-    Args:
-        source: see `find_files`.
-        options: see `find_files`.
-
     Raises:
         InputError: see `find_files`; nothing is there, or a file is not what it should be.
     """

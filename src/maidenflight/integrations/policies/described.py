@@ -83,14 +83,7 @@ class DescribedPolicy:
     def __init__(
         self, name: str, place: str, description: Mapping[str, Any], network: Network
     ) -> None:
-        """Puts them together.
-
-        Args:
-            name: what tables call it.
-            place: the file that messages name.
-            description: what `checked` gives.
-            network: the network.
-        """
+        """Puts them together."""
         self.name, self._place = name, place
         self.rate = self.command_rate = description["rate"]
         self._parts = [INPUTS[name] for name in description["inputs"]]
