@@ -9,11 +9,12 @@ from functools import partial
 from pathlib import Path
 
 # Compilation is most of what tests take: what one process compiled the others read, and so does the
-# next run.
+# next run. Small programs too, of which tests have hundreds a file: to read one takes a third of
+# compiling it, and to write one nothing that can be measured.
 os.environ.setdefault(
     "JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parent / ".pytest_cache" / "xla")
 )
-os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 
 import jax
 import pytest
@@ -44,14 +45,18 @@ MOST_MAPPINGS = 20_000
 and Linux allows 65,530 a process (vm.max_map_count); the compiler aborts at more."""
 
 
-@pytest.fixture(scope="module")
-def without_optimizations() -> Iterator[None]:
-    """Compiles a module's programs with no optimization at all, for moments of training: a sixth
-    to a third less processor time. PPO's tests take as long with it, those that identify longer.
+def _without_optimizations() -> Iterator[None]:
+    """Compiles with no optimization at all, for moments of training: a sixth to a third less
+    processor time. PPO's tests take as long with it, those that identify longer.
     """
     jax.config.update("jax_disable_most_optimizations", True)
     yield
     jax.config.update("jax_disable_most_optimizations", False)
+
+
+without_optimizations = pytest.fixture(_without_optimizations, scope="module")
+without_optimizations_once = pytest.fixture(_without_optimizations)
+"""The same for a test of a module whose others compute more."""
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -95,14 +95,14 @@ def test_functions_are_short_and_take_few_arguments():
 
 
 PARTS = [
-    "drone_file methods behaviour",
+    "drone_file methods behaviour path_flights",
     "identity",
     "signals",
     "search",
     "outcome",
     "replay",
     "likelihood",
-    "identify closed_loop held_out overall_progress start truth",
+    "identify closed_loop held_out overall_progress start truth calibration",
     "matched_drone",
     "design",
 ]

@@ -432,7 +432,7 @@ def test_training_that_is_interrupted_says_how_to_go_on_and_does(
     tmp_path: Path, monkeypatch: Any, command: Command
 ) -> None:
     folder, whole = tmp_path / "stopped", tmp_path / "whole"
-    what = "train --drone crazyflie --task hover --policies 1 --updates 3 --log tensorboard"
+    what = "train --drone crazyflie --yaw-penalty 0.1 --updates 3 --log tensorboard"
     describe = scores.describe
 
     def interrupt(*_: Any) -> str:
@@ -459,7 +459,7 @@ def test_training_that_is_interrupted_says_how_to_go_on_and_does(
         code, _, err = command(f"{what} -o {place} {further}")
         assert code == 0, err
     assert sorted(path.name for path in folder.iterdir()) == [
-        "policy_1.json",
+        *(f"policy_{number}.json" for number in (1, 2, 3)),
         "tensorboard",
         "training.csv",
         "training.npz",
@@ -468,7 +468,7 @@ def test_training_that_is_interrupted_says_how_to_go_on_and_does(
         assert (folder / name).read_bytes() == (whole / name).read_bytes()
     shown = scalars(folder / "tensorboard" / "policy_1")
     assert shown == scalars(whole / "tensorboard" / "policy_1")
-    assert len(shown) == 3 * polars.read_csv(folder / "training.csv").height
+    assert len(shown) == 3 * polars.read_csv(folder / "training.csv")["update"].n_unique()
 
     # Without --updates the number is the training's own.
     code, _, err = command(what.replace("--updates 3 ", ""), f"-o {folder} --resume")

@@ -35,7 +35,7 @@ def keep_compiled() -> None:
                 surplus -= status.st_size
         programs.mkdir(parents=True, exist_ok=True)
         os.environ["JAX_COMPILATION_CACHE_DIR"] = str(programs)
-        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
+        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.05")
     # A file that a killed process or a full disk left incomplete only costs a compilation.
     warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache entry")
 

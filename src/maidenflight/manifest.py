@@ -25,6 +25,7 @@ Kind = Literal[
     "picture",
     "validation",
     "windows",
+    "calibration",
     "policies",
     "training",
     "flights",

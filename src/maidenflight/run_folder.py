@@ -194,6 +194,15 @@ VALIDATION = Table(
     digits=9,
 )
 """Errors of open-loop predictions, a row a model and horizon."""
+CALIBRATION = Table(
+    "calibration.csv",
+    {"draw": int, "parameter": str, **dict.fromkeys(("truth", "low", "high"), float)}
+    | dict.fromkeys(("rank", "width_ratio"), float),
+    "maidenflight calibration 1: simulated drones of a posterior, identified again, a row a "
+    "parameter; SI units; rank of the truth among the posterior samples, width over the file's",
+    digits=9,
+)
+"""Truths and intervals of drones identified again, a row a drone and parameter."""
 WINDOWS = Table(
     "validation_windows.csv",
     {

@@ -18,6 +18,8 @@ from maidenflight.verbs.identify import Identify
 from quick import QUICK
 
 pytestmark = pytest.mark.slow
+README = {"policies": 3, "yaw_penalty": 0.1}
+"""Settings of its training, which other tests compile too."""
 
 
 @pytest.fixture(autouse=True)
@@ -51,7 +53,7 @@ def test_a_study_goes_from_logs_to_flights(tmp_path: Path, monkeypatch: pytest.M
     made: Any = {"policies": "policy", "drone": "drone"}
     entries = [
         entry("drone", "identify", source),
-        entry("policy", "train", {"policies": 3, "set": {"latency": 0.01}}, drone="drone"),
+        entry("policy", "train", {**README, "set": {"latency": 0.01}}, drone="drone"),
         entry("ahead", "train", ahead),
         entry("flown", "transfer", {"trials": 1, "duration": 0.5}, **made),
         entry("times", "predict", {"trials": 2, "duration": 0.5}, **made),

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxtyping import Array
 
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, replace
@@ -98,12 +99,12 @@ def test_the_teacher_learns_first_then_the_policy_imitates_it_and_goes_on_alone(
     assert same(after(after(begun, 0, 50), 50, 120), after(begun, 0, 120))
 
 
-def _difference(policies: Policy, learners: distillation._Learner) -> float:
+@jax.jit
+def _difference(policies: Policy, learners: distillation._Learner) -> Array:
     """Mean squared difference of the first policy from its teacher over a horizon of a drone."""
     policy, learner = jax.tree.map(lambda leaf: leaf[0], (policies, learners))
     key, drone = jax.random.key(7), jax.tree.map(lambda leaf: leaf[0], learner.instances)
-    cost, _ = distillation._imitation(WORLD, SETTINGS, learner.teacher, policy, drone, key)
-    return float(cost)
+    return distillation._imitation(WORLD, SETTINGS, learner.teacher, policy, drone, key)[0]
 
 
 def chosen(**settings: Any) -> tuple[Any, PolicySpec]:

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from maidenflight import compiler
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import untrained_policy
 from maidenflight.simulator.environment import Environment
@@ -22,10 +23,12 @@ from maidenflight.training.evaluation import evaluate
 from maidenflight.training.ppo import surrogate
 from maidenflight.training.ppo_settings import PPO
 from maidenflight.training.settings import recorded
-from maidenflight.training.train import Progress, train
+from maidenflight.training.train import Progress, _begun, train
 
 BOX = relative_box(replace(crazyflie(), motor_time_constant=0.04, latency=0.0), 0.10)
-SIMULATED = Environment.matching(BOX.centre, tasks.circle()._replace(duration=0.6))
+TASK = tasks.circle()._replace(duration=0.6)
+SIMULATED = Environment.matching(BOX.centre, TASK)
+SMALLER = Environment.matching(BOX.centre, TASK, spec=PolicySpec(hidden=(8,)))
 SMALL = PPO(
     updates=250,
     num_envs=128,
@@ -48,28 +51,37 @@ KEYS = jax.random.split(jax.random.key(5), 2)
 BOXES = stacked([BOX, BOX])
 
 
-def _learned(settings: PPO, *ends: int) -> Any:
-    learners, first = ppo.begin(SIMULATED, settings, BOXES, KEYS), 0
+def _learned(env: Environment, settings: PPO, *ends: int) -> Any:
+    learners, first = _begun(ppo.begin, env, settings, BOXES, KEYS), 0
     for end in ends:
-        learners, first = ppo.learn(SIMULATED, settings, BOXES, learners, KEYS, first, end), end
+        learners, first = ppo.learn(env, settings, BOXES, learners, KEYS, first, end), end
     return learners
 
 
 @pytest.fixture(scope="module")
 def learned() -> Any:
-    return _learned(SMALL, SMALL.updates)
+    return _learned(SIMULATED, SMALL, SMALL.updates)
+
+
+_reset = jax.jit(randomized_reset, static_argnums=0, compiler_options=compiler.once())
+
+
+@partial(jax.jit, compiler_options=compiler.once())
+def _survival(policies: Any) -> Any:
+    def one(policy: Any) -> Any:
+        return evaluate(SIMULATED, policy, BOX, jax.random.key(9), 64).survival
+
+    return jax.vmap(one)(policies)
 
 
 @pytest.mark.slow
 def test_training_makes_policies_fly_that_did_not(learned: Any) -> None:
     policies = jax.tree.map(
         lambda *leaves: jnp.concatenate(leaves),
-        ppo.begin(SIMULATED, SMALL, BOXES, KEYS).policy,
+        _learned(SIMULATED, SMALL).policy,
         learned.policy,
     )
-    survival = jax.vmap(
-        lambda policy: evaluate(SIMULATED, policy, BOX, jax.random.key(9), 64).survival
-    )(policies)
+    survival = _survival(policies)
     assert np.all(survival[:2] < 0.05), survival
     # How far 250 updates take a seed depends on the last bit of a sum, and so on the processor.
     assert np.all(survival[2:] > 0.1), survival
@@ -78,7 +90,7 @@ def test_training_makes_policies_fly_that_did_not(learned: Any) -> None:
 
 @pytest.mark.slow
 def test_the_same_key_gives_the_same_policy_however_often_training_pauses() -> None:
-    straight, paused = _learned(TINY, 4), _learned(TINY, 1, 4)
+    straight, paused = _learned(SMALLER, TINY, 4), _learned(SMALLER, TINY, 1, 4)
     for one, other in zip(jax.tree.leaves(straight), jax.tree.leaves(paused), strict=True):
         np.testing.assert_array_equal(one, other)
     weights = straight.policy.weights[0]
@@ -89,7 +101,7 @@ def test_the_same_key_gives_the_same_policy_however_often_training_pauses() -> N
 def test_interrupted_training_goes_on_to_the_same_policies(tmp_path: Path) -> None:
     def learn(saved: Path | None, hear: Any) -> Any:
         return train(
-            *(SIMULATED.task, SIMULATED.controller, BOX, KEYS, TINY, PolicySpec(hidden=(8,))),
+            *(TASK, SMALLER.controller, BOX, KEYS, TINY, SMALLER.spec),
             on_progress=hear,
             checkpoint=saved,
         )
@@ -187,8 +199,8 @@ def test_the_value_at_an_end_is_of_the_drone_before_another_takes_over() -> None
     box = relative_box(BOX.centre, 0.05)
     simulated, settings = Environment.matching(box.centre, short), PPO(horizon=16)
     policy = untrained_policy(jax.random.key(1))
-    drone = randomized_reset(simulated, box, jax.random.key(2))
-    fly = jax.jit(partial(ppo._rollout, simulated, settings))
+    drone = _reset(simulated, box, jax.random.key(2))
+    fly = jax.jit(partial(ppo._rollout, simulated, settings), compiler_options=compiler.once())
     _, _, flown = fly(box, policy, jnp.float32(0.1), drone, jnp.zeros(()), jax.random.key(3))
     over = np.asarray(flown.truncated)
     np.testing.assert_array_equal(np.flatnonzero(over), [4, 9, 14])
@@ -223,9 +235,9 @@ def test_a_memory_is_carried_through_a_rollout_as_it_was_flown() -> None:
     simulated = Environment.matching(BOX.centre, short, spec=PolicySpec(memory=3, hidden=(8,)))
     settings = PPO(horizon=16)
     policy = untrained_policy(jax.random.key(1), spec=PolicySpec(memory=3, hidden=(8,)))
-    drone = randomized_reset(simulated, BOX, jax.random.key(2))
+    drone = _reset(simulated, BOX, jax.random.key(2))
     deviation = jnp.float32(0.1)
-    fly = jax.jit(partial(ppo._rollout, simulated, settings))
+    fly = jax.jit(partial(ppo._rollout, simulated, settings), compiler_options=compiler.once())
     drone, discounted, _ = fly(BOX, policy, deviation, drone, jnp.zeros(()), jax.random.key(3))
     assert np.abs(drone.env_state.memory).max() > 0.0
     _, _, flown = fly(BOX, policy, deviation, drone, discounted, jax.random.key(4))
@@ -312,7 +324,7 @@ def test_the_papers_settings_are_the_papers() -> None:
 
 
 def test_only_a_critic_that_may_sees_the_truth() -> None:
-    drone = randomized_reset(SIMULATED, BOX, jax.random.key(1))
+    drone = _reset(SIMULATED, BOX, jax.random.key(1))
     blind, seeing = (
         ppo._critic_observation(SIMULATED, settings, BOX.centre, drone)
         for settings in (PPO.paper(), PPO())

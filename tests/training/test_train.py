@@ -11,7 +11,9 @@ import click
 import jax
 import jax.numpy as jnp
 import numpy as np
+import one_of_many
 import pytest
+from one_of_many import BOX, ODD, SPEC, TINY
 
 from maidenflight import cli, policy, policy_file, results
 from maidenflight.cli import command, interruption
@@ -37,9 +39,6 @@ from maidenflight.verbs.train import Train
 
 pytestmark = pytest.mark.usefixtures("without_optimizations")
 
-BOX = relative_box(replace(crazyflie(), motor_time_constant=0.08, latency=0.012), 0.10)
-TINY = AnalyticGradient(updates=4, num_envs=4, horizon=4, evaluations=4, episodes=4)
-SPEC = PolicySpec(hidden=(8,))
 SMALL = AnalyticGradient(updates=200, num_envs=16, horizon=64, evaluations=4, episodes=32)
 TASK, CONTROLLER = tasks.circle(), control.pwm()
 """The same objects in every test, so that training is compiled once a file."""
@@ -292,7 +291,7 @@ def test_a_full_disk_is_said_in_a_line_and_training_goes_on_when_there_is_space(
     monkeypatch.setitem(tasks.TASKS, "circle", lambda: TASK)
     monkeypatch.setitem(control.CONTROLLERS, "pwm", lambda **_: CONTROLLER)
     monkeypatch.setattr(defaults, "choose_settings", lambda *_: TINY)
-    what = ["maidenflight", "train", "--drone", "crazyflie", "--policies", "2", "-o"]
+    what = "maidenflight train --drone crazyflie --randomize 0.1 --policies 2 --hidden 8 -o".split()
     written: list[str] = []
 
     def command(folder: Path, *further: str, full_at: str = "", number: int = 1) -> tuple[int, str]:
@@ -525,25 +524,32 @@ def test_two_processes_learn_what_one_does_by_either_method_and_share_its_checkp
         free.bind(("localhost", 0))
         port = free.getsockname()[1]
 
-    def begin(count: int, number: int) -> tuple[subprocess.Popen[str], Path]:
-        to = tmp_path / f"{count}_{number}"
+    def begin(number: int) -> tuple[subprocess.Popen[str], Path]:
+        to = tmp_path / f"process_{number}"
         to.mkdir()
-        script = [sys.executable, Path(__file__).with_name("one_of_many.py")]
-        arguments = [count, number, port, tmp_path, to]
+        script = [sys.executable, one_of_many.__file__]
+        arguments = [2, number, port, tmp_path, to]
         quickly = {**os.environ, "JAX_DISABLE_MOST_OPTIMIZATIONS": "1"}
         return subprocess.Popen(
-            [*map(str, script), *map(str, arguments)],
+            [*script, *map(str, arguments)],
             stderr=subprocess.PIPE,
             text=True,
             env=quickly,
         ), to
 
-    started = [begin(1, 0), begin(2, 0), begin(2, 1)]
+    started = [begin(0), begin(1)]
+    for settings in (TINY, ODD):
+        name = type(settings).__name__
+        one_of_many.save(
+            one_of_many.learn(settings, tmp_path / f"{name}_1.npz"), tmp_path / f"{name}.npz"
+        )
     for process, _ in started:
         _, told = process.communicate(timeout=1200)
         assert process.returncode == 0, told
     for method in ("AnalyticGradient", "PPO"):
-        alone, *together = (np.load(to / f"{method}.npz") for _, to in started)
+        alone, *together = (
+            np.load(to / f"{method}.npz") for to in (tmp_path, *(to for _, to in started))
+        )
         for found in together:
             for name in alone:
                 # Sums over two devices round otherwise than over one, and training amplifies that.

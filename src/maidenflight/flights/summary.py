@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from maidenflight.flights.log import SUBSAMPLED, ZERO_ORDER_HOLD, Flight, by_log
 from maidenflight.simulator.physics.geometry import TORQUES
@@ -147,8 +147,9 @@ def _information(pieces: Iterable[Flight]) -> dict[str, float]:
         if len(piece) < _SHORTEST_ROWS or fast <= _BAND_HZ[0]:
             continue
         command = np.asarray(piece.command, float)
-        band = signal.butter(2, (_BAND_HZ[0], fast), "bandpass", fs=1 / piece.period, output="sos")
-        torques = signal.sosfiltfilt(band, command @ TORQUES / 4, axis=0)
+        edges = _BAND_HZ[0], fast
+        band = scipy.signal.butter(2, edges, "band", fs=1 / piece.period, output="sos")
+        torques = scipy.signal.sosfiltfilt(band, command @ TORQUES / 4, axis=0)
         change = np.gradient(torques[:, :2], piece.period, axis=0)
         thrust = command.mean(axis=1)
         parts = {

@@ -55,6 +55,8 @@ class Run:
     """Errors of open-loop predictions; see `prediction_error`."""
     windows: polars.DataFrame | None = None
     """Some windows, logged and predicted; see `predicted_windows`."""
+    calibration: polars.DataFrame | None = None
+    """Truths and intervals of drones of the posterior; see `calibration.draw_calibrations`."""
     predicted: Kinds = UNKNOWN
     """Whether the flights of both were of a simulated drone."""
     used: frozenset[str] = frozenset()
@@ -108,7 +110,7 @@ class Run:
     def known(self) -> bool:
         """Whether there is anything to show."""
         tables = self.validation, self.windows, self.training, self.table, self.prediction
-        parts = self.reality, self.drone, self.study, *tables
+        parts = self.reality, self.drone, self.study, self.calibration, *tables
         return any(part is not None for part in parts) or bool(self.recorded or self.policies)
 
 
@@ -121,6 +123,7 @@ def of_transfer(result: Transfer) -> Run:
 _TABLES: Mapping[manifest.Kind, Table] = {
     "validation": run_folder.VALIDATION,
     "windows": run_folder.WINDOWS,
+    "calibration": run_folder.CALIBRATION,
     "training": run_folder.TRAINING,
     "prediction": run_folder.PREDICTION,
     "study": run_folder.STUDY,
@@ -159,6 +162,7 @@ def read_run(source: StrPath | None = None, options: FileOptions | None = None) 
         kinds=kinds,
         validation=rows.get("validation"),
         windows=rows.get("windows"),
+        calibration=rows.get("calibration"),
         predicted=predicted,
         used=used,
         judged=judged,

@@ -26,6 +26,7 @@ class FileOptions(TypedDict, total=False):
     policies: StrPath
     flights: StrPath
     validation: StrPath
+    calibration: StrPath
     prediction: StrPath
     study: StrPath
 
@@ -33,6 +34,7 @@ class FileOptions(TypedDict, total=False):
 _GROUPS: tuple[tuple[Kind, ...], ...] = (
     ("drone",),
     ("validation", "windows"),
+    ("calibration",),
     ("policies", "training"),
     ("flights", "flight_logs"),
     ("logs", "truth"),
@@ -51,6 +53,7 @@ _TITLES: dict[Kind, str] = {
     "flights": "test flights",
     "prediction": "predicted flights",
     "validation": "prediction errors",
+    "calibration": "tested intervals",
     "drone": "identified drones",
     "logs": "flight logs",
 }

@@ -1,6 +1,7 @@
 """`Identify`: a drone's parameters from flight logs."""
 
 import dataclasses
+from collections.abc import Callable, Iterable
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -143,24 +144,8 @@ class Identify(Verb):
                     f"not identifiable from these flights: {left_out}; plausible ranges stay"
                 )
 
-        flights = core.read_flights(
-            *(self.logs, lambda done, of: show(*overall.read(done, of)), self.most_seconds),
-            settings.lead_in,
-            commands=self.commands,
-            battery_law=self.battery_law,
-            ignore=self.ignore,
-            faulty=self.faulty,
-            drone=self.start,
-        )
-        identification = core.identify(
-            flights,
-            settings,
-            start=self.first.parameters,
-            over=self.over,
-            bounds=self.bounds,
-            key=self.key,
-            on_progress=on_progress,
-        )
+        flights = self.read(lambda done, of: show(*overall.read(done, of)))
+        identification = self.identify(flights, self.key, on_progress)
         is_word = isinstance(self.over, str)
         over = self.over if is_word else list(self.over or identification.estimates)
         inputs = [*flights.paths, *shared.own_files(self.start)]
@@ -189,8 +174,12 @@ class Identify(Verb):
             read={"logs": flights.paths},
             record=record,
             rows=[
-                {"parameter": name, "value": float(one.value)}
-                | dict(zip(("low", "high"), map(float, one.interval), strict=True))
+                {
+                    "parameter": name,
+                    "value": float(one.value),
+                    "low": float(one.interval[0]),
+                    "high": float(one.interval[1]),
+                }
                 for name, one in identification.estimates.items()
             ],
             notes=identification.notes,
@@ -204,6 +193,44 @@ class Identify(Verb):
         """Returns the drone to begin with."""
         return core.read_start(self.start, self.mass)
 
+    def read(self, on_file: Callable[[int, int], None]) -> "core.Flights":
+        """Reads the logs.
+
+        Args:
+            on_file: called with (files read, files found).
+        """
+        return core.read_flights(
+            *(self.logs, on_file, self.most_seconds, self.lead_in),
+            commands=self.commands,
+            battery_law=self.battery_law,
+            ignore=self.ignore,
+            faulty=self.faulty,
+            drone=self.start,
+        )
+
+    def identify(
+        self,
+        flights: Iterable["core.Flight"],
+        key: Any,
+        on_progress: "Callable[[core.Stage], None]",
+    ) -> "core.Identification":
+        """Identifies the drone from flights.
+
+        Args:
+            flights: checked flights.
+            key: random key.
+            on_progress: called with the stage and how far it is.
+        """
+        return core.identify(
+            flights,
+            self._objective(),
+            start=self.first.parameters,
+            over=self.over,
+            bounds=self.bounds,
+            key=key,
+            on_progress=on_progress,
+        )
+
     def _describe(
         self, flights: "core.Flights", identification: "core.Identification"
     ) -> "list[Table | str]":
@@ -212,11 +239,15 @@ class Identify(Verb):
             *core.estimates_output.tabulate_gains(identification),
             *core.estimates_output.describe_delays(identification),
             *core.estimates_output.describe_fit(identification, self.start),
+            *core.estimates_output.describe_advice(identification),
         ]
 
     def _objective(self) -> "core.Likelihood | core.Replay":
-        common: dict[str, Any] = {"lead_in": self.lead_in, "evaluations": self.evaluations}
-        common["trials"] = self.trials
+        common: dict[str, Any] = {
+            "lead_in": self.lead_in,
+            "evaluations": self.evaluations,
+            "trials": self.trials,
+        }
         if self.objective == "likelihood":
             return core.Likelihood(**common)
         own: dict[str, Any] = {"method": self.method, "length": self.length}

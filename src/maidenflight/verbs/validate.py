@@ -3,13 +3,16 @@
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from maidenflight import run_folder
 from maidenflight.errors import InputError
-from maidenflight.settings import PENDING, REQUIRED, listed, number, setting
+from maidenflight.inputs import StrPath
+from maidenflight.settings import PENDING, REQUIRED, flag, listed, number, setting, whole
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row, Verb
 from maidenflight.verbs import core, shared
+from maidenflight.verbs.calibration import calibrate
 
 _WORSE = 1.2
 """Ratio of errors beyond which a drone is worse."""
@@ -25,9 +28,17 @@ class Validate(Verb):
     tenth row, the drone is simulated with the recorded commands alone; the table shows how far it
     is from the flight after some time. Beside it stand the paper's Crazyflie and the persistence
     baseline: position, velocity, attitude and body rates stay as they are.
+
+    With --calibration it is the intervals that are tested, on the logs that the drone was
+    identified from.
     """
 
-    output = Output(run_folder.VALIDATION.name, "CSV file for the errors and their intervals.")
+    output = Output(
+        run_folder.VALIDATION.name,
+        f"CSV file for the errors and their intervals; {run_folder.CALIBRATION.name} with "
+        "--calibration.",
+    )
+    fused = True
 
     drone: str = shared.drone(REQUIRED, argument=True)
     logs: Path = shared.logs()
@@ -36,14 +47,29 @@ class Validate(Verb):
         (0.02, 0.05, 0.1),
         "How far ahead to predict [s].",
     )
+    calibration: bool = setting(
+        flag(),
+        False,
+        "Draw drones from the posterior, fly the paths of LOGS with them in simulation, identify "
+        "each as DRONE was, and count intervals that hold the drawn truth; five minutes at most.",
+        "Calibration",
+    )
+    draws: int | None = setting(
+        whole(2, 1000), None, "Drones to draw, however long that takes.", rare=True
+    )
     commands: str | None = shared.commands()
     battery_law: str | None = shared.battery_law()
     faulty: str = shared.faulty()
     seed: int = shared.seed()
 
+    def choose_output(self, output: StrPath | None) -> Any:
+        """Returns the table of errors, or that of a calibration."""
+        default = run_folder.CALIBRATION.name if self.calibration else None
+        return super().choose_output(default if output is None else output)
+
     def places(self, output: Path) -> list[Path]:
-        """Returns the table of errors and that of windows."""
-        return [output, run_folder.windows_path(output)]
+        """Returns the table of errors and that of windows, or that of a calibration."""
+        return [output] if self.calibration else [output, run_folder.windows_path(output)]
 
     def check_early(self) -> None:
         """Refuses logs in a drone's place, and a file that is not there."""
@@ -63,6 +89,8 @@ class Validate(Verb):
         Commands stand for what they did where the drone was identified, unless logs or the setting
         say it.
         """
+        if self.calibration:
+            return calibrate(self, self.drone, self.logs, self.draws, output, progress)
         file = core.drone_file.read(self.drone)
         models = {Path(self.drone).name: file.parameters, "paper's crazyflie": core.crazyflie()}
         law, commands = self.battery_law, self.commands

@@ -16,8 +16,8 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from maidenflight.flights.checkup.kinematics import AXES, rotations
@@ -146,13 +146,14 @@ def _responses(
         edge = round(1 / step)
         if len(rates) < 6 * edge:
             continue
-        band = butter(2, [2 * step * BAND_HZ[0], 2 * step * BAND_HZ[1]], "band", output="sos")
+        band = scipy.signal.butter(2, BAND_HZ, "band", fs=1 / step, output="sos")
         tilt = np.cumsum(rates[:, [1, 0]] - rates[:, [1, 0]].mean(axis=0), axis=0) * step
         tilt *= [1.0, -1.0]
         tilt -= np.linspace(0, 1, len(tilt))[:, None] * tilt[-1]
         drift = np.cumsum(tilt - tilt.mean(axis=0), axis=0) * step
         jerk = np.gradient(rates[:, [1, 0]], step, axis=0) * [1.0, -1.0]
-        parts = [sosfiltfilt(band, one, axis=0) for one in (tilt, drift, jerk, force[:, :2])]
+        parts = tilt, drift, jerk, force[:, :2]
+        parts = [scipy.signal.sosfiltfilt(band, one, axis=0) for one in parts]
         parts = [one[edge:-edge] for one in parts]
         features.append(np.stack(parts[:3], axis=2))
         forces.append(parts[3])

@@ -7,8 +7,8 @@ broken. A signal that fails is passed over; the rest of the log is used.
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.signal import butter, lfilter, sosfiltfilt
 
 from maidenflight.flights.checkup.motors import TORQUES
 from maidenflight.flights.checkup.relations import block_mean
@@ -77,11 +77,11 @@ def _follow(pieces: Sequence[Flight]) -> Float[np.ndarray, "4"] | None:
         if len(commanded) * step < 4.0:
             continue
         high = min(_BAND_HZ[1], 0.4 / step)
-        band = butter(2, [2 * step * _BAND_HZ[0], 2 * step * high], "band", output="sos")
-        speed = sosfiltfilt(band, speed, axis=0)
+        band = scipy.signal.butter(2, (_BAND_HZ[0], high), "band", fs=1 / step, output="sos")
+        speed = scipy.signal.sosfiltfilt(band, speed, axis=0)
         for place, lag in enumerate(LAGS_S):
             memory = np.exp(-step / lag)
-            late = sosfiltfilt(band, _lag(commanded, memory), axis=0)
+            late = scipy.signal.sosfiltfilt(band, _lag(commanded, memory), axis=0)
             sums[0, place] += (late * speed).sum(axis=0)
             sums[1, place] += (late**2).sum(axis=0)
             sums[2, place] += (speed**2).sum(axis=0)
@@ -91,7 +91,8 @@ def _follow(pieces: Sequence[Flight]) -> Float[np.ndarray, "4"] | None:
 
 
 def _lag(values: Float[np.ndarray, "M 4"], memory: float) -> Float[np.ndarray, "M 4"]:
-    return lfilter([1 - memory], [1.0, -memory], values, axis=0, zi=memory * values[:1])[0]
+    start = memory * values[:1]
+    return scipy.signal.lfilter([1 - memory], [1.0, -memory], values, axis=0, zi=start)[0]
 
 
 def _motion_ratio(pieces: Sequence[Flight]) -> float | None:

@@ -35,6 +35,7 @@ from maidenflight.identification.outcome.estimates import (
     evaluations_table,
     notes_on,
 )
+from maidenflight.identification.outcome.narrowing import advise
 from maidenflight.identification.outcome.plausible import (
     HOVERING,
     Ranges,
@@ -145,6 +146,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         evaluations=sum(len(values) for _, values in runs),
         search=evaluations_table(box, runs),
         posterior=draws,
+        advice=advise(estimates, unidentifiable, draws, motors),
         gains=tuple(gain for one in answer for gain in one.gains),
         notes=(
             *note_saturation(limit),

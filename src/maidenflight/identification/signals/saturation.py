@@ -8,9 +8,9 @@ limit and explains the steps there worse, the motors saturate beyond it.
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from jaxtyping import Bool, Float
 from scipy.ndimage import maximum_filter1d
-from scipy.signal import lfilter
 
 from maidenflight.flights.checkup.relations import block_mean
 from maidenflight.flights.log import Flight
@@ -88,8 +88,8 @@ def note_saturation(limit: float) -> list[str]:
 def _regressors(flight: Flight, lag: float) -> Float[np.ndarray, "M 4"]:
     """Speed, its square, specific force along z, and the greatest command of late, by step."""
     decay = np.exp(-flight.period / max(lag, 1e-3))
-    command = flight.speed_command
-    speed = lfilter([1 - decay], [1.0, -decay], command, axis=0, zi=decay * command[:1])[0]
+    command, start = flight.speed_command, decay * flight.speed_command[:1]
+    speed = scipy.signal.lfilter([1 - decay], [1.0, -decay], command, axis=0, zi=start)[0]
     late = round(flight.accelerometer_delay / flight.period)
     force = np.asarray(flight.accelerometer, float)[:, 2]
     rows = _memory_rows(flight.period)
@@ -98,7 +98,7 @@ def _regressors(flight: Flight, lag: float) -> Float[np.ndarray, "M 4"]:
     # A slow filter acts on what is compared with it too.
     smooth = max(1, round(2 * flight.accelerometer_delay / flight.period))
     weights = np.ones(smooth) / smooth
-    columns[:2] = [lfilter(weights, [1.0], column) for column in columns[:2]]
+    columns[:2] = [scipy.signal.lfilter(weights, [1.0], column) for column in columns[:2]]
     shift = max(0, late - smooth // 2)
     table = np.column_stack([*columns[:2], np.roll(force, -shift), most])
     return block_mean(table[rows : len(table) - shift], stride(flight))
