@@ -1,4 +1,4 @@
-"""Readers of other drones' logs, for the fuzzer: ULog, blackbox, MCAP, rosbag2, mapped tables."""
+"""Readers of other drones' logs, for the fuzzer: ULog, blackbox, micro-SD, bags, mapped tables."""
 
 import dataclasses
 import random
@@ -23,7 +23,7 @@ ROWS = 160
 def recordings() -> dict[str, tuple[str, list[bytes]]]:
     """Good logs by their format, with the ending of their files."""
     flights, ulogs = made("made_flights"), made("made_ulogs")
-    blackbox, bags = made("made_blackbox"), made("made_bags")
+    blackbox, bags, cards = made("made_blackbox"), made("made_bags"), made("test_usddeck")
     force = np.random.default_rng(1).normal([0.0, 0.0, 9.81], 0.3, (ROWS, 3)).astype(np.float32)
     flight = dataclasses.replace(flights.driven(ROWS), accelerometer=force)
 
@@ -54,6 +54,10 @@ def recordings() -> dict[str, tuple[str, list[bytes]]]:
                 blackbox.blackbox(blackbox.fields_of(flight, battery=known))
                 for known in (True, False)
             ],
+        ),
+        "micro-SD": (
+            "",
+            [cards.written(cards.EVENTS, cards.hovering(ROWS)), cards.flight_of_2019(flight)],
         ),
         "MCAP": (".mcap", bag(".mcap")),
         "rosbag2": (".db3", bag(".db3")),

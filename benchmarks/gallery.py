@@ -3,8 +3,8 @@
     maidenflight demo -o run
     python benchmarks/gallery.py run
 
-needs Chromium for the report, Pillow, and for the last picture the extra viewer and a display
-(`xvfb-run -a` where there is none). Pictures are of the files in the run's folder alone.
+needs Chromium and pdftoppm for the report, Pillow, and for the last picture the extra viewer and a
+display (`xvfb-run -a` where there is none). Pictures are of the files in the run's folder alone.
 """
 
 import io
@@ -64,7 +64,9 @@ def _small(picture: Path, to: Path, width: int) -> None:
     if image.width > width:
         image = image.resize((width, round(image.height * width / image.width)))
     buffer = io.BytesIO()
-    image.quantize(64, dither=Image.Dither.NONE).save(buffer, "png", optimize=True)
+    image.quantize(64, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
+        buffer, "png", optimize=True
+    )
     to.write_bytes(buffer.getvalue())
 
 
@@ -79,6 +81,16 @@ def _of_report(run: Path, to: Path) -> None:
         _small(home / "shot.png", to / "phone.png", 500)
         _browsed(page + _ALONE, home, "1000,560", shot, query="theme=light&autoplay")
         _small(home / "shot.png", to / "viewer.png", 1000)
+        paper = home / "paper.pdf"
+        _browsed(page, home, "1120,1590", "--no-pdf-header-footer", f"--print-to-pdf={paper}")
+        pdf = ["pdftoppm", "-png", "-scale-to-x", "600", "-scale-to-y", "-1", "-l", "3"]
+        subprocess.run([*pdf, paper, home / "paper"], check=True)
+        pages = [Image.open(one) for one in sorted(home.glob("paper-*.png"))]
+        sheet = Image.new("RGB", (sum(one.width for one in pages), pages[0].height))
+        for number, one in enumerate(pages):
+            sheet.paste(one, (number * pages[0].width, 0))
+        sheet.save(home / "shot.png")
+        _small(home / "shot.png", to / "print.png", 1800)
 
 
 def _of_charts(run: Path, to: Path) -> None:

@@ -684,11 +684,12 @@ def run(given: argparse.Namespace) -> None:
                     one, nominal, settings[one], given.seeds, made[one], given.output / "policies"
                 )
                 rows = polars.concat(_all_flights(one, policies, realities, others, given))
-                results.write_table(path, _FLIGHTS, wanted, rows.write_csv())
+                results.write(path, results.table_text(_FLIGHTS, wanted, rows.write_csv()))
             tables.append(read_flights(path, wanted))
     flights = polars.concat(tables)
     everything = record({**flying, "variants": [made[one]["settings"] for one in chosen]})
-    results.write_table(given.output / "flights.csv", _FLIGHTS, everything, flights.write_csv())
+    text = results.table_text(_FLIGHTS, everything, flights.write_csv())
+    results.write(given.output / "flights.csv", text)
     found = effects(flights)
     results.write(
         given.output / "ablations.svg", picture.svg(chart(found, Path(given.drone).stem), note=NOTE)

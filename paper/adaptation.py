@@ -201,7 +201,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         with polars.Config(tbl_rows=-1, tbl_cols=-1, tbl_width_chars=200, float_precision=3):
             print(found)
         rows = found.write_csv(float_precision=4)
-        results.write_table(given.output / f"{name}.csv", f"maidenflight {name} 1", made, rows)
+        text = results.table_text(f"maidenflight {name} 1", made, rows)
+        results.write(given.output / f"{name}.csv", text)
 
 
 if __name__ == "__main__":

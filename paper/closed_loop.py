@@ -303,7 +303,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         settings={"trials": given.trials, "seeds": given.seeds},
     )
     text = table.write_csv(float_precision=4)
-    results.write_table(given.output / "closed_loop.csv", "maidenflight closed loop 2", made, text)
+    text = results.table_text("maidenflight closed loop 2", made, text)
+    results.write(given.output / "closed_loop.csv", text)
 
 
 if __name__ == "__main__":

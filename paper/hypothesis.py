@@ -896,9 +896,8 @@ def run(given: argparse.Namespace) -> None:
     }
     settings |= {"nominal": Path(given.nominal).name, "least_latency": given.least_latency}
     made = results.record(seed=given.seed, inputs=inputs, settings=settings)
-    results.write_table(
-        given.output / "statistics.csv", _STATISTICS, made, as_table(lines).write_csv()
-    )
+    text = results.table_text(_STATISTICS, made, as_table(lines).write_csv())
+    results.write(given.output / "statistics.csv", text)
     results.write(given.output / "hypothesis.svg", picture.svg(chart(found), note=NOTE))
     tell(found, lines)
 

@@ -226,7 +226,7 @@ def flown(
         )
     if not path.exists():
         table = fly(place, policies, given)
-        results.write_table(path, _FLIGHTS, made, table.write_csv(float_precision=2))
+        results.write(path, results.table_text(_FLIGHTS, made, table.write_csv(float_precision=2)))
     return polars.read_csv(path, comment_prefix="#")
 
 
@@ -561,9 +561,8 @@ def run(given: argparse.Namespace) -> None:
         "policies": {cell.name: given.seeds for cell in cells},
     }
     made = results.record(seed=given.seed, inputs=[given.drone], settings=said)
-    results.write_table(
-        given.output / "flights.csv", _FLIGHTS, made, flights.write_csv(float_precision=2)
-    )
+    text = results.table_text(_FLIGHTS, made, flights.write_csv(float_precision=2))
+    results.write(given.output / "flights.csv", text)
     results.write(given.output / "randomization.svg", picture.svg(chart(flights, given.duration)))
     with polars.Config(
         tbl_cols=-1,

@@ -151,7 +151,7 @@ def test_help_names_every_battery_law_and_every_signal_that_can_be_ignored(
         ("soar", "No such command"),
         ("record --height 1", "--height"),
         ("fly --recover -o {tmp}/nowhere", "no such folder"),
-        ("record --plan {tmp}/no.toml -o {tmp}/r", "no readable flight plan"),
+        ("record --plan {tmp}/no.toml -o {tmp}/r", "cannot be read as a flight plan"),
         ("record --plan {tmp}/bad.toml -o {tmp}/r", "flight plan of this version"),
         ("record --plan {tmp}/no.toml --duration 9", "--duration: the plan defines"),
         ("fly --plan {tmp}/no.toml --task hover", "--task: the plan defines"),
@@ -229,7 +229,7 @@ def test_a_folder_has_settings_of_its_own_which_options_replace(
     for text, message in (
         ("tusk = 1", "tusk; expected drone, task, control, or a table"),
         ("[drone]\nmess = 1", "[drone] mess; expected "),
-        ("drone = ", "not TOML"),
+        ("drone = ", "cannot be read as TOML"),
     ):
         project.write_text(text)
         code, out, err = command("drone crazyflie")

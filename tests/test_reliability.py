@@ -412,7 +412,5 @@ def test_ctrl_c_ends_a_process_that_does_not_answer(what: str) -> None:
 
 def test_a_record_that_is_no_record_is_none(tmp_path: Path) -> None:
     for text in ("[" * 100_000, "3", '{"a": 1, "a": 2}', json.dumps([1])):
-        assert (
-            results.read_record(results.write(tmp_path / "table.csv", f"# record: {text}\na\n1\n"))
-            is None
-        )
+        path = results.write(tmp_path / "table.csv", f"# record: {text}\na\n1\n")
+        assert results.read_record(path) == {}

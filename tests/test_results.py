@@ -86,14 +86,14 @@ def test_without_randomness_and_inputs_a_record_has_neither(tmp_path):
     ("text", "record"),
     [
         ('# flights 1\n# record: {"seed": 3}\na,b\n', {"seed": 3}),
-        ("a,b\n# record: {}\n", None),
-        ("# record: {\n", None),
-        ("", None),
+        ("a,b\n# record: {}\n", {}),
+        ("# record: {\n", {}),
+        ("", {}),
     ],
 )
 def test_a_tables_record_is_found_in_its_comments(tmp_path, text, record):
     assert results.read_record(results.write(tmp_path / "table.csv", text)) == record
-    assert results.read_record(tmp_path / "nothing.csv") is None
+    assert results.read_record(tmp_path / "nothing.csv") == {}
 
 
 def test_tables_of_an_earlier_run_of_the_same_kind_go_and_nothing_else(tmp_path):
@@ -106,7 +106,8 @@ def test_tables_of_an_earlier_run_of_the_same_kind_go_and_nothing_else(tmp_path)
         "other": {"settings": {"uri": "radio://"}},
         "odd": {"settings": 3},
     }.items():
-        results.write_table(tmp_path / f"{name}.csv", "# a table", record, "time\n0.0\n")
+        text = results.table_text("# a table", record, "time\n0.0\n")
+        results.write(tmp_path / f"{name}.csv", text)
     (tmp_path / "mine.csv").write_text("time,x\n0,1\n")
     (tmp_path / "binary.csv").write_bytes(b"# \xff")
     results.remove_older([tmp_path / "flight_1.csv"], now)

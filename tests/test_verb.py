@@ -108,6 +108,16 @@ def test_help_imports_nothing_heavy(words: list[str]) -> None:
     assert int(last.split()[-1]) <= 32 + len(VERBS.own) * (not words)
 
 
+def test_a_bar_moves_before_anything_heavy_is_imported(tmp_path: Path) -> None:
+    program = (
+        "import sys; sys.argv = ['maidenflight', *'train --drone crazyflie'.split()]\n"
+        "from maidenflight import cli, terminal\n"
+        "terminal.Bar.__enter__ = lambda bar: sys.exit(int('jax' in sys.modules))\n"
+        "cli.main()"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True, cwd=tmp_path)
+
+
 def test_unknown_verbs_and_settings_are_refused() -> None:
     train = find_verb("train")
     with pytest.raises(InputError, match="sed is no setting of train"):

@@ -27,15 +27,12 @@ def keep_compiled() -> None:
         return
     programs = folder() / f"{platform.machine()}-{zlib.crc32(_processor().encode()):08x}"
     with suppress(OSError):
-        entries = sorted(
-            (entry.stat().st_mtime, entry.stat().st_size, entry)
-            for entry in programs.glob("*-cache")
-        )
-        surplus = sum(size for _, size, _ in entries) - _CACHE_BYTES
-        for _, size, entry in entries:
+        entries = [(entry.stat(), entry) for entry in programs.glob("*-cache")]
+        surplus = sum(status.st_size for status, _ in entries) - _CACHE_BYTES
+        for status, entry in sorted(entries, key=lambda one: one[0].st_mtime):
             if surplus > 0:
                 entry.unlink()
-                surplus -= size
+                surplus -= status.st_size
         programs.mkdir(parents=True, exist_ok=True)
         os.environ["JAX_COMPILATION_CACHE_DIR"] = str(programs)
         os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.05")
@@ -49,12 +46,5 @@ def _processor() -> str:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
     except OSError:
         return platform.processor()
-    return "".join(
-        sorted(
-            {
-                line
-                for line in text.splitlines()
-                if line.startswith(("model name", "flags", "Features", "CPU part"))
-            }
-        )
-    )
+    names = "model name", "flags", "Features", "CPU part"
+    return "".join(sorted({line for line in text.splitlines() if line.startswith(names)}))

@@ -27,10 +27,7 @@ physics computes the first again for each use of the next and takes for ever
 
 @functools.cache
 def has_older_emitter() -> bool:
-    """Returns whether XLA still has its older emitter of loops.
-
-    Up to jaxlib 0.10, Python 3.11's last.
-    """
+    """Returns whether XLA still has its older emitter of loops, as up to jaxlib 0.10."""
     from jaxlib.version import __version__
 
     return tuple(map(int, __version__.split(".")[:2])) < (0, 11)

@@ -2,7 +2,7 @@
 
 import errno
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from os import PathLike
@@ -21,6 +21,12 @@ def printable(text: str) -> str:
     return _UNPRINTABLE.sub(lambda match: f"\\u{ord(match[0]):04x}", text)
 
 
+def first_few(entries: Sequence[str], between: str = ", ", most: int = 3) -> str:
+    """Returns the first entries of a list, and how many more there are."""
+    rest = len(entries) - most
+    return between.join(entries[:most]) + (f" and {rest} more" if rest > 0 else "")
+
+
 class InputError(ValueError):
     """Something that the user gave is wrong.
 
@@ -31,9 +37,9 @@ class InputError(ValueError):
 
     def __init__(self, message: str) -> None:
         line = printable(" ".join(message.splitlines()))
-        super().__init__(
-            line if len(line) <= LONGEST else f"{line[: LONGEST - 400]} ... {line[-390:]}"
-        )
+        if len(line) > LONGEST:
+            line = f"{line[: LONGEST - 400]} ... {line[-390:]}"
+        super().__init__(line)
 
 
 @contextmanager
@@ -71,10 +77,7 @@ class WriteError(InputError):
     def __init__(self, path: str | PathLike[str], error: OSError) -> None:
         self.wrong = f"{path}: cannot be written ({error.strerror})."
         """What is wrong, a sentence."""
-        self.remedy = (
-            "Free space there"
-            if error.errno in (errno.ENOSPC, errno.EDQUOT)
-            else "Make that place writable"
-        )
+        is_full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+        self.remedy = "Free space there" if is_full else "Make that place writable"
         """What to do before the same is tried again; a sentence may go on after it."""
         super().__init__(f"{self.wrong} {self.remedy}, or choose another place with -o.")

@@ -11,7 +11,7 @@ import io
 import json
 import os
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator
 from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -143,6 +143,36 @@ def readable(path: StrPath, kind: str = "text") -> str:
         raise InputError(f"{path}: cannot be read as {kind} ({error}).") from error
 
 
+def toml_file(path: StrPath, kind: str, cure: str) -> dict[str, Any]:
+    """Returns the content of a TOML file that a user gives.
+
+    Args:
+        path: the file.
+        kind: what it should be, for the error.
+        cure: what to do where it is not, as a sentence.
+
+    Raises:
+        InputError: it cannot be read, or is not TOML.
+    """
+    try:
+        return from_toml(text(path))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read as {kind} ({error}). {cure}") from error
+
+
+def json_file(path: StrPath, cure: str) -> Any:
+    """Returns the content of a JSON file of ours; arguments as of `toml_file`.
+
+    Raises:
+        InputError: it cannot be read, or is not JSON.
+    """
+    content = readable(path)
+    try:
+        return from_json(content)
+    except ValueError as error:
+        raise InputError(f"{path}: not valid JSON ({error}). {cure}") from error
+
+
 def comments(path: StrPath) -> list[str]:
     """Returns the lines that a file in UTF-8 begins with, each with a "#" before it.
 
@@ -239,10 +269,10 @@ class Fields:
             f"{self._where}: [{self._title}] {name} is {value}, expected {expected}. {self._cure}"
         )
 
-    def get(self, name: str) -> Any:
-        """Returns an entry as it is, `None` where there is none."""
+    def get(self, name: str, usual: Any = None) -> Any:
+        """Returns an entry as it is, the usual one where there is none."""
         self._taken.add(name)
-        return self.content.get(name)
+        return self.content.get(name, usual)
 
     def table(self, name: str) -> "Fields":
         """Returns a table in it."""
@@ -264,10 +294,18 @@ class Fields:
             raise self.refused(name, "a text")
         return value
 
-    def choice(self, name: str, known: Sequence[str]) -> str:
-        """Returns one of some texts."""
+    def texts(self, name: str, counts: Collection[int]) -> tuple[str, ...]:
+        """Returns a list of texts, of one of some lengths."""
         value = self.get(name)
-        if not isinstance(value, str) or value not in known:
+        sound = isinstance(value, list) and len(value) in counts
+        if not sound or not all(isinstance(one, str) for one in value):
+            raise self.refused(name, f"a list of {' or '.join(map(str, counts))} texts")
+        return tuple(value)
+
+    def choice(self, name: str, known: Collection[str], usual: str | None = None) -> str:
+        """Returns one of some texts; the usual one where it is missing, if there is one."""
+        value = self.get(name, usual)
+        if not isinstance(value, str) or value not in (*known, usual):
             raise self.refused(name, " or ".join(map(repr, known)))
         return value
 
@@ -285,9 +323,15 @@ class Fields:
             raise self.refused(name, "a whole number from 1 on")
         return value
 
-    def number(self, name: str, low: float = -LARGEST, high: float = LARGEST) -> float:
-        """Returns a finite number within two others."""
-        value = self.get(name)
+    def number(
+        self,
+        name: str,
+        low: float = -LARGEST,
+        high: float = LARGEST,
+        usual: float | None = None,
+    ) -> float:
+        """Returns a finite number within two others; the usual one where it is missing, if any."""
+        value = self.get(name, usual)
         if not is_number(value) or not low <= value <= high:
             raise self.refused(name, "a number" if low == -LARGEST else f"{low:g} to {high:g}")
         return float(value)

@@ -25,6 +25,7 @@ Kind = Literal[
     "picture",
     "validation",
     "windows",
+    "calibration",
     "policies",
     "training",
     "flights",
@@ -153,11 +154,7 @@ def read_manifest(folder: StrPath) -> Manifest:
     path = folder / NAME
     if not os.path.lexists(path):
         return Manifest(folder)
-    try:
-        content = inputs.from_json(inputs.readable(path))
-    except ValueError as error:
-        raise InputError(f"{path}: not valid JSON ({error}). {_CURE}") from error
-    fields = Fields(content, str(path), "manifest", _CURE)
+    fields = Fields(inputs.json_file(path, _CURE), str(path), "manifest", _CURE)
     fields.choice("format", (FORMAT,))
     return Manifest(folder, tuple(map(_entry, fields.tables("entries"))))
 
@@ -220,11 +217,7 @@ def _name(path: StrPath, folder: StrPath) -> str | None:
 
 
 def _entry(fields: Fields) -> Entry:
-    """Reads an entry.
-
-    Raises:
-        InputError: it is damaged, or lists a file outside the run folder.
-    """
+    """Reads an entry."""
     seed, written, read = fields.get("seed"), fields.table("written"), fields.table("inputs")
     if type(seed) not in (int, type(None)):
         raise fields.refused("seed", "a whole number")

@@ -24,7 +24,7 @@ CONTROLLERS = ("pid", "mellinger")
 """Controllers of the firmware that fly recordings."""
 PROPELLERS = ("2.1+", "legacy", "thrust-upgrade")
 """By which the Crazyflie's firmware compensates for the battery."""
-METHODS = ("gradient", "distillation", "ppo", "ppo-paper")
+METHODS = ("gradient", "gradient-paper", "distillation", "ppo", "ppo-paper")
 """Of training; the last with the paper's settings."""
 FORMS = ("instants", "raptor")
 """Of policies: what their network sees and gives."""

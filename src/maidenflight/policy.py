@@ -48,16 +48,12 @@ class Policy:
     """What it sees and remembers, and its hidden layers, which `check` compares with the arrays."""
 
     def __call__(self, observation: Float[Array, "20H+3K+M"]) -> Float[Array, "4+M"]:
-        """Action, and memory if there is any, for an observation.
-
-        Not clipped, because the next observation holds it as it is.
-        """
+        """Returns the action, not clipped, as the next observation holds it, and any memory."""
         form, size = self.spec.policy_form, self.spec.observed_size
         inputs, memory = observation[:size], observation[size:]
         values = (form.observed(inputs) - self.observation_mean) / self.observation_std
-        for number, (weight, bias) in enumerate(
-            zip(self.weights[:-1], self.biases[:-1], strict=True)
-        ):
+        hidden = zip(self.weights[:-1], self.biases[:-1], strict=True)
+        for number, (weight, bias) in enumerate(hidden):
             values = jax.nn.relu(weight @ values + bias)
             if self.gru is not None and number == 0:
                 memory = self.gru(values, memory)
@@ -152,12 +148,10 @@ def untrained_policy(
     inputs_of = list(sizes[:-1])
     if memory:
         inputs_of[1] = memory if form.through_memory else inputs_of[1] + memory
-    weights = []
-    for key_, fan_in, outputs in zip(
-        jax.random.split(key, len(sizes) - 1), inputs_of, sizes[1:], strict=True
-    ):
+    weights, keys = [], jax.random.split(key, len(sizes) - 1)
+    for own_key, fan_in, outputs in zip(keys, inputs_of, sizes[1:], strict=True):
         bound = np.float32(np.sqrt(6.0 / fan_in) * (0.1 if outputs == ACTION_SIZE else 1.0))
-        weights.append(jax.random.uniform(key_, (outputs, fan_in), minval=-bound, maxval=bound))
+        weights.append(jax.random.uniform(own_key, (outputs, fan_in), minval=-bound, maxval=bound))
     biases = tuple(
         jnp.full(outputs, 0.0 if number else form.first_bias, jnp.float32)
         for number, outputs in enumerate(sizes[1:])

@@ -123,11 +123,9 @@ class PolicyFile:
 def _decimals(array: Any) -> Any:
     """Nested lists of the shortest decimals that read back to the same float32."""
     array = np.asarray(array, np.float32)
-    return (
-        [_decimals(row) for row in array]
-        if array.ndim > 1
-        else [float(str(entry)) for entry in array]
-    )
+    if array.ndim > 1:
+        return [_decimals(row) for row in array]
+    return [float(str(entry)) for entry in array]
 
 
 def to_json(policy: Policy, record: Mapping[str, Any] | None = None) -> str:
@@ -136,31 +134,22 @@ def to_json(policy: Policy, record: Mapping[str, Any] | None = None) -> str:
         {"weights": _decimals(weight), "biases": _decimals(bias)}
         for weight, bias in zip(policy.weights, policy.biases, strict=True)
     ]
-    return json.dumps(
-        {
-            "format": FORMAT,
-            "interface": policy.interface.to_dict(),
-            **{
-                name: value
-                for name, value in policy.spec.to_dict().items()
-                if name not in PolicySpec.OF_NETWORK
-            },
-            "instant": INSTANT,
-            "activation": "relu",
-            "record": dict(record or {}),
-            "observation_mean": _decimals(policy.observation_mean),
-            "observation_std": _decimals(policy.observation_std),
-            "layers": layers,
-            **_describe_gru(policy.gru),
-        }
-    )
-
-
-def _describe_gru(gru: Gru | None) -> dict[str, Any]:
-    """What a file holds of a recurrent unit; nothing where there is none."""
-    if gru is None:
-        return {}
-    return {"gru": {name: _decimals(array) for name, array in fields_of(gru).items()}}
+    spec = policy.spec.to_dict()
+    content = {
+        "format": FORMAT,
+        "interface": policy.interface.to_dict(),
+        **{name: spec[name] for name in spec if name not in PolicySpec.OF_NETWORK},
+        "instant": INSTANT,
+        "activation": "relu",
+        "record": dict(record or {}),
+        "observation_mean": _decimals(policy.observation_mean),
+        "observation_std": _decimals(policy.observation_std),
+        "layers": layers,
+    }
+    if policy.gru is not None:
+        arrays = fields_of(policy.gru)
+        content["gru"] = {name: _decimals(array) for name, array in arrays.items()}
+    return json.dumps(content)
 
 
 def from_json(text: str, place: str = "policy", control: str | None = None) -> PolicyFile:
@@ -203,16 +192,10 @@ def from_json(text: str, place: str = "policy", control: str | None = None) -> P
 
 
 def _own(content: Mapping[str, Any], place: str) -> Policy:
-    """The policy of a file of ours.
-
-    Raises:
-        InputError: it is damaged.
-    """
+    """The policy of a file of ours."""
     try:
-        weights, biases = (
-            tuple(_numbers(layer[name]) for layer in content["layers"])
-            for name in ("weights", "biases")
-        )
+        weights = tuple(_numbers(layer["weights"]) for layer in content["layers"])
+        biases = tuple(_numbers(layer["biases"]) for layer in content["layers"])
         gru = None
         if "gru" in content:
             gru = Gru(**{name: _numbers(array) for name, array in content["gru"].items()})
@@ -240,16 +223,12 @@ def _own(content: Mapping[str, Any], place: str) -> Policy:
 
 def _format_of(keys: AbstractSet[str]) -> PolicyFormat | None:
     """The format by others of a file with some keys."""
-    return next(
-        (one for one in map(POLICY_FORMATS.__getitem__, POLICY_FORMATS) if keys >= one.keys), None
-    )
+    formats = (POLICY_FORMATS[name] for name in POLICY_FORMATS)
+    return next((one for one in formats if keys >= one.keys), None)
 
 
 def _numbers(nested: Any) -> Array:
-    """Nested lists of numbers as float32.
-
-    Text, true and false, missing numbers and what float32 cannot hold are refused.
-    """
+    """Converts nested lists of numbers that float32 can hold."""
     array = inputs.numbers(nested)
     if array.dtype.kind not in "fi" or np.any(
         np.isfinite(array) & (np.abs(array) > float(np.finfo(np.float32).max) * (1 + 1e-7))
@@ -295,10 +274,8 @@ def read_policy(path: StrPath, control: str | None = None) -> PolicyFile:
     path = Path(path)
     if path.is_dir():
         first = min(path.glob("*.json"), default=None)
-        raise InputError(
-            f"{path}: a folder, not a policy. "
-            f"{f'Give one file of it, such as {first}.' if first else _SUCH_AS}"
-        )
+        cure = f"Give one file of it, such as {first}." if first else _SUCH_AS
+        raise InputError(f"{path}: a folder, not a policy. {cure}")
     if not path.exists():
         raise InputError(f"{path}: cannot be read as a policy: no such file. {_SUCH_AS}")
     return from_json(inputs.readable(path, "a policy"), str(path), control)

@@ -9,7 +9,7 @@ import json
 import os
 import re
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,8 @@ from maidenflight.errors import InputError, WriteError
 from maidenflight.inputs import StrPath
 
 _LEFTOVER = re.compile(r"\..+\.[a-z0-9_]{8}\.part")
+_RECORD = "# record: "
+"""How the comment line begins by which a text file holds its record."""
 _LOCK_TIMEOUT = 0.2
 """Longest wait for a lock that is just being released [s]."""
 
@@ -107,17 +109,10 @@ def remove_older(written: Sequence[StrPath], record: Mapping[str, Any]) -> None:
             settings.
     """
     new_files = {Path(path) for path in written}
-    for path in {
-        candidate
-        for folder in {path.parent for path in new_files}
-        for candidate in folder.glob("*.csv")
-    } - new_files:
-        older = read_record(path)
-        if (
-            older is not None
-            and isinstance(older.get("settings"), dict)
-            and older["settings"].keys() == record["settings"].keys()
-        ):
+    folders = {path.parent for path in new_files}
+    for path in {table for folder in folders for table in folder.glob("*.csv")} - new_files:
+        settings = read_record(path).get("settings")
+        if isinstance(settings, dict) and settings.keys() == record["settings"].keys():
             path.unlink()
 
 
@@ -185,36 +180,38 @@ def plain(record: Mapping[str, Any]) -> dict[str, Any]:
     return json.loads(json.dumps(record))
 
 
-def write_table(path: StrPath, heading: str, record: Mapping[str, Any], rows: str) -> Path:
-    """Writes a CSV file with a line that says what it is and its record in comments above.
-
-    `read_record` reads the record.
-
-    Args:
-        path: where to write.
-        heading: what the table is, beginning with "# ".
-        record: how it was made.
-        rows: the CSV's text.
-
-    Raises:
-        WriteError: see `write`.
-    """
-    return write(path, table_text(heading, record, rows))
+def record_line(record: Mapping[str, Any] | None) -> str:
+    """Returns the comment line by which a text file holds its record; `parse_record` reads it."""
+    return f"{_RECORD}{json.dumps(dict(record or {}))}"
 
 
 def table_text(heading: str, record: Mapping[str, Any], rows: str) -> str:
-    """Returns the text of what `write_table` writes."""
-    return f"{heading}\n# record: {json.dumps(record)}\n{rows}"
+    """Returns the text of a table with comments above it: what it is, and its record.
 
-
-def read_record(path: StrPath) -> dict[str, Any] | None:
-    """Returns the record in the comments of a CSV file, as a line `# record: ` of JSON.
-
-    Nothing where there is no such file or line.
+    Args:
+        heading: what the table is, beginning with "# ".
+        record: how it was made.
+        rows: the CSV's text.
     """
+    return f"{heading}\n{record_line(record)}\n{rows}"
+
+
+def parse_record(lines: Iterable[str], place: StrPath) -> dict[str, Any]:
+    """Returns the record in the comment lines of a file; empty where there is none.
+
+    Raises:
+        InputError: it is no JSON object; `place` is the file.
+    """
+    line = next((line for line in lines if line.startswith(_RECORD)), f"{_RECORD}{{}}")
+    with suppress(ValueError):
+        record = inputs.from_json(line.removeprefix(_RECORD))
+        if isinstance(record, dict):
+            return record
+    raise InputError(f"{place}: the line {line[:40]!r} holds no valid JSON. Write '{_RECORD}{{}}'.")
+
+
+def read_record(path: StrPath) -> dict[str, Any]:
+    """Returns the record in the comments of a CSV file; empty where it cannot be read."""
     with suppress(OSError, ValueError):
-        for line in inputs.comments(path):
-            if line.startswith("# record: "):
-                content = inputs.from_json(line.removeprefix("# record: "))
-                return content if isinstance(content, dict) else None
-    return None
+        return parse_record(inputs.comments(path), path)
+    return {}

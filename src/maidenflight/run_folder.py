@@ -4,7 +4,6 @@ Writers and the report's reader both take them from here; which files a run has,
 """
 
 import json
-import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from maidenflight import inputs, manifest, results
 from maidenflight.errors import InputError
-from maidenflight.inputs import StrPath
+from maidenflight.inputs import Fields, StrPath
 
 if TYPE_CHECKING:
     from polars import DataFrame
@@ -39,7 +38,6 @@ STAGES = "demo.json"
 ERROR_UNITS = {"position": "m", "velocity": "m/s", "attitude": "rad", "body_rates": "rad/s"}
 """Units of the prediction errors, by quantity."""
 
-_RECORD = "# record: "
 _MAX_SECONDS, _MAX_NUMBER = 1e6, 1e15
 """Limits of what a time and any other number of a table may be."""
 
@@ -97,7 +95,7 @@ class Table:
         problem = problem or ("" if content.endswith("\n") else "its last line is cut off")
         if problem:
             raise InputError(f"{path}: not a readable CSV table ({problem}). Make it again.")
-        record = record_of(content, path)
+        record = results.parse_record(inputs.comments(path), path)
         try:
             rows = polars.read_csv(content.encode(), infer_schema_length=None, comment_prefix="#")
         except (polars.exceptions.PolarsError, OSError, ValueError) as error:
@@ -196,6 +194,15 @@ VALIDATION = Table(
     digits=9,
 )
 """Errors of open-loop predictions, a row a model and horizon."""
+CALIBRATION = Table(
+    "calibration.csv",
+    {"draw": int, "parameter": str, **dict.fromkeys(("truth", "low", "high"), float)}
+    | dict.fromkeys(("rank", "width_ratio"), float),
+    "maidenflight calibration 1: simulated drones of a posterior, identified again, a row a "
+    "parameter; SI units; rank of the truth among the posterior samples, width over the file's",
+    digits=9,
+)
+"""Truths and intervals of drones identified again, a row a drone and parameter."""
 WINDOWS = Table(
     "validation_windows.csv",
     {
@@ -242,10 +249,7 @@ def find_policies(folder: Path) -> list[Path]:
 
 
 def by_number(path: Path) -> tuple[str, list[int], str]:
-    """Returns what files are sorted by.
-
-    Flight_100 after flight_99, in folder policy_10 after policy_9.
-    """
+    """Returns what sorts files by their numbers: flight_100 after flight_99."""
     numbers = [int(part) for part in re.findall(r"\d+", str(path))]
     return re.sub(r"\d+", "", str(path)), numbers, str(path)
 
@@ -255,17 +259,14 @@ LOG = Numbered("flight", ".csv")
 
 
 def evaluations_path(drone: StrPath) -> Path:
-    """Returns where the evaluations of an identification go.
-
-    `identification.csv` for `drone.toml`, `NAME_identification.csv` for `NAME.toml`.
-    """
+    """Returns where evaluations go: `NAME_identification.csv`, for drone.toml without NAME."""
     path = Path(drone)
     named = EVALUATIONS.name if path.stem == Path(DRONE).stem else f"{path.stem}_{EVALUATIONS.name}"
     return path.with_name(named)
 
 
 def picture_path(drone: StrPath) -> Path:
-    """Returns where the picture of an identification goes: as `beside`, with `.svg`."""
+    """Returns where the picture of an identification goes, beside the evaluations."""
     return evaluations_path(drone).with_suffix(".svg")
 
 
@@ -275,43 +276,6 @@ def windows_path(validation: StrPath) -> Path:
     return path.with_name(f"{path.stem}_windows.csv")
 
 
-def json_object(path: Path) -> dict[str, Any]:
-    """Returns the object in a JSON file; empty where there is no such file.
-
-    Raises:
-        InputError: it holds something else.
-    """
-    if not os.path.lexists(path):
-        return {}
-    written = inputs.readable(path)
-    try:
-        content = inputs.from_json(written)
-    except ValueError as error:
-        raise InputError(
-            f"{path}: not valid JSON ({error}). Write it again or remove it."
-        ) from error
-    if not isinstance(content, dict):
-        raise InputError(f"{path}: holds no JSON object. Write it again or remove it.")
-    return content
-
-
-def record_of(content: str, path: Path) -> dict[str, Any]:
-    """Returns the record among the first lines of a file's text; empty where there is none.
-
-    Raises:
-        InputError: it is not valid JSON.
-    """
-    lines = content.split("\n", 4)[:4]
-    line = next((line for line in lines if line.startswith(_RECORD)), f"{_RECORD}{{}}")
-    try:
-        record = inputs.from_json(line.removeprefix(_RECORD))
-    except ValueError:
-        raise InputError(
-            f"{path}: the line '# record:' holds no valid JSON. Write '# record: {{}}' there."
-        ) from None
-    return record if isinstance(record, dict) else {}
-
-
 def write_stages(folder: StrPath, seed: int, seconds: Mapping[str, float]) -> Path:
     """Writes how long each stage of a demo took [s]."""
     content = json.dumps({"seed": seed, "stages": dict(seconds)}, indent=1)
@@ -319,17 +283,11 @@ def write_stages(folder: StrPath, seed: int, seconds: Mapping[str, float]) -> Pa
 
 
 def read_stages(path: Path) -> dict[str, float]:
-    """Returns how long each stage took [s]; empty where that is not known.
+    """Returns how long each stage took [s].
 
     Raises:
         InputError: the file says no seconds.
     """
-    stages = json_object(path).get("stages", {})
-    if not isinstance(stages, dict) or not all(
-        type(value) in (int, float) and 0 <= value < 1e9 for value in stages.values()
-    ):
-        raise InputError(
-            f"{path}: stages = {stages!r}; expected seconds of each. Remove the file, or run the "
-            "demo again."
-        )
-    return {stage: float(seconds) for stage, seconds in stages.items()}
+    cure = "Remove the file, or run the demo again."
+    fields = Fields(inputs.json_file(path, cure), str(path), "demo", cure).table("stages")
+    return {stage: fields.number(stage, 0.0, 1e9) for stage in fields.content}

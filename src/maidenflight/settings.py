@@ -262,9 +262,8 @@ class Setting:
         try:
             return self.values.check(value)
         except (ValueError, TypeError, OverflowError):
-            raise InputError(
-                f"{place} = {str(value)[:60]!r}; expected {self.values.expected}."
-            ) from None
+            wrong = f"{place} = {str(value)[:60]!r}"
+            raise InputError(f"{wrong}; expected {self.values.expected}.") from None
 
 
 def setting(

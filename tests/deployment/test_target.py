@@ -37,35 +37,12 @@ TOOLS = (
     "qemu-system-arm",
 )
 MISSING = [name for name in TOOLS if not shutil.which(name)]
-PROCESSOR = (
-    "-mcpu=cortex-m4",
-    "-mthumb",
-    "-mfpu=fpv4-sp-d16",
-    "-mfloat-abi=hard",
-    "-ffreestanding",
-)
+PROCESSOR = "-mcpu=cortex-m4 -mthumb -mfpu=fpv4-sp-d16 -mfloat-abi=hard -ffreestanding".split()
 """The firmware's flags, and no library."""
 EMULATOR = (
-    *(
-        "qemu-system-arm",
-        "-M",
-        "netduinoplus2",
-        "-display",
-        "none",
-        "-monitor",
-        "none",
-        "-serial",
-        "null",
-    ),
-    *(
-        "-semihosting-config",
-        "enable=on,target=native",
-        "-icount",
-        "shift=0",
-        "-kernel",
-        "image.bin",
-    ),
-)
+    "qemu-system-arm -M netduinoplus2 -display none -monitor none -serial null "
+    "-semihosting-config enable=on,target=native -icount shift=0 -kernel image.bin"
+).split()
 FLASH_BEGIN = 0x08000000
 OBSERVATIONS, HISTORIES, STEPS = 10_000, 4, 500
 TICKS_PER_INSTRUCTION = 0.168
@@ -129,6 +106,10 @@ def built(policy: Policy, folder: Path) -> None:
         assert (found.returncode, found.stderr) == (0, ""), command
 
 
+def output_of(folder: Path, *command: str) -> str:
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True).stdout
+
+
 def run(folder: Path) -> bool:
     """Boots `image.bin`; whether its self test passed."""
     found = subprocess.run(EMULATOR, cwd=folder, capture_output=True, text=True, timeout=120)
@@ -145,11 +126,8 @@ def flown_in_python(
     ahead: np.ndarray,
 ) -> SimulatedFlight:
     """All histories at once, each step from what the step before remembered."""
-    act, observe, commands = (
-        jax.jit(jax.vmap(policy)),
-        jax.jit(jax.vmap(environment.observe)),
-        policy.interface,
-    )
+    act, observe = jax.jit(jax.vmap(policy)), jax.jit(jax.vmap(environment.observe))
+    commands = policy.interface
     memory, action, flown = None, jnp.asarray(last), []
     remembered = jnp.zeros((len(last), policy.spec.memory))
     for step in range(STEPS):
@@ -161,15 +139,11 @@ def flown_in_python(
             else np.concatenate([memory[:, 1:], instant], axis=1)
         )
         points = (ahead[:, step] - np.asarray(now.position)[:, None]).reshape(len(memory), -1)
-        observation = jnp.concatenate([memory.reshape(len(memory), -1), points, remembered], axis=1)
+        seen = np.concatenate([memory.reshape(len(memory), -1), points], axis=1)
+        observation = jnp.concatenate([seen, remembered], axis=1)
         action, remembered = jnp.split(act(observation), [4], axis=1)
-        flown.append(
-            (
-                np.concatenate([memory.reshape(len(memory), -1), points, remembered], axis=1),
-                action,
-                np.array(commands.centre) + np.array(commands.span) * np.clip(action, -1, 1),
-            )
-        )
+        command = np.array(commands.centre) + np.array(commands.span) * np.clip(action, -1, 1)
+        flown.append((np.concatenate([seen, remembered], axis=1), action, command))
     return SimulatedFlight(
         np.asarray(jax.vmap(policy)(jnp.asarray(observations))),
         *(np.stack(part, axis=1) for part in zip(*flown, strict=True)),
@@ -237,14 +211,8 @@ def test_a_step_stays_within_its_instructions_flash_and_memory(flown: Board):
     loop, calls, network, step, state, stack_of_step, stack_of_self_test = flown.costs.tolist()
     assert loop == pytest.approx(200_000 * TICKS_PER_INSTRUCTION, rel=1e-4)
     network, step = (ticks / TICKS_PER_INSTRUCTION / calls for ticks in (network, step))
-    found = subprocess.run(
-        ["arm-none-eabi-size", "policy.o"],
-        cwd=flown.folder,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    text, data, bss = (int(number) for number in found.stdout.splitlines()[1].split()[:3])
+    sizes = output_of(flown.folder, "arm-none-eabi-size", "policy.o").splitlines()[1]
+    text, data, bss = map(int, sizes.split()[:3])
     stack = max(stack_of_step, stack_of_self_test)
     print(
         f"network {network:.1f}, step {step:.1f} instructions; text {text}, data {data}, bss "
@@ -256,31 +224,15 @@ def test_a_step_stays_within_its_instructions_flash_and_memory(flown: Board):
 
 
 def test_the_object_needs_no_library(flown: Board):
-    found = subprocess.run(
-        ["arm-none-eabi-nm", "-u", "policy.o"],
-        cwd=flown.folder,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert found.stdout == ""
+    assert output_of(flown.folder, "arm-none-eabi-nm", "-u", "policy.o") == ""
 
 
 @pytest.fixture
 def damaged(flown: Board, tmp_path: Path) -> Callable[[str], bool]:
     """Boots the image with the last bit of a table's first number turned; whether the self test
     passed."""
-    listed = subprocess.run(
-        ["arm-none-eabi-nm", "image.elf"],
-        cwd=flown.folder,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    addresses = {
-        name: int(address, 16)
-        for address, _, name in (line.split() for line in listed.stdout.splitlines())
-    }
+    symbols = output_of(flown.folder, "arm-none-eabi-nm", "image.elf").splitlines()
+    addresses = {name: int(address, 16) for address, _, name in map(str.split, symbols)}
     image = (flown.folder / "image.bin").read_bytes()
 
     def passes(table: str) -> bool:

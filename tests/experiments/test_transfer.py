@@ -50,6 +50,7 @@ def test_every_policy_flies_every_reality_and_the_logs_match_the_table() -> None
     flown = transfer(POLICIES, realities, trials=2, key=jax.random.key(0), duration=0.6)
     again = transfer(POLICIES, realities, trials=2, key=jax.random.key(0), duration=0.6)
     assert flown.table.equals(again.table)
+    assert repr(flown).startswith("<8 flights of 2 policies in 2 realities: ")
     assert flown.table.select("policy", "reality", "trial").rows() == [
         (policy, reality, trial)
         for reality in ("virtual-1", "virtual-2")

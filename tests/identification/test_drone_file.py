@@ -15,6 +15,7 @@ from maidenflight.experiments.drones import choose_prediction, find_reality, pos
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import (
     SAVED,
+    Advice,
     DroneFile,
     Estimate,
     GroupGain,
@@ -45,6 +46,10 @@ WHOLE = DroneFile(
     ),
     {"inertia_z": (1.8e-5, 3.9e-5)},
     {"version": "0.1.0", "seed": 7, "inputs": ["flight_01.csv sha256:ab12"], "settings": {}},
+    advice=(
+        Advice("latency", "log rotor speeds", (0.017, 0.019)),
+        Advice("inertia_z", "yaw to and fro", None),
+    ),
 )
 TEXT = WHOLE.to_toml("mine")
 
@@ -57,7 +62,7 @@ def same(one: DroneFile, other: DroneFile) -> None:
     assert list(one.posterior) == list(other.posterior)
     for name, values in one.posterior.items():
         np.testing.assert_allclose(values, other.posterior[name], rtol=1e-5)
-    rest = ("estimates", "source", "search", "gains", "unidentified", "record")
+    rest = ("estimates", "source", "search", "gains", "unidentified", "record", "advice")
     assert [getattr(one, name) for name in rest] == [getattr(other, name) for name in rest]
 
 

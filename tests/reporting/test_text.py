@@ -14,6 +14,7 @@ def test_symbols_units_and_numbers_read_well():
     assert text.number(1.33e-5) == "1.33 \N{MULTIPLICATION SIGN} 10⁻⁵"
     assert text.number(-2.5) == "\N{MINUS SIGN}2.5"
     assert text.number(float("nan")) == text.NOTHING
+    assert [text.fixed(one, 0) for one in (-0.4, -1.0)] == ["0", "\N{MINUS SIGN}1"]
 
 
 def test_components_have_symbols_and_units_with_powers():

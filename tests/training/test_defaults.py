@@ -96,6 +96,10 @@ def test_a_memory_is_trained_with_its_own_settings(tmp_path: Path) -> None:
     assert own.hidden_learning_rate < usual.hidden_learning_rate
     assert own.updates == usual.updates
     assert chosen(method="ppo-paper")[0] == PPO.paper()
+    alone = vars(chosen(method="gradient-paper")[0])
+    costs = {name for name in alone if name.endswith("penalty")}
+    assert alone == vars(usual) | dict.fromkeys(costs, 0.0)
+    assert len(costs) == 6
     assert chosen(method="ppo", memory=16) == (PPO(), PolicySpec(memory=16))
     start = untrained_policy(jax.random.key(0), spec=PolicySpec(memory=16, hidden=(24, 12)))
     tuned, spec = chosen(initial=policy_file.write_policy(tmp_path / "start.json", start))

@@ -73,6 +73,14 @@ def test_distributions_that_cannot_be_trained_over_together_are_refused(
         ({"policy": PolicySpec(form="raptor"), "settings": PPO()}, "not by ppo"),
         ({"policy": INITIAL, "controller": control.attitude()}, "control structure"),
         ({"policy": INITIAL, "settings": PPO()}, "by gradients"),
+        (
+            {"task": tasks.circle()._replace(reward=lambda state, goal, *actions: goal.position)},
+            "the reward of task circle is not a function that JAX can trace: AttributeError",
+        ),
+        (
+            {"task": tasks.circle()._replace(reward=lambda state, goal, *actions: goal)},
+            r"the reward of task circle has shape \(3,\); expected a number",
+        ),
     ],
 )
 def test_what_cannot_be_trained_is_refused(others: dict[str, Any], words: str) -> None:

@@ -14,6 +14,7 @@ from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Estimate, Source
 from maidenflight.identification.likelihood.selection import FIRST, WITH_KNOWN_LAG
 from maidenflight.identification.outcome.estimates import Identification
+from maidenflight.identification.outcome.narrowing import advise
 from maidenflight.identification.start import note_mass, read_start
 from maidenflight.parameters import crazyflie
 from maidenflight.verbs import estimates_output
@@ -76,14 +77,19 @@ def test_the_mass_is_asked_for_where_nobody_gave_it(tmp_path: Path) -> None:
 
 def test_what_flights_hardly_determine_has_a_flight_that_does() -> None:
     """A lag known within a factor of two, no drag; inertia known within a tenth needs nothing."""
+    estimates = {
+        "motor_time_constant": Estimate(0.07, (0.05, 0.1), (0.07,), 0.0),
+        "inertia_x": Estimate(2e-5, (1.9e-5, 2.1e-5), (2e-5,), 0.0),
+    }
+    unidentified = dict.fromkeys(("drag_x", "drag_y", "drag_z"), (0.0, 0.5))
     found = dataclasses.replace(
         NOTHING,
-        estimates={
-            "motor_time_constant": Estimate(0.07, (0.05, 0.1), (0.07,), 0.0),
-            "inertia_x": Estimate(2e-5, (1.9e-5, 2.1e-5), (2e-5,), 0.0),
-        },
-        unidentified={"drag_x": (0.0, 0.5), "drag_y": (0.0, 0.5), "drag_z": (0.0, 0.5)},
+        estimates=estimates,
+        unidentified=unidentified,
+        advice=advise(estimates, unidentified, {}, None),
     )
+    lines = estimates_output.describe_advice(found)
+    assert lines[-1] == "narrow drag_z, 0 .. 0.5 1/s: climb and sink"
     (advice,) = (line for line in estimates_output.summarize(found) if "to narrow" in line)
     assert "1 m/s along x and y (drag_x, drag_y)" in advice
     assert "climb and sink (drag_z)" in advice
@@ -94,5 +100,4 @@ def test_what_flights_hardly_determine_has_a_flight_that_does() -> None:
 def test_every_parameter_that_is_chosen_has_a_flight_that_determines_it() -> None:
     names = [name for group in WITH_KNOWN_LAG.values() for name in group]
     for name in {*FIRST, *names} - {"thrust_to_weight", "rotational_damping"}:
-        found = dataclasses.replace(NOTHING, unidentified={name: (0.0, 1.0)})
-        assert any(f"({name})" in line for line in estimates_output.summarize(found))
+        assert advise({}, (name,), {}, None)[0].parameter == name

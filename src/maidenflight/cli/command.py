@@ -4,9 +4,10 @@ import gc
 import json
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import click
@@ -15,7 +16,7 @@ from click.shell_completion import CompletionItem
 
 from maidenflight import cache, compiler, cores, results, terminal
 from maidenflight.cli.interruption import resumable
-from maidenflight.cli.project import FILE, read_project
+from maidenflight.cli.project import FILE, read_project, settings_for
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.registry import VERBS
@@ -56,19 +57,13 @@ class _Values(click.ParamType):
 class VerbCommand(click.Command):
     """A verb as a command: its options by group, those that are rare only by `--help-all`."""
 
-    def __init__(self, verb: type[Verb]) -> None:
+    def __init__(self, verb: type[Verb], project: Mapping[str, Any] = MappingProxyType({})) -> None:
         self.verb, self.declared = verb, {k: v for k, (_, v) in verb.settings().items()}
         rare = any(setting.rare for setting in self.declared.values())
-        self.project = read_project(verb)
-        super().__init__(
-            verb.name,
-            params=[
-                _parameter(name, one, name in self.project) for name, one in self.declared.items()
-            ]
-            + _common_options(verb, rare),
-            callback=self._run,
-            help=verb.__doc__,
-        )
+        self.project = settings_for(verb, project)
+        own = [_parameter(name, one, name in self.project) for name, one in self.declared.items()]
+        params = [*own, *_common_options(verb, rare)]
+        super().__init__(verb.name, params=params, callback=self._run, help=verb.__doc__)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Writes the options of each group below its heading."""
@@ -143,27 +138,20 @@ def _common_options(verb: type[Verb], rare: bool) -> list[click.Parameter]:
             context.exit()
 
     default_text = f" [default: {verb.output.default}]" if verb.output.default else ""
-    json_help = "Print one JSON object, and nothing else, on standard output."
-    every = click.Option(
-        ["--help-all"],
-        is_flag=True,
-        is_eager=True,
-        expose_value=False,
-        callback=show_every_option,
-        help="Show all options and exit.",
-    )
-    replace = click.Option(["--overwrite"], is_flag=True, help="Replace results of an earlier run.")
-    return [
-        click.Option(
-            ["-o", "--output"],
-            type=click.Path(),
-            metavar="PATH",
-            help=f"{verb.output.help}{default_text}",
-        ),
-        click.Option(["as_json", "--json"], is_flag=True, help=json_help),
-        *([replace] if verb.replaces else []),
-        *([every] if rare else []),
+    help = f"{verb.output.help}{default_text}"
+    options: list[click.Parameter] = [
+        click.Option(["-o", "--output"], type=click.Path(), metavar="PATH", help=help)
     ]
+    help = "Print one JSON object, and nothing else, on standard output."
+    options.append(click.Option(["as_json", "--json"], is_flag=True, help=help))
+    if verb.replaces:
+        help = "Replace results of an earlier run."
+        options.append(click.Option(["--overwrite"], is_flag=True, help=help))
+    if rare:
+        shown: Any = {"is_flag": True, "is_eager": True, "expose_value": False}
+        help = "Show all options and exit."
+        options.append(click.Option(["--help-all"], **shown, callback=show_every_option, help=help))
+    return options
 
 
 class Commands(click.Group):
@@ -175,7 +163,9 @@ class Commands(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Returns a verb's command."""
-        return VerbCommand(find_verb(cmd_name)) if cmd_name in VERBS else None
+        if ctx.obj is None:
+            ctx.obj = read_project()
+        return VerbCommand(find_verb(cmd_name), ctx.obj) if cmd_name in VERBS else None
 
 
 def run_verb(verb: Verb, output: str | None, as_json: bool, overwrite: bool) -> None:
@@ -184,7 +174,6 @@ def run_verb(verb: Verb, output: str | None, as_json: bool, overwrite: bool) -> 
     Raises:
         InputError: a place is taken, or see `Verb.run`.
     """
-    _set_up_jax(verb)
     verb.check_early()
     place, resume = verb.choose_output(output), getattr(verb, "resume", None)
     for each in [] if place is None else verb.places(place):
@@ -198,6 +187,7 @@ def run_verb(verb: Verb, output: str | None, as_json: bool, overwrite: bool) -> 
         terminal.Bar(verb.name, remaining=verb.steady) as bar,
         resumable(state, "" if resume is None else "--resume"),
     ):
+        _set_up_jax(verb)
         result = verb.run(place, bar)
     for note in result.notes:
         bar.note(note)

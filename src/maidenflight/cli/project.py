@@ -1,6 +1,6 @@
 """A folder's own settings: `maidenflight.toml` holds what its commands need no options for."""
 
-import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,24 +14,15 @@ SHARED = ("drone", "task", "control")
 """Settings that stand above all tables, for every command that has them as an option."""
 
 
-def read_project(verb: type[Verb]) -> dict[str, Any]:
-    """Reads a command's settings from the file in the present folder; none where there is none.
-
-    Those of the command's own table count more than those above all tables, which fill no
-    argument. TOML has no table of the command `drone` beside a drone above all tables.
-
-    Args:
-        verb: of the command.
+def read_project() -> dict[str, Any]:
+    """Reads the file in the present folder; empty where there is none.
 
     Raises:
-        InputError: the file is no TOML, or names no setting or no command.
+        InputError: the file is no TOML, or names no command.
     """
     if not Path(FILE).is_file():
         return {}
-    try:
-        content = inputs.from_toml(inputs.readable(FILE))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{FILE}: not TOML ({error}). Correct it.") from error
+    content = inputs.toml_file(FILE, "TOML", "Correct it.")
     for name, value in content.items():
         if isinstance(value, dict) and name in VERBS:
             continue
@@ -40,6 +31,18 @@ def read_project(verb: type[Verb]) -> dict[str, Any]:
                 f"{FILE}: {name}; expected {', '.join(SHARED)}, or a table with the name of a "
                 "command, such as [train]."
             )
+    return content
+
+
+def settings_for(verb: type[Verb], content: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns a command's settings of the file's content.
+
+    Those of the command's own table count more than those above all tables, which fill no
+    argument. TOML has no table of the command `drone` beside a drone above all tables.
+
+    Raises:
+        InputError: its table names no setting.
+    """
     declared = {name: one for name, (_, one) in verb.settings().items()}
     own = content.get(verb.name, {})
     for name in own:

@@ -13,6 +13,7 @@ import json
 import textwrap
 from collections.abc import Iterable, Mapping
 from importlib import resources
+from itertools import chain, starmap
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -82,11 +83,12 @@ def export_c(
     if beyond := policy.spec.beyond("history", "look_ahead", "memory", "hidden"):
         raise InputError(f"policy: {beyond}, which the templates of the C code do not know.")
     interface = policy.interface
-    layers = _padded(policy)
+    layers = [_in_fours(*layer) for layer in zip(policy.weights, policy.biases, strict=True)]
     observations = golden_observations(policy, seed)
     actions = _evaluated(policy, observations)
     tolerance = np.float32(TOLERANCE * max(1.0, float(np.abs(actions).max())))
     tables = _tables(policy, layers, observations, actions)
+    scales = [tables[name] for name in _SCALES]
     widest = max(max(weights.shape[1], len(biases)) for weights, biases in layers)
     gates = 0 if policy.gru is None else 8 * len(policy.gru.biases)
     storage, shared = "", ""
@@ -121,18 +123,8 @@ def export_c(
         "widest": widest,
         "golden_count": GOLDEN_COUNT,
         "tolerance": _literal(tolerance),
-        "checksum": checksum(
-            [
-                *(tables[name] for name in _SCALES),
-                *(numbers for layer in [*layers, *_recurrent(policy.gru)] for numbers in layer),
-            ]
-        ),
-        "tables": "\n\n".join(
-            [
-                *(_array(name, numbers) for name, numbers in tables.items()),
-                _layer_table(layers),
-            ]
-        ),
+        "checksum": checksum(chain(scales, *layers, *_recurrent(policy.gru))),
+        "tables": "\n\n".join([*starmap(_array, tables.items()), _layer_table(layers)]),
     }
     return [
         results.write(Path(directory) / name, _template(name).substitute(content))
@@ -152,13 +144,9 @@ def golden_observations(policy: Policy, seed: int) -> Numbers:
     """
     random = np.random.default_rng(seed)
     shape = (GOLDEN_COUNT, policy.spec.history, OBSERVATION_SIZE)
-    place = random.uniform(-1.8, 1.8, (GOLDEN_COUNT, 1, OBSERVATION_SIZE)) + random.uniform(
-        -0.2, 0.2, shape
-    )
-    middle, spread = (
-        np.asarray(numbers, np.float64)
-        for numbers in (policy.observation_mean, policy.observation_std)
-    )
+    place = random.uniform(-1.8, 1.8, (GOLDEN_COUNT, 1, OBSERVATION_SIZE))
+    place = place + random.uniform(-0.2, 0.2, shape)
+    middle, spread = _normalizer(policy)
     size = OBSERVATION_SIZE * policy.spec.history
     instants = middle[:size].reshape(shape[1:]) + spread[:size].reshape(shape[1:]) * place
     instants[..., _QUATERNION] /= np.linalg.norm(instants[..., _QUATERNION], axis=-1, keepdims=True)
@@ -186,16 +174,15 @@ def checksum(tables: Iterable[Numbers]) -> int:
     return total
 
 
-def _evaluated(policy: Policy, observations: Numbers) -> Numbers:
-    """The policy's outputs for a batch of observations, summed in float64 and then rounded.
+def _normalizer(policy: Policy) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean and deviation of the observations."""
+    mean, deviation = policy.observation_mean, policy.observation_std
+    return np.asarray(mean, np.float64), np.asarray(deviation, np.float64)
 
-    Raises:
-        InputError: an action is too large for float32.
-    """
-    mean, deviation = (
-        np.asarray(numbers, np.float64)
-        for numbers in (policy.observation_mean, policy.observation_std)
-    )
+
+def _evaluated(policy: Policy, observations: Numbers) -> Numbers:
+    """The policy's outputs for a batch of observations, summed in float64 and then rounded."""
+    mean, deviation = _normalizer(policy)
     observed, memory = np.split(np.asarray(observations, np.float64), [len(mean)], axis=1)
     values = (observed - mean) / deviation
     for number, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True)):
@@ -233,11 +220,6 @@ def remembered(gru: Gru, values: NDArray[Any], memory: NDArray[Any]) -> NDArray[
     )
     candidate = np.tanh(gate_inputs[2] + reset * recurrent_gates[2])
     return (1.0 - update) * candidate + update * memory
-
-
-def _padded(policy: Policy) -> Layers:
-    """Each layer's weights and biases, `_in_fours`."""
-    return [_in_fours(*layer) for layer in zip(policy.weights, policy.biases, strict=True)]
 
 
 def _recurrent(gru: Gru | None) -> Layers:
@@ -318,18 +300,12 @@ def _wrapped(text: str) -> str:
 
 
 def _comment(record: Mapping[str, Any] | None) -> str:
-    """A record as lines of a C comment.
-
-    What would end the comment, or form a trigraph, is escaped as JSON allows.
-    """
+    """A record as a C comment; what would end it is escaped as JSON allows."""
     text = json.dumps(dict(record or {})).replace("*", "\\u002a").replace("?", "\\u003f")
     lines = textwrap.wrap(text, _WIDTH - 13, break_on_hyphens=False)
     return " * Record:   " + "\n *           ".join(lines)
 
 
 def _template(name: str) -> Template:
-    return Template(
-        resources.files("maidenflight.deployment")
-        .joinpath(f"{name}.template")
-        .read_text(encoding="utf-8")
-    )
+    folder = resources.files("maidenflight.deployment")
+    return Template(folder.joinpath(f"{name}.template").read_text(encoding="utf-8"))

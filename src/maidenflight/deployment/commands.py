@@ -23,17 +23,12 @@ _NOTES = {
 
 def described(interface: ControlInterface) -> str:
     """Returns what the four commands are, in one paragraph."""
+    commands = zip(interface.centre, interface.span, interface.units, strict=True)
     ranges = [
-        f"{np.float32(centre - span):.6g} to {np.float32(centre + span):.6g} {unit}"
-        for centre, span, unit in zip(
-            interface.centre, interface.span, interface.units, strict=True
-        )
+        f"[{place}] {np.float32(centre - span):.6g} to {np.float32(centre + span):.6g} {unit}"
+        for place, (centre, span, unit) in enumerate(commands)
     ]
-    parts = [
-        "command = centre + span clip(action, -1, 1), in "
-        + "; ".join(f"[{place}] {description}" for place, description in enumerate(ranges))
-        + "."
-    ]
+    parts = [f"command = centre + span clip(action, -1, 1), in {'; '.join(ranges)}."]
     if THRUST in interface.units:
         parts.append(
             f"A share of 1 is {interface.full_scale_counts:g} of the firmware's 65535 counts "

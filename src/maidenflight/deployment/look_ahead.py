@@ -3,6 +3,8 @@
 Where it does not, every piece is empty, and the files have no word of it.
 """
 
+from string import Template
+
 import numpy as np
 
 from maidenflight.simulator.policy_spec import PolicySpec
@@ -82,11 +84,9 @@ def in_policy(spec: PolicySpec) -> dict[str, str]:
     if not look_ahead.points:
         return dict.fromkeys(_IN_POLICY, "")
     spacing = f"{np.float32(look_ahead.spacing)!s}f"
-    numbers = {"$points": str(look_ahead.points), "$spacing": spacing}
-    pieces = dict(_IN_POLICY)
-    for name, number in numbers.items():
-        pieces["ahead_defines"] = pieces["ahead_defines"].replace(name, number)
-    return pieces
+    defines = Template(_IN_POLICY["ahead_defines"])
+    filled = defines.substitute(points=look_ahead.points, spacing=spacing)
+    return {**_IN_POLICY, "ahead_defines": filled}
 
 
 def in_app(spec: PolicySpec) -> dict[str, str]:

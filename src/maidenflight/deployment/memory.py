@@ -3,6 +3,8 @@
 Where it does not, every piece is empty, and the files have no word of it.
 """
 
+from string import Template
+
 import numpy as np
 
 from maidenflight.gru import Gru
@@ -108,16 +110,7 @@ def in_policy(gru: Gru | None, storage: str, shared: str) -> dict[str, str]:
     """
     if gru is None:
         return dict.fromkeys(_PIECES, "")
-    numbers = {
-        "$size": gru.size,
-        "$first": np.shape(gru.weights)[1],
-        "$gates": np.shape(gru.weights)[0] + -np.shape(gru.weights)[0] % 4,
-        "${storage}": storage,
-        "$shared": shared,
-    }
-    pieces = dict(_PIECES)
-    for name, piece in pieces.items():
-        for word, number in numbers.items():
-            piece = piece.replace(word, str(number))
-        pieces[name] = piece
-    return pieces
+    gates, first = np.shape(gru.weights)
+    numbers = {"size": gru.size, "first": first, "gates": gates + -gates % 4}
+    words = {**numbers, "storage": storage, "shared": shared}
+    return {name: Template(piece).substitute(words) for name, piece in _PIECES.items()}

@@ -19,12 +19,7 @@ from jaxtyping import Array, Float
 from maidenflight import names as known
 from maidenflight.errors import InputError
 from maidenflight.flying.engine import fly_all
-from maidenflight.flying.pilots import (
-    AnyPolicy,
-    ForeignPilot,
-    PolicyPilot,
-    pilots_of,
-)
+from maidenflight.flying.pilots import AnyPolicy, ForeignPilot, PolicyPilot, pilots_of
 from maidenflight.flying.rows import Rows, SimulatedFlight
 from maidenflight.flying.scenario import Change, Scenario
 from maidenflight.parameters import QUANTITIES, Parameters, replace
@@ -109,22 +104,17 @@ def _grades(step: float, count: int) -> tuple[float, ...]:
     return tuple(round(step * number, 6) for number in range(count + 1))
 
 
-AXES: dict[str, SpeedRamp | Condition] = dict(
-    zip(
-        known.AXES,
-        (
-            SpeedRamp("of the task's speed", None, 3.0),
-            SpeedRamp("m/s", trajectories.accelerating_circle, 3.0, 0.5),
-            SpeedRamp("m/s", trajectories.accelerating_figure_eight, 3.0, 1.0 / 3.0),
-            Condition("m/s", _grades(1.0, 12), _in_wind, Partial(gust)),
-            Condition("of mass", _grades(0.05, 12), _loaded),
-            Condition("V less", _grades(0.1, 12), _drained),
-            Condition("of a rotor's thrust", _grades(0.05, 10), _damaged),
-            Condition("s more", _grades(0.0025, 12), _late),
-        ),
-        strict=True,
-    )
+_HARDER = (
+    SpeedRamp("of the task's speed", None, 3.0),
+    SpeedRamp("m/s", trajectories.accelerating_circle, 3.0, 0.5),
+    SpeedRamp("m/s", trajectories.accelerating_figure_eight, 3.0, 1.0 / 3.0),
+    Condition("m/s", _grades(1.0, 12), _in_wind, Partial(gust)),
+    Condition("of mass", _grades(0.05, 12), _loaded),
+    Condition("V less", _grades(0.1, 12), _drained),
+    Condition("of a rotor's thrust", _grades(0.05, 10), _damaged),
+    Condition("s more", _grades(0.0025, 12), _late),
 )
+AXES: dict[str, SpeedRamp | Condition] = dict(zip(known.AXES, _HARDER, strict=True))
 """What grows harder, by name."""
 
 
@@ -194,24 +184,15 @@ def envelope(
         hardest = along.fastest
         reached = [_speeds_reached(pilot, reality, along, keys, base_task) for pilot in pilots]
     else:
-        hardest, paces = (
-            along.grades[-1],
-            [name for name in AXES if isinstance(AXES[name], SpeedRamp)],
-        )
+        hardest = along.grades[-1]
+        paces = [name for name in AXES if isinstance(AXES[name], SpeedRamp)]
         drone = must_be_virtual(reality, f"Give axes of speed: {', '.join(paces)}.")
         reached = [_grades_reached(pilot, drone, along, keys, base_task) for pilot in pilots]
     labels = names or [f"policy_{number}" for number in range(1, len(policies) + 1)]
+    of_axis = {"unit": along.unit, "hardest": hardest, "limit": round(limit(axis, reality), 6)}
     rows = [
-        {
-            "policy": name,
-            "reality": reality.name,
-            "axis": axis,
-            "flight": number,
-            "reached": round(value, 6),
-            "unit": along.unit,
-            "hardest": hardest,
-            "limit": round(limit(axis, reality), 6),
-        }
+        {"policy": name, "reality": reality.name, "axis": axis, "flight": number}
+        | {"reached": round(value, 6), **of_axis}
         for name, values in zip(labels, reached, strict=True)
         for number, value in enumerate(values, 1)
     ]
@@ -269,14 +250,12 @@ def _grades_reached(
 ) -> list[float]:
     """Returns the grade up to which each flight stays within the distance."""
     success = np.ones((len(keys), len(condition.grades)), bool)
+    own, flights = reality.parameters, range(len(keys))
     for place, grade in enumerate(condition.grades):
-        drones = [
-            condition.changed(reality.parameters, grade, number) for number in range(len(keys))
-        ]
+        drones = [condition.changed(own, grade, number) for number in flights]
         scenario = Scenario(task, DURATION_S, drones=drones, during=condition.during)
-        success[:, place] = [
-            _succeeds(one) for one in fly_all(reality, pilot, scenario, keys, LOST)
-        ]
+        simulated = fly_all(reality, pilot, scenario, keys, LOST)
+        success[:, place] = [_succeeds(flight) for flight in simulated]
     return [
         condition.grades[int(np.argmin([*row, False])) - 1] if row[0] else float("nan")
         for row in success

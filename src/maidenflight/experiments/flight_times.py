@@ -28,7 +28,7 @@ from jax import tree
 from jax.sharding import NamedSharding, PartitionSpec
 from jaxtyping import Array, Float
 
-from maidenflight.errors import InputError
+from maidenflight.errors import InputError, first_few
 from maidenflight.experiments.real_controller import GUARD_RATE, real_controller
 from maidenflight.experiments.transfer import MAX_DURATION_S
 from maidenflight.flying import guarded
@@ -167,20 +167,15 @@ def _fly_kind(
         np.asarray, replace(drones, time_step=np.broadcast_to(step, np.shape(drones.mass)))
     )
     nominal = tree.map(lambda leaf: leaf[0], drones)
+    memory = _MEMORY if late else 0
     env = Environment.matching(
-        nominal,
-        task,
-        structure,
-        estimator_memory=_MEMORY if late else 0,
-        spec=policies[0].spec,
+        nominal, task, structure, estimator_memory=memory, spec=policies[0].spec
     )
     laid = NamedSharding(guarded.mesh(), PartitionSpec(guarded.POLICIES))
     size = laid.mesh.size * AT_ONCE.get(jax.default_backend(), AT_ONCE_ELSEWHERE)
     policies = [tree.map(np.asarray, policy) for policy in policies]
-    own, blocks = (
-        np.array([_identity(policy) for policy in policies], np.uint32),
-        -(-trials // LANES),
-    )
+    own = np.array([_identity(policy) for policy in policies], np.uint32)
+    blocks = -(-trials // LANES)
 
     def portion(first: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, Array]:
         places, block = np.divmod(np.arange(first, first + size), blocks)
@@ -285,20 +280,14 @@ def outlives(flights: polars.DataFrame) -> Float[np.ndarray, "policies policies"
 
     Source: Mann and Whitney 1947, On a test of whether one of two random variables is larger.
     """
-    times = [
-        np.sort(own["duration"].to_numpy())
-        for own in flights.partition_by("policy", maintain_order=True)
-    ]
-    return np.array(
-        [
-            [
-                np.mean([np.searchsorted(other, own, side) for side in ("left", "right")])
-                / len(other)
-                for other in times
-            ]
-            for own in times
-        ]
-    )
+    parts = flights.partition_by("policy", maintain_order=True)
+    times = [np.sort(part["duration"].to_numpy()) for part in parts]
+
+    def share_below(other: np.ndarray, own: np.ndarray) -> float:
+        ranks = [np.searchsorted(other, own, side) for side in ("left", "right")]
+        return float(np.mean(ranks)) / len(other)
+
+    return np.array([[share_below(other, own) for other in times] for own in times])
 
 
 UNSURE = 0.2
@@ -321,8 +310,7 @@ def describe_alike(
     ]
     if not alike:
         return []
-    some = ", ".join(alike[:3]) + (f" and {len(alike) - 3} more" if len(alike) > 3 else "")
     return [
-        f"{names[best]} cannot be told apart from {some}, whose flights outlive its own "
-        f"with a probability above {UNSURE:.0%}."
+        f"{names[best]} cannot be told apart from {first_few(alike)}, whose flights outlive its "
+        f"own with a probability above {UNSURE:.0%}."
     ]

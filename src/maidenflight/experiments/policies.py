@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from maidenflight import names, policy_file, run_folder
-from maidenflight.errors import InputError
+from maidenflight.errors import InputError, first_few
 from maidenflight.flying.foreign_policy import foreign_policy
 from maidenflight.flying.pilots import ForeignPolicy
 from maidenflight.inputs import StrPath
@@ -44,7 +44,7 @@ class Policies:
     @property
     def own_names(self) -> list[str]:
         """Returns what tables call the files."""
-        return shortest_names(self.paths)
+        return shortest_names([path.absolute().with_suffix("") for path in self.paths])
 
     @property
     def names(self) -> list[str]:
@@ -106,8 +106,7 @@ class Policies:
         ]
         if not others:
             return []
-        more = f" and {len(others) - 3} more" if len(others) > 3 else ""
-        return [f"another task than that of the training: {'; '.join(others[:3])}{more}."]
+        return [f"another task than that of the training: {first_few(others, '; ')}."]
 
 
 def _usual(task: str) -> str:
@@ -159,11 +158,10 @@ def read_policies(places: Sequence[StrPath], control: str | None = None) -> Poli
     )
 
 
-def shortest_names(files: Sequence[Path]) -> list[str]:
-    """Returns files without their ending, with as many folders as tell all of them apart."""
-    parts = [path.absolute().with_suffix("").parts for path in files]
-    for depth in range(1, max(map(len, parts), default=0) + 1):
-        short = ["/".join(part[-depth:]) for part in parts]
+def shortest_names(paths: Sequence[Path]) -> list[str]:
+    """Returns the last parts of paths, as many as tell all of them apart."""
+    for depth in range(1, max((len(path.parts) for path in paths), default=0)):
+        short = ["/".join(path.parts[-depth:]) for path in paths]
         if len(set(short)) == len(short):
             return short
-    return [str(path) for path in files]
+    return list(map(str, paths))

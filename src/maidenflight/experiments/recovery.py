@@ -38,10 +38,7 @@ def recovery(errors: Float[np.ndarray, "F T"], rate: float, at: float) -> Float[
 
 
 def distance(flight: Flight) -> Float[np.ndarray, "N"]:
-    """Returns the distance from the set-point when each row was measured [m].
-
-    True where that is known.
-    """
+    """Returns distances from the set-point when rows were measured [m], true where known."""
     position = flight.position if flight.true_position is None else flight.true_position
     return np.linalg.norm(np.subtract(position, flight.setpoint, dtype=np.float64), axis=1)
 

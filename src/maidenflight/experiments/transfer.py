@@ -42,6 +42,16 @@ class Transfer:
     flights: tuple[Flight, ...]
     """Their logs, in the table's order, each up to its end."""
 
+    def __repr__(self) -> str:
+        policies, realities = (self.table[name].n_unique() for name in ("policy", "reality"))
+        duration, error = (
+            float(self.table[name].to_numpy().mean()) for name in ("duration", "position_error")
+        )
+        return (
+            f"<{len(self.flights)} flights of {policies} policies in {realities} realities: "
+            f"{duration:.1f} s, {100 * error:.1f} cm from the set-point in the mean>"
+        )
+
 
 LIMIT_CYCLE = 0.15
 """Change of commands in 10 ms [-] above which a flight is a limit cycle: motors that are thrown
@@ -182,11 +192,8 @@ def fly_firmware(
     for name in controllers:
         for place in realities:
             try:
-                pilot = firmware_pilot(name, counts)
-                baseline = transfer(
-                    [pilot], place, trials, key, names=[f"{name} (firmware)"], **how
-                )
-                tables.append(baseline.table)
+                pilot, label = firmware_pilot(name, counts), f"{name} (firmware)"
+                tables.append(transfer([pilot], place, trials, key, names=[label], **how).table)
             except InputError as error:
                 notes.append(f"the firmware's {name} does not fly in {place.name}: {error}")
     return tables, notes

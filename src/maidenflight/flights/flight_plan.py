@@ -185,15 +185,7 @@ def read(path: StrPath) -> FlightPlan:
         InputError: no file that can be read, or something in it is damaged.
     """
     place = str(path)
-    try:
-        document = inputs.from_toml(inputs.text(path))
-    except OSError as error:
-        raise InputError(
-            f"{place}: no readable flight plan ({error.strerror}). Make one: maidenflight plan -o "
-            f"{place}."
-        ) from error
-    except ValueError as error:
-        raise InputError(f"{place}: not valid TOML: {error}. {_CURE}") from error
+    document = inputs.toml_file(path, "a flight plan", f"Make one: maidenflight plan -o {place}.")
     table = Fields(document, place, "plan", _CURE)
     if table.get("format") != FORMAT:
         raise table.refused("format", f"{FORMAT}, that of a flight plan of this version")

@@ -48,10 +48,7 @@ class TableFormat(NamedTuple):
 
 
 class PackedTable(NamedTuple):
-    """A binary way of writing down a table in the columns of a `TableFormat`.
-
-    Its files have no ending.
-    """
+    """A binary way of writing a table with columns of a `TableFormat`; files have no ending."""
 
     description: str
     recognises: Callable[[bytes], bool]
@@ -195,10 +192,7 @@ def unknown(table: Table) -> str:
 def _help(table: Table) -> str:
     """What makes a table of unknown columns be read."""
     if proposal.propose(table) is not None:
-        return (
-            "maidenflight log --map-columns writes a map of its columns beside it, and reads it by "
-            "that."
-        )
+        return "maidenflight log --map-columns writes and reads a map of its columns beside it."
     return (
         "Say in NAME.columns.toml beside it which columns hold time, body rates and motors; see "
         "docs/flight-log.md."
@@ -266,11 +260,7 @@ def _tables(file: Path, name: str, names: Iterable[str] = LOG_FORMATS) -> Iterat
 
 
 def _table(file: Path, name: str, names: Iterable[str]) -> Table:
-    """The table in a file.
-
-    Raises:
-        InputError: the file is damaged, or by its ending a recording and none by its beginning.
-    """
+    """The table in a file."""
     raw = tables.content(file)
     packed = next((kind for kind in _formats(PackedTable, names) if kind.recognises(raw)), None)
     if packed is not None:

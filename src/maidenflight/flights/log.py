@@ -1,6 +1,5 @@
 """`Flight`, what a drone measured and commanded row by row, and our own file format for it."""
 
-import json
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -46,15 +45,10 @@ GROUPS: dict[str, tuple[str, ...]] = {
 }
 """Columns of our format, by the field of `Flight` that they fill."""
 
+_ACCELERATION = ("acceleration_x", "acceleration_y", "acceleration_z")
+_ROTOR_SPEED = ("rotor_speed_1", "rotor_speed_2", "rotor_speed_3", "rotor_speed_4")
 OPTIONAL: dict[str, tuple[str, ...]] = dict(
-    zip(
-        OPTIONAL_SIGNALS,
-        (
-            ("acceleration_x", "acceleration_y", "acceleration_z"),
-            ("rotor_speed_1", "rotor_speed_2", "rotor_speed_3", "rotor_speed_4"),
-        ),
-        strict=True,
-    )
+    zip(OPTIONAL_SIGNALS, (_ACCELERATION, _ROTOR_SPEED), strict=True)
 )
 """Columns that a log may have or not, likewise."""
 
@@ -235,28 +229,21 @@ def flight_of(name: str, period: float, **known: Any) -> Flight:
     for group, names in GROUPS.items():
         if group != "time" and known.get(group) is None:
             known[group] = np.full(rows if group == "battery" else (rows, len(names)), np.nan)
-    arrays = {
-        field: values.astype(np.float32)
-        for field, values in known.items()
-        if isinstance(values, np.ndarray)
-    }
+    with np.errstate(over="ignore"):  # what is not finite is refused by checking
+        arrays = {
+            field: values.astype(np.float32)
+            for field, values in known.items()
+            if isinstance(values, np.ndarray)
+        }
     return Flight(name=name, period=period, **{**known, **arrays})
 
 
 def to_csv(flight: Flight, record: Mapping[str, Any] | None = None) -> str:
-    """Returns the text of a flight in our format.
-
-    Four comment lines, a header line, one line a row.
-    """
+    """Returns the text of a flight in our format: comments, a header line, a line a row."""
     columns: dict[str, np.ndarray] = {"time": np.arange(len(flight)) * flight.period}
-    for group, names in GROUPS.items():
-        if group != "time":
-            values = getattr(flight, group).reshape(len(flight), -1)
-            columns |= {name: values[:, number] for number, name in enumerate(names)}
-    for group, names in (OPTIONAL | TRUTH).items():
-        values = getattr(flight, group)
-        if values is not None:
-            columns |= {name: values[:, number] for number, name in enumerate(names)}
+    names = GROUPS | OPTIONAL | TRUTH
+    for group, values in flight.arrays.items():
+        columns |= zip(names[group], values.reshape(len(flight), -1).T, strict=True)
     frame = polars.DataFrame(
         {name: values.astype(np.float64) for name, values in columns.items()}
     ).fill_nan(None)
@@ -265,18 +252,13 @@ def to_csv(flight: Flight, record: Mapping[str, Any] | None = None) -> str:
         f"# commands: {ZERO_ORDER_HOLD if flight.zero_order_hold else SUBSAMPLED}",
         f"# simulated: {flight.simulated or 'no'}",
         *(
-            []
-            if flight.full_scale_counts == COUNTS
-            else [f"# full_scale_counts: {flight.full_scale_counts:g}"]
-        ),
-        *(
             f"# {key}: {value:.6g}"
-            for key, usual in _DELAYS.items()
+            for key, usual in {"full_scale_counts": COUNTS, **_DELAYS}.items()
             if (value := getattr(flight, key)) != usual
         ),
         *([] if flight.by_battery_law else ["# by_battery_law: no"]),
         *([f"# assumed_law: {flight.assumed_law}"] if flight.assumed_law else []),
-        f"# record: {json.dumps(dict(record or {}))}",
+        results.record_line(record),
     ]
     return "\n".join(head) + "\n" + frame.write_csv(float_precision=7)
 
@@ -315,7 +297,7 @@ def _delay(table: Table, key: str) -> float:
 
 def recognises(table: Table) -> bool:
     """Returns whether the first line says so or most of the columns are there."""
-    return table.mark.startswith(FAMILY) or table.share(_COLUMNS) >= 0.6
+    return table.mark.startswith(FAMILY) or table.has_most_of(_COLUMNS)
 
 
 def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], list[str]]:

@@ -6,9 +6,10 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
-from maidenflight import run_folder
+from maidenflight import inputs, run_folder
 
 _CSV = "Write its rows as CSV in the format of docs/flight-log.md"
+_SHEET = "Save its sheet as CSV, with commas and decimal points"
 
 
 class Foreign(NamedTuple):
@@ -28,20 +29,8 @@ KINDS = (
     Foreign(b"\xa3\x95\x80", "an ArduPilot DataFlash log", "ArduPilot DataFlash logs"),
     Foreign(b"SQLite format 3", "an SQLite database", "SQLite databases"),
     Foreign(b"#ROSBAG", "a ROS 1 bag", "ROS 1 bags"),
-    Foreign(
-        b"PK\x03\x04",
-        "an Excel workbook",
-        "Excel workbooks",
-        "Save its sheet as CSV, with commas and decimal points",
-        ".xlsx",
-    ),
-    Foreign(
-        b"\xd0\xcf\x11\xe0",
-        "an Excel workbook",
-        "Excel workbooks",
-        "Save its sheet as CSV, with commas and decimal points",
-        ".xls",
-    ),
+    Foreign(b"PK\x03\x04", "an Excel workbook", "Excel workbooks", _SHEET, ".xlsx"),
+    Foreign(b"\xd0\xcf\x11\xe0", "an Excel workbook", "Excel workbooks", _SHEET, ".xls"),
     Foreign(b"PK\x03\x04", "an archive of NumPy arrays", "archives of NumPy arrays", suffix=".npz"),
     Foreign(
         b"PK\x03\x04",
@@ -87,8 +76,7 @@ def below(folder: Path) -> tuple[Counter[Foreign], int]:
     others = 0
     for path in islice(names, _MAX_FILES):
         try:
-            with path.open("rb") as file:
-                kind = kind_of(file.read(_HEAD), path.name)
+            kind = kind_of(inputs.beginning(path, _HEAD), path.name)
         except OSError:
             kind = None
         if kind is None:
@@ -99,10 +87,7 @@ def below(folder: Path) -> tuple[Counter[Foreign], int]:
 
 
 def describe(kinds: Counter[Foreign]) -> str:
-    """Returns what files are and what to do with them, such as "2 PX4 ULogs, which are not read.
-
-    ...".
-    """
+    """Returns what files are, such as "2 MATLAB files", and what to do with them."""
     text = " and ".join(
         kind.one if count == 1 else f"{count} {kind.several}" for kind, count in kinds.items()
     )

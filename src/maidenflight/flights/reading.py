@@ -15,7 +15,7 @@ from typing import NamedTuple, TypedDict, Unpack
 import numpy as np
 
 from maidenflight import names, run_folder
-from maidenflight.errors import InputError
+from maidenflight.errors import InputError, first_few
 from maidenflight.flights import compensation, formats, log, not_logs
 from maidenflight.flights.checked_log import check_log, cut
 from maidenflight.flights.checkup import one_drone
@@ -203,10 +203,7 @@ class _FaultError(InputError):
 
 
 def _set_zero_order_hold(flight: Flight, options: _ReadOptions, reading: "_ReadLog") -> Flight:
-    """A flight whose log does not say what a command stands for, as told.
-
-    Or a note that it is a guess.
-    """
+    """Sets what commands stand for where the log does not say it, or notes the guess."""
     if options.commands:
         zero_order_hold = options.commands == ZERO_ORDER_HOLD
         return replace(flight, zero_order_hold=zero_order_hold, assumed=False)
@@ -296,9 +293,8 @@ def _nothing(path: Path, files: int, reasons: list[str]) -> str:
             f"{path}: no flight logs ({', '.join(formats.suffixes())}) in this folder or below it. "
             f"Give the folder that holds yours, or record some (maidenflight record -o {place})."
         )
-    more = f"; and {len(reasons) - 3} more" if len(reasons) > 3 else ""
     return (
-        f"{path}: no usable flight in {files} files ({'; '.join(reasons[:3])}{more}). A flight "
+        f"{path}: no usable flight in {files} files ({first_few(reasons, '; ')}). A flight "
         "needs 0.5 s in the air."
     )
 

@@ -56,12 +56,8 @@ def rotors(flight: Flight, drone: Parameters) -> Rotors:
     steps = max(1, round(flight.period / STEP_S))
     motors = replace(drone, time_step=np.float32(flight.period / steps))
     speeds = _followed(padded, begin, tree.map(jnp.asarray, motors), steps)
-    return Rotors(
-        *(
-            np.where(is_finite, np.asarray(part, np.float64)[: len(last_command)], np.nan)
-            for part in speeds
-        )
-    )
+    parts = (np.asarray(part, np.float64)[: len(last_command)] for part in speeds)
+    return Rotors(*(np.where(is_finite, part, np.nan) for part in parts))
 
 
 @partial(jax.jit, static_argnums=3)

@@ -65,10 +65,7 @@ def _duration(parts: list[Flight]) -> float:
 
 
 def _share(durations: Float[np.ndarray, "N"], most: float) -> float:
-    """The longest that each flight may last for all to last `most` together.
-
-    Infinite where all may stay.
-    """
+    """Longest duration of each for all to last `most`; infinite where all may stay whole [s]."""
     if durations.sum() <= most:
         return math.inf
     rising = np.sort(durations)
@@ -79,10 +76,7 @@ def _share(durations: Float[np.ndarray, "N"], most: float) -> float:
 
 
 def _shortened(parts: list[Flight], number: int, share: float, lead_in: int) -> list[Flight]:
-    """The part of the `number`-th flight that its share leaves.
-
-    Of a flight that a larger share has cut before, the first segments.
-    """
+    """What its share leaves of the `number`-th flight, which a larger share may have cut."""
     if share == math.inf:
         return parts
     uncut = parts[0].lead == 0

@@ -1,5 +1,6 @@
 """What logs hold: signals, rates, and how much a flight moves the drone."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -77,16 +78,16 @@ def rank(logs: Sequence[Summary]) -> list[tuple[Summary, dict[str, float]]]:
     return [(logs[place], shares[place]) for place in order]
 
 
-def choose_most_telling(logs: Sequence[Summary], share: float = MOST_SHARE) -> list[Summary]:
-    """Chooses the fewest logs, the most telling first, that hold a share of every quantity."""
-    chosen: list[Summary] = []
-    held: dict[str, float] = dict.fromkeys(QUANTITIES, 0.0)
-    for log, shares in rank(logs):
-        if all(held[name] >= share for name in shares):
-            break
-        chosen.append(log)
-        held = {name: held[name] + shares.get(name, 0.0) for name in held}
-    return chosen
+def choose_most_telling(
+    ranked: Sequence[tuple[Summary, Mapping[str, float]]], share: float = MOST_SHARE
+) -> list[Summary]:
+    """Chooses the fewest logs of `rank`, from the first on, that hold a share of all quantities."""
+    totals: Counter[str] = Counter()
+    for count, (_, shares) in enumerate(ranked):
+        if all(totals[name] >= share for name in shares):
+            return [log for log, _ in ranked[:count]]
+        totals.update(shares)
+    return [log for log, _ in ranked]
 
 
 def summaries(flights: Iterable[Flight]) -> tuple[Summary, ...]:
@@ -112,6 +113,8 @@ def _summary(name: str, pieces: list[Flight]) -> Summary:
     command, attitude, volts = joined("command"), joined("attitude"), joined("battery")
     level = np.cos(attitude[:, 0]) * np.cos(attitude[:, 1])
     turning = command @ TORQUES[:, :2] / 4
+    battery = (float(np.nanmin(volts)), float(np.nanmax(volts))) if "battery" in signals else None
+    tilt = float(np.arccos(np.nanmin(level).clip(-1, 1))) if "attitude" in signals else None
     return Summary(
         name=name,
         pieces=len(pieces),
@@ -120,13 +123,9 @@ def _summary(name: str, pieces: list[Flight]) -> Summary:
         signals=signals,
         commands=ZERO_ORDER_HOLD if first.zero_order_hold else SUBSAMPLED,
         simulated=first.simulated,
-        battery=(float(np.nanmin(volts)), float(np.nanmax(volts)))
-        if "battery" in signals
-        else None,
+        battery=battery,
         speed=_size(joined("velocity")) if "velocity" in signals else None,
-        tilt=float(np.arccos(np.clip(np.nanmin(level), -1.0, 1.0)))
-        if "attitude" in signals
-        else None,
+        tilt=tilt,
         body_rates=_size(joined("body_rates")[:, :2]),
         command=float(command.mean()),
         thrust_spread=float(command.mean(axis=1).std()),

@@ -45,10 +45,7 @@ class Windows(NamedTuple):
 
 
 def first_start(flight: Flight, stride: int = 1) -> int:
-    """Returns the row of a log at which a flight's first window starts.
-
-    From the rows before it follows what motors and delay line hold.
-    """
+    """Returns the row of a first window: those before tell what motors and delay line hold."""
     return max(SHORTEST_LEAD_IN * stride, flight.lead)
 
 

@@ -86,6 +86,7 @@ def simulate(
             true_attitude=rotations.to_attitude(after.state.quaternion),
             true_body_rates=after.state.body_rates,
             true_velocity=after.state.velocity,
+            rotor_speed=env_state.state.rotor_speed,
         )
 
     return jax.lax.scan(one, first, (jnp.arange(steps), jax.random.split(key, steps)))[1]
@@ -304,6 +305,7 @@ def _stacked(
         "true_attitude": np.asarray(_attitudes(true.quaternion)),
         "true_body_rates": true.body_rates,
         "true_velocity": np.full((len(rows), 3), np.nan, np.float32),
+        "rotor_speed": np.full((len(rows), 4), np.nan, np.float32),
     }
     return Rows(**fields)
 

@@ -30,13 +30,12 @@ from maidenflight.simulator.realities.virtual_drone import VirtualDrone
 from maidenflight.simulator.tasks.tasks import Task
 from maidenflight.simulator.tasks.trajectories import Trajectory
 
-CONTROLLERS: dict[str, Callable[[Trajectory, str, float], Controller]] = dict(
-    zip(
-        names.CONTROLLERS,
-        (lambda _, firmware, counts: position_pid(firmware, counts), mellinger.mellinger),
-        strict=True,
-    )
+_Make = Callable[[Trajectory, str, float], Controller]
+_MAKERS: tuple[_Make, ...] = (
+    lambda _, firmware, counts: position_pid(firmware, counts),
+    mellinger.mellinger,
 )
+CONTROLLERS: dict[str, _Make] = dict(zip(names.CONTROLLERS, _MAKERS, strict=True))
 """What flies: (reference, firmware, counts of full scale) to controllers of the firmware."""
 RATE = EXCITATION.rate
 """Commands of the firmware, and rows of a log of a Crazyflie's micro-SD card, a second [Hz]."""

@@ -73,10 +73,7 @@ def draw(
     trials: UInt[Array, "policies lanes"],
     count: Int[Array, ""],
 ) -> tuple[Int[Array, "policies lanes"], Array]:
-    """Returns which of `count` drones each trial flies, and its key.
-
-    Neither depends on the other trials or policies.
-    """
+    """Draws one of `count` drones for each trial, and its key, by itself."""
 
     def one(own: Array, trial: Array) -> tuple[Array, Array]:
         drone_key, flight_key = jax.random.split(

@@ -35,6 +35,8 @@ class Rows(NamedTuple):
     true_body_rates: Float[Array, "N 3"]
     true_velocity: Float[Array, "N 3"]
     """At the end of the period [m/s]; NaN where a reality does not tell."""
+    rotor_speed: Float[Array, "N 4"]
+    """nu when the row was measured [-]; NaN where a reality does not tell."""
 
     def excursion(self, estimated: bool = False) -> Excursion:
         """Returns how far the drone is from hover at the set-point, in each period.

@@ -96,6 +96,18 @@ class GroupGain:
 
 
 @dataclass(frozen=True)
+class Advice:
+    """What makes the interval of a parameter narrower."""
+
+    parameter: str
+    """Its name."""
+    action: str
+    """What to log or fly next."""
+    interval: tuple[float, float] | None
+    """95 % interval to expect then, SI units; `None` where that is not known."""
+
+
+@dataclass(frozen=True)
 class Source:
     """The flights that an identification rests on."""
 
@@ -149,6 +161,8 @@ class DroneFile:
     """How the file was made; see `results.record`."""
     name: str = "drone.toml"
     """Of the file, for errors."""
+    advice: tuple[Advice, ...] = ()
+    """What makes intervals narrower."""
 
     @property
     def full_scale_counts(self) -> float:
@@ -168,8 +182,9 @@ class DroneFile:
                 extra["identification"]["unidentified"] = {
                     name: _plain(ends) for name, ends in self.unidentified.items()
                 }
-            if self.gains:
-                extra["identification"]["gains"] = [_table(gain) for gain in self.gains]
+            for key, entries in (("gains", self.gains), ("advice", self.advice)):
+                if entries:
+                    extra["identification"][key] = [_table(one) for one in entries]
         if self.posterior:
             samples = np.stack(list(self.posterior.values()), axis=1)[:SAVED]
             extra["posterior"] = {
@@ -221,6 +236,7 @@ def read(drone: StrPath) -> DroneFile:
     table = Fields(document["identification"], place, "identification", _CURE)
     estimates, source = table.table("estimates"), table.table("source")
     gains = tuple(map(_gain, table.tables("gains")))
+    advice = tuple(map(_advice, table.tables("advice")))
     unidentified = table.table("unidentified") if "unidentified" in table.content else None
     result = dataclasses.replace(
         result,
@@ -233,6 +249,7 @@ def read(drone: StrPath) -> DroneFile:
             table.count("evaluations"),
         ),
         gains=gains,
+        advice=advice,
         unidentified={} if unidentified is None else _ranges(unidentified),
     )
     table.end()
@@ -332,6 +349,13 @@ def _gain(table: Fields) -> GroupGain:
         table.flag("kept" if "kept" in table.content else "is_in_model"),
         table.text("reason") if "reason" in table.content else None,
     )
+    table.end()
+    return result
+
+
+def _advice(table: Fields) -> Advice:
+    ends = table.ends("interval") if "interval" in table.content else None
+    result = Advice(table.text("parameter"), table.text("action"), ends)
     table.end()
     return result
 

@@ -22,10 +22,7 @@ def _templates() -> Environment:
 
 
 def render(template: str, **content: Any) -> Markup:
-    """Returns a template of this package, filled.
-
-    Without the space around it, so it may be empty.
-    """
+    """Fills a template of this package, without the space around it."""
     return Markup(_templates().get_template(template).render(**content).strip())
 
 

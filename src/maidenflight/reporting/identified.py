@@ -39,12 +39,7 @@ def kinds_identified(drone: DroneFile | None, others: Kinds) -> Kinds:
 
 
 def flights(drone: DroneFile | None, kinds: Kinds, before: str, after: str = "") -> str:
-    """Returns the number and kind of the flights that a drone was identified from.
-
-    Empty where not known.
-
-    Their seconds stand between the two texts.
-    """
+    """Counts the flights of an identification by kind, their seconds between two texts."""
     if drone is None or drone.source is None:
         return ""
     source, word = drone.source, ""

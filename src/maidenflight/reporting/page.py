@@ -10,6 +10,7 @@ from markupsafe import Markup
 
 from maidenflight import __version__, results
 from maidenflight.errors import InputError
+from maidenflight.experiments.policies import shortest_names
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.inputs import StrPath
 from maidenflight.reporting import run as runs
@@ -110,8 +111,11 @@ def report_comparison(
     Raises:
         InputError: see `report`; or the runs have nothing in common.
     """
-    named = dict(zip(_short_names(sources), sources, strict=True))
-    compared = {name: runs.read_run(source, files) for name, source in named.items()}
+    paths = [Path(source).resolve() for source in sources]
+    if len(set(paths)) < len(paths):
+        raise InputError(f"{sources[0]}: the same run twice; give others to compare.")
+    named = zip(shortest_names(paths), sources, strict=True)
+    compared = {name: runs.read_run(source, files) for name, source in named}
     sections = [Section(name, title, make(compared)) for name, title, make in _COMPARED]
     content = {
         "title": " beside ".join(compared),
@@ -120,22 +124,6 @@ def report_comparison(
         "figures": [],
     }
     return results.write(path, _render(content, sections))
-
-
-def _short_names(sources: Sequence[StrPath]) -> list[str]:
-    """The last folders of paths, as many as tell them apart."""
-    paths = [Path(source).resolve().parts for source in sources]
-    count = next(
-        (
-            n
-            for n in range(1, max(map(len, paths)))
-            if len({one[-n:] for one in paths}) == len(paths)
-        ),
-        None,
-    )
-    if count is None:
-        raise InputError(f"{sources[0]}: the same run twice; give others to compare.")
-    return ["/".join(one[-count:]) for one in paths]
 
 
 def to_html(run: Run) -> str:
@@ -154,11 +142,8 @@ def _render(content: Mapping[str, Any], sections: Sequence[Section], logs: Any =
     has_charts = any("<figure class=chart " in section.content for section in sections)
     scripts = [asset("page.js")]
     scripts += [asset(name) for name in _VIEWER] if logs else []
-    scripts += (
-        [*vega(), Markup(f"const LOOK = {asset('look.json')};"), asset("charts.js")]
-        if has_charts
-        else []
-    )
+    if has_charts:
+        scripts += [*vega(), Markup(f"const LOOK = {asset('look.json')};"), asset("charts.js")]
     page = render(
         "page.html",
         **content,
@@ -185,10 +170,7 @@ def vega() -> list[Markup]:
 
 
 def _themes() -> Markup:
-    """Light and dark again, for those who choose another than their system has.
-
-    Print is always light.
-    """
+    """Rules for those who choose light or dark themselves; print is always light."""
     light, dark = re.findall(r":root \{(.*?)\}", asset("colours.css"), re.DOTALL)
     return Markup(
         f":root[data-theme=light] {{{light}  color-scheme: light;\n}}\n"

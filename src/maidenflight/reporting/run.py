@@ -24,18 +24,12 @@ from maidenflight.inputs import StrPath
 from maidenflight.parameters import Parameters, component
 from maidenflight.reporting import identified, trained
 from maidenflight.reporting.identified import SIMULATED, UNKNOWN, Kinds
-from maidenflight.reporting.run_files import (
-    FileOptions,
-    RunFiles,
-    find_files,
-    nothing_here,
-)
+from maidenflight.reporting.run_files import FileOptions, RunFiles, find_files, nothing_here
 from maidenflight.run_folder import Table
 
 MAX_FLIGHTS = 300
 """Flights that the viewer holds, and logs of recorded flights that are read; more would make the
 page heavy."""
-
 
 BRIEF_S = 2.0
 """A log shorter than this counts although the drone hardly flies in it [s]."""
@@ -48,7 +42,7 @@ class Run:
     reality: Parameters | None = None
     """The truth about a virtual drone."""
     recorded: tuple[Flight, ...] = ()
-    """The first `MOST` flights that were recorded."""
+    """The first `MAX_FLIGHTS` flights that were recorded."""
     logs: int = 0
     """How many there are."""
     refused: tuple[str, ...] = ()
@@ -61,6 +55,8 @@ class Run:
     """Errors of open-loop predictions; see `prediction_error`."""
     windows: polars.DataFrame | None = None
     """Some windows, logged and predicted; see `predicted_windows`."""
+    calibration: polars.DataFrame | None = None
+    """Truths and intervals of drones of the posterior; see `calibration.draw_calibrations`."""
     predicted: Kinds = UNKNOWN
     """Whether the flights of both were of a simulated drone."""
     used: frozenset[str] = frozenset()
@@ -113,17 +109,9 @@ class Run:
     @property
     def known(self) -> bool:
         """Whether there is anything to show."""
-        tables = (
-            self.reality,
-            self.drone,
-            self.validation,
-            self.windows,
-            self.training,
-            self.table,
-            self.prediction,
-            self.study,
-        )
-        return any(part is not None for part in tables) or bool(self.recorded or self.policies)
+        tables = self.validation, self.windows, self.training, self.table, self.prediction
+        parts = self.reality, self.drone, self.study, self.calibration, *tables
+        return any(part is not None for part in parts) or bool(self.recorded or self.policies)
 
 
 def of_transfer(result: Transfer) -> Run:
@@ -136,6 +124,7 @@ def of_transfer(result: Transfer) -> Run:
 _TABLES: Mapping[manifest.Kind, Table] = {
     "validation": run_folder.VALIDATION,
     "windows": run_folder.WINDOWS,
+    "calibration": run_folder.CALIBRATION,
     "training": run_folder.TRAINING,
     "prediction": run_folder.PREDICTION,
     "study": run_folder.STUDY,
@@ -180,6 +169,7 @@ def read_run(source: StrPath | None = None, options: FileOptions | None = None) 
         kinds=kinds,
         validation=rows.get("validation"),
         windows=rows.get("windows"),
+        calibration=rows.get("calibration"),
         predicted=predicted,
         used=used,
         judged=judged,
@@ -223,10 +213,7 @@ def _kinds(
     judged: frozenset[str],
     virtual: bool,
 ) -> tuple[Kinds, Kinds]:
-    """Kinds of the flights that the drone was identified from, and of those that were predicted.
-
-    By their logs, where these are known.
-    """
+    """Kinds of the flights of the identification, and of those predicted, by their logs."""
     known: dict[str, bool | None] = dict(logs)
     otherwise = SIMULATED if virtual or (known and all(known.values())) else UNKNOWN
     own = identified.kinds_identified(drone, identified.kinds_of(used, known, otherwise))
@@ -236,11 +223,7 @@ def _kinds(
 
 
 def _digests(record: Mapping[str, Any], path: Path | None) -> frozenset[str]:
-    """Digests of the flight logs that the record of a file names.
-
-    Raises:
-        InputError: it names its inputs in another way.
-    """
+    """Digests of the flight logs that the record of a file names."""
     digests = results.recorded_inputs(record, str(path)) if record else {}
     return frozenset(digest for digest, file in digests.items() if not file.endswith(".toml"))
 
@@ -256,9 +239,6 @@ def _recorded(
     """The flights in logs of any format, and why others cannot be used.
 
     Our own logs count whole, of others the gapless pieces in which the drone flies, if any.
-
-    Raises:
-        InputError: a log of ours, or one that an option names, cannot be used.
     """
     flights: list[tuple[Path, Flight]] = []
     refused = []
@@ -274,11 +254,7 @@ def _recorded(
 
 
 def _pieces(path: Path) -> Sequence[Flight]:
-    """The pieces of a log in which the drone flies; the whole of one that is brief.
-
-    Raises:
-        InputError: there is not even that.
-    """
+    """The pieces of a log in which the drone flies; the whole of one that is brief."""
     try:
         return read_flights(path, faulty="use").flights
     except InputError:
@@ -311,18 +287,14 @@ def _own(path: Path, records: dict[str, Mapping[str, Any]]) -> Flight:
             f"{path}: rows are {flight.period:g} s apart; expected a time that increases, in "
             "seconds. Log it again."
         )
-    records[_name(path)] = run_folder.record_of(text, path)
+    records[_name(path)] = results.parse_record(inputs.comments(path), path)
     return flight
 
 
 def _test_flights(
     files: RunFiles, records: dict[str, Mapping[str, Any]]
 ) -> tuple[polars.DataFrame | None, tuple[Flight, ...]]:
-    """Reads the rows of test flights, and their logs.
-
-    Raises:
-        InputError: a file is broken, or there are not as many logs as rows.
-    """
+    """Reads the rows of test flights, and their logs."""
     path = files.first("flights")
     if path is None:
         return None, ()
@@ -369,18 +341,11 @@ def usable(flight: Flight) -> slice:
 
 
 def viewable(run: Run) -> list[int]:
-    """Returns places of the viewer's flights among `flights_to_show`.
-
-    The first with two rows.
-    """
-    return [
-        number for number, flight in enumerate(flights_to_show(run)) if usable(flight).stop > 1
-    ][:MAX_FLIGHTS]
+    """Returns which of `flights_to_show` the viewer holds: the first with two rows and more."""
+    flights = enumerate(flights_to_show(run))
+    return [number for number, flight in flights if usable(flight).stop > 1][:MAX_FLIGHTS]
 
 
 def flights_to_show(run: Run) -> tuple[Flight, ...]:
-    """Returns flights to look at.
-
-    Test flights where there are any, else those that were recorded.
-    """
+    """Returns test flights where there are any, else those that were recorded."""
     return run.flights if run.table is not None else run.recorded

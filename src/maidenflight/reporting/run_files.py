@@ -26,6 +26,7 @@ class FileOptions(TypedDict, total=False):
     policies: StrPath
     flights: StrPath
     validation: StrPath
+    calibration: StrPath
     prediction: StrPath
     study: StrPath
 
@@ -33,6 +34,7 @@ class FileOptions(TypedDict, total=False):
 _GROUPS: tuple[tuple[Kind, ...], ...] = (
     ("drone",),
     ("validation", "windows"),
+    ("calibration",),
     ("policies", "training"),
     ("flights", "flight_logs"),
     ("logs", "truth"),
@@ -51,6 +53,7 @@ _TITLES: dict[Kind, str] = {
     "flights": "test flights",
     "prediction": "predicted flights",
     "validation": "prediction errors",
+    "calibration": "tested intervals",
     "drone": "identified drones",
     "logs": "flight logs",
 }
@@ -123,11 +126,7 @@ def nothing_here(place: Path, missing: Sequence[str] = ()) -> InputError:
 
 
 def _paths_of_option(kind: str, value: StrPath | Sequence[StrPath]) -> list[Path]:
-    """The paths of an option.
-
-    Raises:
-        InputError: one does not exist, or is a folder where a file is expected.
-    """
+    """The paths of an option."""
     paths = [Path(one) for one in ([value] if isinstance(value, str | os.PathLike) else value)]
     for path in paths:
         if not path.exists() or (path.is_dir() and kind not in ("logs", "policies")):

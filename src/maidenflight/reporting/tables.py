@@ -46,7 +46,7 @@ def number(label: str | Markup, decimals: int, scale: float = 1.0) -> Column:
 
     def show(value: Any, _: Mapping[str, Any]) -> Cell:
         real = float("nan") if value is None else float(value)
-        digits_text = f"{scale * real:.{decimals}f}" if np.isfinite(real) else text.NOTHING
+        digits_text = f"{scale * real:z.{decimals}f}" if np.isfinite(real) else text.NOTHING
         return Cell(text.signed(digits_text), real)
 
     return Column(label, show)

@@ -42,10 +42,7 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def symbol(name: str) -> Markup:
-    """Returns a parameter's symbol as HTML.
-
-    `T_m` becomes T with a subscript, `inertia_x` I with an x.
-    """
+    """Returns a parameter's symbol as HTML: of `T_m` T with a subscript."""
     letters = "|".join(_GREEK)
     field, place = COMPONENTS.get(name, (name, None))
     quantity = QUANTITIES[field]
@@ -104,7 +101,7 @@ def rounding(name: str, low: float, high: float) -> tuple[float, int, str]:
 
 def fixed(value: float, digits: int) -> str:
     """Returns a number with so many decimals."""
-    return signed(f"{value:.{digits}f}")
+    return signed(f"{value:z.{digits}f}")
 
 
 def signed(number_text: str) -> str:

@@ -115,18 +115,10 @@ def read_study(path: StrPath, cpus: int = 1, gpus: int = 0, *, trust: bool = Fal
     Raises:
         InputError: it is missing or no TOML, it names code without trust, or see `of`.
     """
-    try:
-        content = inputs.from_toml(inputs.text(path))
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"{path}: not a study ({error}). Give a TOML file with tables [[task]]; see "
-            "docs/clusters.md."
-        ) from error
-    unknown = content.keys() - {"task"}
-    if unknown:
-        raise InputError(
-            f"{path}: {min(unknown)} is unknown. Expected tables [[task]]; see docs/clusters.md."
-        )
+    cure = "Give a TOML file with tables [[task]] alone; see docs/clusters.md."
+    content = inputs.toml_file(path, "a study", cure)
+    if unknown := content.keys() - {"task"}:
+        raise InputError(f"{path}: {min(unknown)} is unknown. {cure}")
     if not trust and (code := next(_code_in(content), None)):
         raise InputError(
             f"{path}: {code} is Python code, which anybody may have written. Look at it, then add "
@@ -233,11 +225,8 @@ def _entry(content: Any, place: str, known: Mapping[str, _Entry]) -> _Entry:
 def _is_in_table(name: str, settings: Mapping[str, Setting], grid: Mapping[str, Any]) -> bool:
     """Returns whether a grid's name, such as set.latency, is of a value in a table."""
     table, _, inner = name.partition(".")
-    return (
-        bool(inner)
-        and name in grid
-        and isinstance(getattr(settings.get(table), "default", 0), dict)
-    )
+    holds_table = isinstance(getattr(settings.get(table), "default", None), dict)
+    return bool(inner) and name in grid and holds_table
 
 
 def _put(settings: dict[str, Any], point: Mapping[str, Any]) -> dict[str, Any]:
@@ -333,11 +322,7 @@ def _expanded(
 def _content(
     entry: _Entry, settings: dict[str, Any], digests: dict[str, list[str]]
 ) -> dict[str, Any]:
-    """The settings by which a result is named: with the content of files that they name.
-
-    Raises:
-        InputError: a file is not there, or the settings do not go together.
-    """
+    """The settings by which a result is named: with the content of files that they name."""
     content = dict(settings)
     for name, setting in settings_of(entry.verb).items():
         value = settings.get(name)
@@ -356,11 +341,7 @@ def _content(
 
 
 def _digests(value: str, label: str, known: dict[str, list[str]]) -> list[str]:
-    """Digests of the files that a setting names, if it does: files, folders, and drones behind @.
-
-    Raises:
-        InputError: it names a file that is not there.
-    """
+    """Digests of files that a setting names, if any: files, folders, and drones behind @."""
     if value not in known:
         # A name that is too long for a file system is there as little as any other.
         parts = [value] if os.path.exists(value) else re.split("[@+]", value)[:2]
@@ -371,10 +352,8 @@ def _digests(value: str, label: str, known: dict[str, list[str]]) -> list[str]:
             elif os.path.isfile(part):
                 # A policy by others is described by one file and stored in another beside it.
                 neighbours = part.parent.iterdir() if part.suffix == ".toml" else ()
-                files += [
-                    part,
-                    *sorted(one for one in neighbours if one.suffix in (".onnx", ".zip")),
-                ]
+                files.append(part)
+                files += sorted(one for one in neighbours if one.suffix in (".onnx", ".zip"))
             elif part.suffix in (".toml", ".json", ".csv"):
                 raise InputError(f"{label} = {value!r}: no file {part} in the study's folder.")
         known[value] = [f"{path.name} {results.digest(path)}" for path in files]

@@ -134,9 +134,10 @@ def compute(
         driving.tell(on_progress, "ended")
         return {}
     logs = os.path.join(os.path.abspath(store.address), "slurm")
-    engine = (
-        engines.engine(on, dataclasses.replace(resources, logs=logs)) if isinstance(on, str) else on
-    )
+    if isinstance(on, str):
+        engine = engines.engine(on, dataclasses.replace(resources, logs=logs))
+    else:
+        engine = on
     try:
         while not driving.over:
             while engine.room() > 0 and (order := driving.next_order(resources)) is not None:
@@ -219,11 +220,9 @@ class _Driving:
                     self._ready.append(later)
             return
         self._store.write(_place(task), f"{task.label}\n{ending.message.strip()}\n")
-        times, most = (
-            (self._lost_times, LOSSES)
-            if ending.outcome == LOST
-            else (self._failed_times, self._retries)
-        )
+        times, most = self._failed_times, self._retries
+        if ending.outcome == LOST:
+            times, most = self._lost_times, LOSSES
         times[key] = times.get(key, 0) + 1
         if times[key] > most:
             self.failures[key] = ending.message
@@ -234,21 +233,18 @@ class _Driving:
     def tell(self, on_progress: Callable[[Progress], None] | None, state: str = "running") -> None:
         """Tells how far it is, to others from time to time."""
         seconds = time.monotonic() - self._began
-        computed = len(self._there) - self._found
+        computed, left = len(self._there) - self._found, len(self._tasks) - len(self._there)
+        running = self._running if state == "running" else ()
         now = Progress(
             tasks=len(self._tasks),
             existing_count=self._found,
             computed=computed,
-            running=tuple(self._tasks[key].label for key in self._running)
-            if state == "running"
-            else (),
+            running=tuple(self._tasks[key].label for key in running),
             failed=tuple(self._tasks[key].label for key in self.failures),
             repeated=self._repeated,
             seconds=seconds,
             policies_per_hour=3600.0 * self._policies / seconds if self._policies else None,
-            seconds_left=seconds / computed * (len(self._tasks) - len(self._there))
-            if computed
-            else None,
+            seconds_left=seconds / computed * left if computed else None,
             on=self._on,
             state=state,
         )
@@ -293,11 +289,8 @@ def gather(study: Study, store: Store, skipped: AbstractSet[str] = frozenset()) 
     table = polars.DataFrame(
         {name: [row.get(name) for row in rows] for name in order}, strict=False
     )
-    record = results.record(
-        seed=None,
-        inputs=[],
-        settings={"study": list(study.entries), "cpus": study.cpus, "gpus": study.gpus},
-    )
+    settings = {"study": list(study.entries), "cpus": study.cpus, "gpus": study.gpus}
+    record = results.record(seed=None, inputs=[], settings=settings)
     store.write(run_folder.STUDY.name, run_folder.STUDY.to_text(table, record))
     if isinstance(store, Folder):
         written = Path(store.address, run_folder.STUDY.name)

@@ -9,9 +9,9 @@ critic).
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import jax
 import jax.numpy as jnp
@@ -89,6 +89,17 @@ class AnalyticGradient:
     """How often the policy is evaluated; the best one counts."""
     episodes: int = 128
     """Episodes per evaluation."""
+
+    def with_paper_reward(self) -> Self:
+        """Returns these settings with the paper's reward alone as cost, without costs of ours.
+
+        Its terminal penalty has no gradient, so that a failure ends an episode and costs nothing.
+        """
+        ours = (
+            *("position_penalty", "tilt_penalty", "body_rate_penalty"),
+            *("action_excess_penalty", "action_change_penalty", "failure_penalty"),
+        )
+        return replace(self, **dict.fromkeys(ours, 0.0))
 
 
 class Learner(NamedTuple):

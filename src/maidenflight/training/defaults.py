@@ -108,7 +108,7 @@ def choose_hidden(structure: str, method: str, points: int = 0) -> tuple[int, ..
     if method == "distillation":
         return DISTILLED_HIDDEN
     usual = PolicySpec().hidden if points == 0 else AHEAD_HIDDEN
-    return HIDDEN_BY_CONTROL.get(structure, usual) if method == "gradient" else usual
+    return HIDDEN_BY_CONTROL.get(structure, usual) if method.startswith("gradient") else usual
 
 
 def choose_settings(
@@ -131,6 +131,8 @@ def choose_settings(
     if method.startswith("ppo"):
         return PPO() if method == "ppo" else PPO.paper()
     settings = _by_gradient(structure, task, bool(spec.memory))
+    if method == "gradient-paper":
+        settings = settings.with_paper_reward()
     if method == "distillation":
         return _by_distillation(settings, spec, initial)
     if spec.memory:

@@ -8,6 +8,7 @@ interruption changes the result.
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from functools import partial
 from threading import Thread
 from typing import Any, NamedTuple
@@ -263,7 +264,9 @@ def _compiling_scores(
     """Compiles `evaluate_together` on another core: compiling takes most of a short training."""
 
     def compiled() -> None:
-        evaluate_together.lower(env, settings.num_envs, policies, starts).compile()
+        # What fails here fails in the training too, which says it.
+        with suppress(Exception):
+            evaluate_together.lower(env, settings.num_envs, policies, starts).compile()
 
     thread = Thread(target=compiled, daemon=True)
     thread.start()

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array
 
 from maidenflight.errors import InputError
+from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.controllers.control import Controller
@@ -17,6 +18,7 @@ from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import Distribution, InSteps, stacked
 from maidenflight.simulator.tasks.tasks import Task
+from maidenflight.simulator.tasks.tracing import check_traced
 from maidenflight.training import checkpoint
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.ppo_settings import PPO
@@ -110,7 +112,23 @@ def validate(
             "distributions of drones of different frames or time steps; expected drones that one "
             "program simulates. Train them in calls of their own."
         )
+    _check_reward(task, boxes[0].centre, keys[0])
     return TrainingSpec(env, settings, stacked(boxes), keys, initial)
+
+
+def _check_reward(task: Task, parameters: Parameters, key: Array) -> None:
+    """Refuses a reward that cannot be traced, before programs are compiled that hold it.
+
+    Raises:
+        InputError: it cannot, or it gives no single number.
+    """
+    state, _ = jax.eval_shape(task.reset, parameters, key)
+    vectors = (np.zeros(3), np.zeros(4), np.zeros(4))
+    expected = "a number of (state, setpoint of 3 [m], action of 4, previous action of 4)"
+    name = f"the reward of task {task.name}"
+    reward = check_traced(name, task.reward, expected, state, *vectors)
+    if jnp.shape(reward) != ():
+        raise InputError(f"{name} has shape {jnp.shape(reward)}; expected {expected}.")
 
 
 def _one_each(box: Distribution | Sequence[Distribution], count: int) -> Sequence[Distribution]:

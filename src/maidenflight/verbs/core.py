@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from maidenflight.flying import recording
     from maidenflight.identification import drone_file, identity
     from maidenflight.identification.behaviour import BEHAVIOUR, flights_of_policies
+    from maidenflight.identification.calibration import draw_calibrations, uniform_band
+    from maidenflight.identification.calibration import summarize as summarize_calibration
     from maidenflight.identification.closed_loop import ClosedLoop, Match, match
     from maidenflight.identification.design import planning
     from maidenflight.identification.drone_file import CLOSED_LOOP, DroneFile

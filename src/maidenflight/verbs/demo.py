@@ -57,12 +57,7 @@ class Demo(Verb):
         names = (Path("run" if number == 1 else f"run-{number}") for number in range(1, 10**6))
         return next(path for path in names if not path.exists())
 
-    def compute(
-        self,
-        output: Path,
-        progress: Progress,
-        stages: Stages = Stages(),
-    ) -> Result:
+    def compute(self, output: Path, progress: Progress, stages: Stages = Stages()) -> Result:
         """Runs every stage on the virtual drone of the seed.
 
         Identification and training see only the recorded flights; the truth is read again only for
@@ -87,35 +82,25 @@ class Demo(Verb):
         record = configure(stages.record, reality=reality)
         flights = f"{record.flights or 4} flights of {record.duration:g} s"
         run(record, recorded, f"{flights} on a virtual drone (simulated), by the firmware's PID")
-        run(
-            configure(stages.identify, logs=output / recorded),
-            run_folder.DRONE,
-            "motors, delays and whatever else these flights determine",
-        )
+        identify = configure(stages.identify, logs=output / recorded)
+        aim = "motors, delays and whatever else these flights determine"
+        run(identify, run_folder.DRONE, aim)
         train = configure(stages.train, drone=str(drone))
+        aim = f"{train.policies} policies by gradients through the simulator"
+        run(train, run_folder.POLICIES, aim)
+        policies = (str(output / run_folder.POLICIES),)
+        transfer = configure(stages.transfer, policies=policies, reality=(reality,))
+        flights = f"{train.policies * transfer.trials} zero-shot flights"
         run(
-            train,
-            run_folder.POLICIES,
-            f"{train.policies} policies by gradients through the simulator",
+            transfer, run_folder.TRANSFER, f"{flights} in the virtual reality they did not train on"
         )
-        transfer = configure(
-            stages.transfer, policies=(str(output / run_folder.POLICIES),), reality=(reality,)
-        )
-        run(
-            transfer,
-            run_folder.TRANSFER,
-            f"{train.policies * transfer.trials} zero-shot flights in the virtual reality they "
-            "did not train on",
-        )
-        best = Path(stage_results["transfer"].content["best"])
+        best = Path(stage_results[transfer.name].content["best"])
         run(configure(Export(policy=best)), run_folder.FIRMWARE, "the best policy to C99")
         stage_file = run_folder.write_stages(output, self.seed, seconds)
         manifest.append(stage_file, self.name, {"stages": [stage_file]}, self.make_record())
         run(Report(runs=(output,)), run_folder.REPORT, "one page to look at")
-        identified, flights = (
-            stage_results["identify"].value,
-            stage_results["transfer"].content["flights"],
-        )
+        identified, flown = stage_results["identify"].value, stage_results["transfer"]
+        times = ", ".join(f"{name} {spent:.0f} s" for name, spent in seconds.items())
         truth = core.read_truth(output / recorded / run_folder.REALITY, identified.estimates)
         return Result(
             content={
@@ -125,7 +110,7 @@ class Demo(Verb):
                 },
                 "truth": truth,
                 "notes": identified.notes,
-                "flights": flights,
+                "flights": flown.content["flights"],
                 "stages": seconds,
                 "best": str(best),
                 "report": str(output / run_folder.REPORT),
@@ -134,9 +119,8 @@ class Demo(Verb):
             summary=[
                 *core.estimates_output.tabulate_estimates(identified, truth),
                 *core.estimates_output.summarize(identified),
-                *_summarize_flights(stage_results["transfer"].value.table),
-                "wall time: "
-                + ", ".join(f"{name} {spent:.0f} s" for name, spent in seconds.items()),
+                *_summarize_flights(flown.value.table),
+                f"wall time: {times}",
                 *_list_files(output, best),
             ],
             notes=identified.notes,
@@ -160,10 +144,7 @@ class _Stage(Progress):
 
 
 def _compile_training(train: Train) -> None:
-    """Compiles training while flights are recorded and identified, by one update of it.
-
-    The compiled program is that of any drone: its parameters are arguments.
-    """
+    """Compiles training, by an update for any drone, while flights are recorded."""
     controller, learner = core.control.pwm(), train.learner_settings
     core.train(
         core.find_task("circle"),

@@ -108,12 +108,10 @@ def _folders() -> Iterator[Finding]:
     free = disk_usage(".").free
     cure = "" if free > _LEAST_DISK else "free some: results of studies take gigabytes"
     yield Finding("disk", f"{free / 1e9:.1f} GB free in this folder", cure, free < 1e7)
-    may_write = os.access(".", os.W_OK)
-    yield Finding(
-        "this folder",
-        "writable" if may_write else "read-only",
-        "" if may_write else "go to another, or give -o",
-    )
+    if os.access(".", os.W_OK):
+        yield Finding("this folder", "writable")
+    else:
+        yield Finding("this folder", "read-only", "go to another, or give -o")
 
 
 def _extras() -> Iterator[Finding]:

@@ -6,7 +6,6 @@ from typing import Any
 
 from maidenflight.identification.outcome.estimates import Identification
 from maidenflight.identification.outcome.plausible import HOVERING
-from maidenflight.identification.search.box import LOGARITHMIC
 from maidenflight.parameters import COMPONENTS, GEOMETRY, QUANTITIES, arm_length
 from maidenflight.reporting.text import with_error
 from maidenflight.terminal import Table
@@ -14,23 +13,6 @@ from maidenflight.verbs.logs import scale_of
 
 _MAIN = ("thrust_to_weight", "motor_time_constant", "latency")
 """The parameters of the paper."""
-_NARROWING = {
-    "motor_time_constant": "log gyro and motors at 250 Hz or more, or rotor speeds",
-    "latency": "log gyro and motors with one clock, each command of the loop",
-    "inertia_": "turn quickly about x and y, at 250 Hz or more",
-    "torque_to_thrust": "yaw to and fro",
-    "rotor_momentum": "yaw to and fro",
-    "drag_z": "climb and sink",
-    "drag_": "fly faster than 1 m/s along x and y",
-    "flapping_moment": "fly faster than 1 m/s along x and y",
-    "motor_coasting": "cut the throttle now and then",
-    "spin_down_ratio": "cut the throttle now and then",
-    "thrust_linear": "use throttle from a fifth to four fifths",
-    "torque_bias_": "hover for half a minute",
-}
-"""What determines a parameter, by its name or that of its kind."""
-_WIDE = 1.5
-"""Upper end of an interval over the lower one, above which a parameter is hardly known."""
 _WIDTH = 118
 """Of long lines."""
 
@@ -46,30 +28,21 @@ def tabulate_estimates(
     """
     replayed = result.objective == "replay"
     rows: list[dict[str, Any]] = []
-    for name, estimate in result.estimates.items():
-        scale, unit = scale_of(name, estimate.value)
+    for name in (*result.estimates, *result.unidentified):
+        estimate, ends = result.estimates.get(name), result.unidentified.get(name, (0.0, 0.0))
+        scale, unit = scale_of(name, estimate.value if estimate else ends[1])
         true = (truth or {}).get(name, "")
-        rows.append(
-            {
-                "name": name,
-                "unit": unit,
-                "value": f"{estimate.value * scale:.4g}",
-                "interval": _range(estimate.interval, scale),
-                "valley": _range(estimate.valley, scale) if estimate.valley else "",
-                "between": _two_digits(estimate.between_sd * scale),
-                "trials": _two_digits(estimate.trial_sd * scale) if estimate.trials[1:] else "",
-                "truth": true if isinstance(true, str) else f"{true * scale:.4g}",
-            }
-        )
-    for name, ends in result.unidentified.items():
-        scale, unit = scale_of(name, ends[1])
-        true = (truth or {}).get(name, "")
-        rows.append(
-            dict.fromkeys(("valley", "between", "trials"), "")
-            | {"name": name, "unit": unit, "value": "not identified"}
-            | {"interval": f"{_range(ends, scale)} (plausible)"}
-            | {"truth": true if isinstance(true, str) else f"{true * scale:.4g}"}
-        )
+        row = {"name": name, "unit": unit, "valley": "", "between": "", "trials": ""}
+        row["truth"] = true if isinstance(true, str) else f"{true * scale:.4g}"
+        if estimate is None:
+            row["value"], row["interval"] = "not identified", f"{_range(ends, scale)} (plausible)"
+        else:
+            row["value"] = f"{estimate.value * scale:.4g}"
+            row["interval"] = _range(estimate.interval, scale)
+            row["valley"] = _range(estimate.valley, scale) if estimate.valley else ""
+            row["between"] = _two_digits(estimate.between_sd * scale)
+            row["trials"] = _two_digits(estimate.trial_sd * scale) if estimate.trials[1:] else ""
+        rows.append(row)
     columns = {"parameter": "{name}", "value": "{value}", "95 % interval": "{interval}"}
     columns |= {"between\nflights": "{between}"}
     columns |= {"range within\n1 %": "{valley}", "between\ntrials": "{trials}"} if replayed else {}
@@ -110,25 +83,31 @@ def summarize(result: Identification) -> list[str]:
         "posterior covers the plausible ranges"
         if left_out
         else "not identified: nothing; the flights determine every parameter that was fitted",
-        *_advise(result),
+        *_name_advice(result),
         *_describe_thrust(result),
     ]
 
 
-def _advise(result: Identification) -> list[str]:
-    """Returns what to fly or log to determine what was not identified, or hardly."""
-    wide = [
-        name
-        for name, one in result.estimates.items()
-        if name in LOGARITHMIC and one.interval[1] > _WIDE * one.interval[0]
-    ]
-    advice: dict[str, list[str]] = {}
-    for name in (*result.unidentified, *wide):
-        if name.rstrip("xyz") in _NARROWING or name in _NARROWING:
-            what = _NARROWING.get(name) or _NARROWING[name.rstrip("xyz")]
-            advice.setdefault(what, []).append(name)
-    text = "; ".join(f"{what} ({', '.join(names)})" for what, names in advice.items())
-    return [f"to narrow them: {text}; or maidenflight plan"] if advice else []
+def _name_advice(result: Identification) -> list[str]:
+    """Returns what to log or fly for narrower intervals, in one line."""
+    actions: dict[str, list[str]] = {}
+    for one in result.advice:
+        actions.setdefault(one.action, []).append(one.parameter)
+    text = "; ".join(f"{action} ({', '.join(names)})" for action, names in actions.items())
+    return [f"to narrow them: {text}; or maidenflight plan"] if actions else []
+
+
+def describe_advice(result: Identification) -> list[str]:
+    """Returns a line for each parameter that another flight narrows, with the interval then."""
+    lines = []
+    for one in result.advice:
+        estimate = result.estimates.get(one.parameter)
+        now = result.unidentified[one.parameter] if estimate is None else estimate.interval
+        scale, unit = scale_of(one.parameter, now[1])
+        line = f"narrow {one.parameter}, {_range(now, scale)} {unit}".rstrip()
+        expected = "" if one.interval is None else f"; expect {_range(one.interval, scale)}"
+        lines.append(f"{line}: {one.action}{expected}")
+    return lines
 
 
 def _describe_thrust(result: Identification) -> list[str]:

@@ -57,11 +57,7 @@ class Export(Verb):
             )
 
     def _propellers(self, file: "core.PolicyFile") -> str:
-        """Those given, else those of the policy's drone; empty where neither says.
-
-        Raises:
-            InputError: they contradict each other.
-        """
+        """Those given, else those of the policy's drone; empty where neither says."""
         own = core.identity.propellers_of(file.identity)
         if self.propellers is not None and own not in ("", self.propellers):
             raise InputError(

@@ -1,11 +1,12 @@
 """`Identify`: a drone's parameters from flight logs."""
 
 import dataclasses
+from collections.abc import Callable, Iterable
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from maidenflight import names, results, run_folder
+from maidenflight import results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.settings import (
     choice,
@@ -14,7 +15,6 @@ from maidenflight.settings import (
     listed,
     number,
     setting,
-    several,
     table,
     whole,
 )
@@ -99,14 +99,7 @@ class Identify(Verb):
         rare=True,
     )
     most_seconds: float = shared.most_seconds()
-    ignore: tuple[str, ...] = setting(
-        several(choice(*names.OPTIONAL_SIGNALS), empty=True),
-        (),
-        "Signal to pass over as if it had not been logged, to judge the estimates without it; may "
-        "be repeated.",
-        group=shared.LOGS,
-        rare=True,
-    )
+    ignore: tuple[str, ...] = shared.ignore()
     commands: str | None = shared.commands()
     battery_law: str | None = shared.battery_law()
     faulty: str = shared.faulty()
@@ -146,37 +139,17 @@ class Identify(Verb):
         def on_progress(now: core.Stage) -> None:
             show(*overall.reach(now))
             if now.unidentifiable:
-                unidentifiable = ", ".join(now.unidentifiable)
+                left_out = ", ".join(now.unidentifiable)
                 progress.note(
-                    f"not identifiable from these flights: {unidentifiable}; plausible ranges stay"
+                    f"not identifiable from these flights: {left_out}; plausible ranges stay"
                 )
 
-        flights = core.read_flights(
-            *(self.logs, lambda done, of: show(*overall.read(done, of)), self.most_seconds),
-            settings.lead_in,
-            commands=self.commands,
-            battery_law=self.battery_law,
-            ignore=self.ignore,
-            faulty=self.faulty,
-            drone=self.start,
-        )
-        identification = core.identify(
-            flights,
-            settings,
-            start=self.first.parameters,
-            over=self.over,
-            bounds=self.bounds,
-            key=self.key,
-            on_progress=on_progress,
-        )
-        over = (
-            self.over if isinstance(self.over, str) else list(self.over or identification.estimates)
-        )
-        record = self.make_record(
-            [*flights.paths, *shared.own_files(self.start)],
-            over=over,
-            **dataclasses.asdict(settings),
-        )
+        flights = self.read(lambda done, of: show(*overall.read(done, of)))
+        identification = self.identify(flights, self.key, on_progress)
+        is_word = isinstance(self.over, str)
+        over = self.over if is_word else list(self.over or identification.estimates)
+        inputs = [*flights.paths, *shared.own_files(self.start)]
+        record = self.make_record(inputs, over=over, **dataclasses.asdict(settings))
         start = float(self.first.parameters.thrust_to_weight)
         notes = [
             *core.note_mass(self.start, self.mass, flights),
@@ -187,9 +160,8 @@ class Identify(Verb):
         identification.write(output, record)
         _, evaluations, picture = self.places(output)
         run_folder.EVALUATIONS.write(evaluations, identification.search)
-        results.write(
-            picture, core.svg(core.identification_figure(identification, self.first.parameters))
-        )
+        figure = core.identification_figure(identification, self.first.parameters)
+        results.write(picture, core.svg(figure))
         return Result(
             content=_to_content(flights, identification)
             | {"output": str(output), "picture": str(picture)},
@@ -221,6 +193,44 @@ class Identify(Verb):
         """Returns the drone to begin with."""
         return core.read_start(self.start, self.mass)
 
+    def read(self, on_file: Callable[[int, int], None]) -> "core.Flights":
+        """Reads the logs.
+
+        Args:
+            on_file: called with (files read, files found).
+        """
+        return core.read_flights(
+            *(self.logs, on_file, self.most_seconds, self.lead_in),
+            commands=self.commands,
+            battery_law=self.battery_law,
+            ignore=self.ignore,
+            faulty=self.faulty,
+            drone=self.start,
+        )
+
+    def identify(
+        self,
+        flights: Iterable["core.Flight"],
+        key: Any,
+        on_progress: "Callable[[core.Stage], None]",
+    ) -> "core.Identification":
+        """Identifies the drone from flights.
+
+        Args:
+            flights: checked flights.
+            key: random key.
+            on_progress: called with the stage and how far it is.
+        """
+        return core.identify(
+            flights,
+            self._objective(),
+            start=self.first.parameters,
+            over=self.over,
+            bounds=self.bounds,
+            key=key,
+            on_progress=on_progress,
+        )
+
     def _describe(
         self, flights: "core.Flights", identification: "core.Identification"
     ) -> "list[Table | str]":
@@ -229,6 +239,7 @@ class Identify(Verb):
             *core.estimates_output.tabulate_gains(identification),
             *core.estimates_output.describe_delays(identification),
             *core.estimates_output.describe_fit(identification, self.start),
+            *core.estimates_output.describe_advice(identification),
         ]
 
     def _objective(self) -> "core.Likelihood | core.Replay":

@@ -158,7 +158,7 @@ def _tabulate_information(logs: "Sequence[core.Summary]") -> list[Table | str]:
     ranked = core.rank_logs(logs)
     rows = [{"log": log.name, **shares} for log, shares in ranked[:_MOST_RANKED]]
     columns = {"log": "{log}"} | {name: f"{{{name}:.0%}}" for name in ranked[0][1]}
-    chosen = core.choose_most_telling(logs)
+    chosen = core.choose_most_telling(ranked)
     return [
         Table("Shares of what all logs tell", columns, rows),
         f"{len(chosen)} of {len(logs)} logs hold 80 % of each, the most telling first: "

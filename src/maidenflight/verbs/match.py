@@ -5,9 +5,8 @@ import math
 from functools import cached_property
 from pathlib import Path
 
-from maidenflight import names, run_folder
+from maidenflight import run_folder
 from maidenflight.errors import InputError
-from maidenflight.settings import choice, setting, several
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Verb
 from maidenflight.verbs import core, shared
@@ -29,11 +28,7 @@ class Match(Verb):
     start: str = shared.drone("crazyflie", "Drone to begin with: a TOML file of identify.")
     mass: float | None = shared.mass()
     most_seconds: float = shared.most_seconds()
-    ignore: tuple[str, ...] = setting(
-        several(choice(*names.OPTIONAL_SIGNALS), empty=True),
-        (),
-        "Signal to pass over as if it had not been logged; may be repeated.",
-    )
+    ignore: tuple[str, ...] = shared.ignore()
     commands: str | None = shared.commands()
     battery_law: str | None = shared.battery_law()
     seed: int = shared.seed()
@@ -66,12 +61,11 @@ class Match(Verb):
                 f"{len(flights)} flights. Give the policies that flew, and logs at their rate that "
                 "hold the estimates which the policies saw."
             )
+        usual = core.drones.choose_prediction(self.first)
         match = core.match(
             matched_flights,
             policies,
-            core.drones.possible_drones(
-                self.first, core.drones.choose_prediction(self.first), self.seed
-            ),
+            core.drones.possible_drones(self.first, usual, self.seed),
             self.key,
             loop,
             core.real_controller,

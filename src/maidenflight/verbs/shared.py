@@ -39,8 +39,8 @@ FLIGHTS = "Flights"
 LOGS = "Logs"
 """Heading of settings that say how logs are read."""
 LARGEST = {
-    "tilt of 30": "{largest_tilt:.0f deg}",
-    "rate of 800": "{largest_body_rate:.0f deg/s}",
+    "tilt (limit 30)": "{largest_tilt:.0f deg}",
+    "rate (limit 800)": "{largest_body_rate:.0f deg/s}",
     "farthest": "{largest_distance:.0f cm}",
 }
 """Columns of the largest tilt, body rate and distance of flights, beside the limits of guards."""
@@ -123,6 +123,18 @@ def commands() -> Any:
         "What commands stand for in logs that do not say it: each acts until the next row, as a "
         "policy's, or the log is subsampled from the firmware's faster PID, which is assumed "
         "by default. Taken the wrong way, latency is half a row off.",
+        group=LOGS,
+        rare=True,
+    )
+
+
+def ignore() -> Any:
+    """Declares which signals of logs are passed over."""
+    return setting(
+        several(choice(*names.OPTIONAL_SIGNALS), empty=True),
+        (),
+        "Signal to pass over as if it had not been logged, to judge the estimates without it; may "
+        "be repeated.",
         group=LOGS,
         rare=True,
     )

@@ -358,8 +358,7 @@ class Train(Verb):
     def _fly(self, policy: "core.Policy") -> "core.Flight":
         """Flies a policy once, on the drone at the centre of training, to be watched."""
         controller = core.control.controller_for(policy.interface)
-        drone = core.parameters.read_drone(self.drone)
-        centre = core.control.in_fitting_steps(drone, controller)
+        centre = core.control.in_fitting_steps(self.drone_file.parameters, controller)
         test_flights = core.transfer(
             [policy],
             [core.VirtualDrone(core.parameters.name_of(self.drone), centre)],

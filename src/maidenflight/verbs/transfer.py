@@ -80,7 +80,9 @@ class Transfer(InRealities):
         )
 
 
-_TITLE = "error: mean distance from the set-point; u: in 10 ms; largest tilt and rate, of a guard's"
+_TITLE = (
+    "error: mean distance from the set-point; u: in 10 ms; largest tilt and rate, guards' limits"
+)
 _MEASURES = {
     **{"error": "{position_error:.1f cm}", "change of u": "{command_change:.3f}"},
     **shared.LARGEST,

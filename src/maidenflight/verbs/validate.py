@@ -3,13 +3,16 @@
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from maidenflight import run_folder
 from maidenflight.errors import InputError
-from maidenflight.settings import PENDING, REQUIRED, listed, number, setting
+from maidenflight.inputs import StrPath
+from maidenflight.settings import PENDING, REQUIRED, flag, listed, number, setting, whole
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row, Verb
 from maidenflight.verbs import core, shared
+from maidenflight.verbs.calibration import calibrate
 
 _WORSE = 1.2
 """Ratio of errors beyond which a drone is worse."""
@@ -25,9 +28,17 @@ class Validate(Verb):
     tenth row, the drone is simulated with the recorded commands alone; the table shows how far it
     is from the flight after some time. Beside it stand the paper's Crazyflie and the persistence
     baseline: position, velocity, attitude and body rates stay as they are.
+
+    With --calibration it is the intervals that are tested, on the logs that the drone was
+    identified from.
     """
 
-    output = Output(run_folder.VALIDATION.name, "CSV file for the errors and their intervals.")
+    output = Output(
+        run_folder.VALIDATION.name,
+        f"CSV file for the errors and their intervals; {run_folder.CALIBRATION.name} with "
+        "--calibration.",
+    )
+    fused = True
 
     drone: str = shared.drone(REQUIRED, argument=True)
     logs: Path = shared.logs()
@@ -36,14 +47,29 @@ class Validate(Verb):
         (0.02, 0.05, 0.1),
         "How far ahead to predict [s].",
     )
+    calibration: bool = setting(
+        flag(),
+        False,
+        "Draw drones from the posterior, fly the paths of LOGS with them in simulation, identify "
+        "each as DRONE was, and count intervals that hold the drawn truth; five minutes at most.",
+        "Calibration",
+    )
+    draws: int | None = setting(
+        whole(2, 1000), None, "Drones to draw, however long that takes.", rare=True
+    )
     commands: str | None = shared.commands()
     battery_law: str | None = shared.battery_law()
     faulty: str = shared.faulty()
     seed: int = shared.seed()
 
+    def choose_output(self, output: StrPath | None) -> Any:
+        """Returns the table of errors, or that of a calibration."""
+        default = run_folder.CALIBRATION.name if self.calibration else None
+        return super().choose_output(default if output is None else output)
+
     def places(self, output: Path) -> list[Path]:
-        """Returns the table of errors and that of windows."""
-        return [output, run_folder.windows_path(output)]
+        """Returns the table of errors and that of windows, or that of a calibration."""
+        return [output] if self.calibration else [output, run_folder.windows_path(output)]
 
     def check_early(self) -> None:
         """Refuses logs in a drone's place, and a file that is not there."""
@@ -63,11 +89,10 @@ class Validate(Verb):
         Commands stand for what they did where the drone was identified, unless logs or the setting
         say it.
         """
+        if self.calibration:
+            return calibrate(self, self.drone, self.logs, self.draws, output, progress)
         file = core.drone_file.read(self.drone)
-        models = {
-            Path(self.drone).name: file.parameters,
-            "paper's crazyflie": core.crazyflie(),
-        }
+        models = {Path(self.drone).name: file.parameters, "paper's crazyflie": core.crazyflie()}
         law, commands = self.battery_law, self.commands
         read = partial(core.read_flights, self.logs, battery_law=law, faulty=self.faulty)
         flights = read(core.logs.count_files(progress), commands=commands)
@@ -94,11 +119,11 @@ class Validate(Verb):
         ]
         simulated, rows = any(one.simulated for one in flights), errors.to_dicts()
         doubts = _compare(next(iter(models)), likelihoods, rows)
-        verdict = (
-            f"verdict: this drone does not explain these flights: {'; '.join(doubts)}"
-            if doubts
-            else "verdict: this drone explains these flights no worse than what it is compared with"
-        )
+        verdict = "this drone explains these flights no worse than what it is compared with"
+        remark = ""
+        if doubts:
+            verdict = f"this drone does not explain these flights: {'; '.join(doubts)}"
+            remark = "look whether these logs and those it was identified from are sound"
         return Result(
             content={
                 "log_likelihoods": likelihoods,
@@ -110,7 +135,7 @@ class Validate(Verb):
                 "output": str(output),
             },
             summary=[
-                verdict,
+                f"verdict: {verdict}",
                 *core.logs.describe_flights(flights, f"; {rows[0]['windows']} windows of rows"),
                 *_tabulate(likelihoods, rows, simulated),
                 f"in {output}: SI units, and 95 % intervals over {rows[0]['segments']} segments of "
@@ -122,9 +147,7 @@ class Validate(Verb):
             rows=[{**row, "log_likelihood": likelihoods.get(row["model"])} for row in rows],
             notes=notes,
             next=("log", self.logs) if doubts else ("train", "--drone", self.drone),
-            next_remark="look whether these logs and those it was identified from are sound"
-            if doubts
-            else "",
+            next_remark=remark,
             value=errors,
         )
 

@@ -153,7 +153,7 @@ columns = ["m1", "m2", "m3", "m4"]
 @pytest.mark.parametrize(
     ("text", "named_"),
     [
-        (GOOD.replace('[time]\ncolumns = ["t"]\n', ""), r"\[time\]"),
+        (GOOD.replace('[time]\ncolumns = ["t"]\n', ""), "time missing"),
         (GOOD.replace('"m4"', "4"), r"\[motors\]"),
         (GOOD.replace(', "wz"', ""), r"\[body_rates\]"),
         (GOOD + 'unit = "furlong"\n', "unit"),

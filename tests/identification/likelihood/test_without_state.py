@@ -215,7 +215,14 @@ def test_what_a_calm_flight_hides_keeps_the_starts_value() -> None:
         mass=DRONE.parameters.mass,
         inertia=np.array([2.5e-5, 2.5e-5, 5e-5], np.float32),
     )
-    found = identify(recorded(0.0), ONCE, start=start)
+    flights = recorded(0.0)
+    found = identify(flights, ONCE, start=start)
+    # What is left out was one with the thrust, and every drone that is left must hover as they did.
+    model = AccelerometerErrors.of(flights)
+    for number in (None, 0, 1, 2):
+        draw = {} if number is None else {name: of[number] for name, of in found.posterior.items()}
+        force = model.errors(replace(found.parameters, **draw))[model.signals.used]
+        assert abs(float(force.mean())) < (0.01 if number is None else 0.05) * 9.81, number
     held = holds(found, as_identified(found))
     assert sum(held.values()) >= len(held) - 1, held
     assert "torque_to_thrust" in found.unidentified

@@ -67,6 +67,9 @@ def test_thrust_differs_too_where_it_was_identified() -> None:
     assert np.std(np.asarray(drones.torque_bias)[:, 2]) == pytest.approx(4e-5, rel=0.05)
     assert not np.any(np.ptp(np.asarray(drones.torque_bias)[:, :2], axis=0))
     assert not np.ptp(trim_ensemble(crazyflie(), estimates(4e-5), "x").drones.thrust_to_weight)
+    told["thrust_to_weight"] = dataclasses.replace(told["thrust_to_weight"], between_sd=0.6)
+    drones = trim_ensemble(crazyflie(), told, "x").drones
+    assert np.all(np.asarray(drones.thrust_to_weight) > 1.0)  # they lifted their weight
 
 
 def test_more_flights_of_the_day_tell_more() -> None:

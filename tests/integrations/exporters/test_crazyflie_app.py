@@ -432,25 +432,15 @@ def test_the_firmware_s_pids_are_asked_as_in_the_simulator(
     asked[0] = found["asked"][0, 1]
     assert asked["step"].tolist() == list(range(1000, 3000))
     upright = np.array([1, -1, 1], np.float32)  # the firmware's pitch is positive nose up
-    turns = np.repeat(np.clip(actions[:, 1:], -1, 1), 10, axis=0)
-    if structure == "attitude_rate":
-        np.testing.assert_allclose(asked["rate"] * upright, 60 * turns, rtol=0, atol=6e-4)
-        np.testing.assert_allclose(
-            asked["thrust"],
-            np.repeat(30000 + 30000 * np.clip(actions[:, 0], -1, 1), 10),
-            rtol=0,
-            atol=0.6,
-        )
-        assert (asked["modes"] == [0, 0, 0, VELOCITY, VELOCITY, VELOCITY, 0]).all()
-    else:
-        np.testing.assert_allclose(asked["attitude"] * upright, 10 * turns, rtol=0, atol=1e-4)
-        np.testing.assert_allclose(
-            asked["thrust"],
-            np.repeat(45000 + 10000 * np.clip(actions[:, 0], -1, 1), 10),
-            rtol=0,
-            atol=0.6,
-        )
-        assert (asked["modes"] == [0, 0, 0, ABSOLUTE, ABSOLUTE, ABSOLUTE, 0]).all()
+    thrust, *turns = np.repeat(np.clip(actions, -1, 1), 10, axis=0).T
+    most, tolerance, middle, span, mode = {
+        "attitude_rate": (60, 6e-4, 30000, 30000, VELOCITY),
+        "attitude": (10, 1e-4, 45000, 10000, ABSOLUTE),
+    }[structure]
+    found_turns = asked[structure.removeprefix("attitude_")] * upright
+    np.testing.assert_allclose(found_turns, most * np.transpose(turns), rtol=0, atol=tolerance)
+    np.testing.assert_allclose(asked["thrust"], middle + span * thrust, rtol=0, atol=0.6)
+    assert (asked["modes"] == [0, 0, 0, mode, mode, mode, 0]).all()
     np.testing.assert_allclose(
         [app.log(f"a{number}") for number in (1, 2, 3, 4)], actions[-1], rtol=0, atol=1e-5
     )

@@ -47,7 +47,7 @@ def _table():
 
 def one(content):
     table = tables.from_text(content, "made")
-    assert nanobench.recognises(table)
+    assert nanobench.FORMAT.recognises(table)
     ((flight, time),), notes = nanobench.flights(table)
     return flight, time, notes
 

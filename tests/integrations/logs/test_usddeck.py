@@ -85,6 +85,12 @@ def test_records_come_back_with_their_time_in_seconds(version: int) -> None:
     assert table.notes == ()
 
 
+def test_a_nan_that_signals_is_one_without_a_warning() -> None:
+    raw = written({1: ("one", ["gyro.x(f)"])}, [(1, 0, (1.0,)), (1, 2000, (2.0,))])
+    raw = raw.replace(struct.pack("<f", 2.0), struct.pack("<I", 0x7FA00000))
+    assert np.isnan(usddeck.table(raw, "x").frame["gyro.x"][1])
+
+
 def test_an_events_values_stand_in_the_first_row_at_or_after_them() -> None:
     events = {7: ("estPose", ["locSrv.x(f)"]), 1: ("main", ["gyro.x(f)"])}
     records = [(1, 1000, (1.0,)), (7, 1500, (0.25,)), (1, 2000, (2.0,)), (1, 3000, (3.0,))]
@@ -208,8 +214,8 @@ def of_2019(variables: list[str], rows: Sequence[tuple[float, ...]], each: int =
     return raw
 
 
-def test_a_log_of_2019_is_read_and_one_without_motors_says_what_it_lacks(tmp_path: Path) -> None:
-    flight = driven(300)
+def flight_of_2019(flight: log.Flight) -> bytes:
+    """A flight in 2019's format."""
     motors = np.round(65535 * np.sqrt(flight.command)).astype(int)
     names = [f"stateEstimateZ.{one}(h)" for one in ("x", "y", "z", "vx", "vy", "vz")]
     names += [f"stateEstimate.{one}(f)" for one in ("roll", "pitch", "yaw")]
@@ -227,7 +233,12 @@ def test_a_log_of_2019_is_read_and_one_without_motors_says_what_it_lacks(tmp_pat
         )
         for row in range(len(flight))
     ]
-    raw = of_2019(["tick(I)", *names, "pm.vbatMV(H)"], rows)
+    return of_2019(["tick(I)", *names, "pm.vbatMV(H)"], rows)
+
+
+def test_a_log_of_2019_is_read_and_one_without_motors_says_what_it_lacks(tmp_path: Path) -> None:
+    flight = driven(300)
+    raw = flight_of_2019(flight)
     (tmp_path / "log00").write_bytes(raw)
     (found,) = read_flights(tmp_path)
     assert found.period == pytest.approx(0.01)

@@ -40,7 +40,7 @@ def test_the_policy_of_the_file_flies_and_is_recorded(
         result = flown.run(tmp_path / "flown")
     assert result.exit_code == 0
     (log,) = (tmp_path / "flown").glob("*.csv")
-    settings = results.read_record(log)["settings"]  # pyright: ignore
+    settings = results.read_record(log)["settings"]
     assert settings["policy"] == {"file": "mine.json", "sha256": sha256, "drone": {"mass": 0.03}}
     assert settings["limits_on_board"]["mf.distance"] == 0.3
     assert clock.fake.parameters["mf.distance"] == pytest.approx(0.3)

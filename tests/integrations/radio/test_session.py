@@ -259,7 +259,7 @@ def test_limits_of_a_session_before_are_set_anew_and_recorded_with_the_drone(tmp
     last = len(order) - order[::-1].index(b"enable") - 1
     assert order.index(b"distance") < last
     assert flight.log is not None
-    settings = (results.read_record(flight.log) or {})["settings"]
+    settings = results.read_record(flight.log)["settings"]
     assert settings["drone"] == "00000012000000abffffffff"
     assert (settings["firmware"], settings["on_board"]) == ("2a18fc299d7b", "deadbeef")
     assert any(line.split()[:2] == ["propellers", "balanced"] for line in said)

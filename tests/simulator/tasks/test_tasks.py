@@ -434,17 +434,17 @@ def test_the_failure_margin_is_positive_only_while_safe_and_has_a_finite_gradien
         (
             lambda time: jnp.stack([time, time]),
             1.0,
-            r"gives an array of shape \(2,\) at a time; expected 3 numbers",
+            r"gives an array of shape \(2,\); expected 3 numbers",
         ),
         (
             lambda time: np.array([np.sin(time), 0.0, 1.0]),
             1.0,
-            "not a function of time that JAX can trace",
+            "not a function that JAX can trace",
         ),
         (
             lambda time: jnp.zeros(3) if time > 1 else jnp.ones(3),
             1.0,
-            "not a function of time that JAX can trace",
+            "not a function that JAX can trace",
         ),
         (lambda time: jnp.zeros(3), -1.0, "duration = -1.0 s of an episode; expected more than 0"),
     ],

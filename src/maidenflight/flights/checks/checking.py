@@ -153,21 +153,15 @@ def _blanked(flight: Flight) -> tuple[Flight, list[str]]:
         for group, rows in odd.items()
         if rows.any()
     ]
-    return replace(
-        flight,
-        **{
-            group: np.where(rows, np.float32(np.nan), getattr(flight, group))
-            for group, rows in odd.items()
-        },
-    ), notes
+    known = {
+        group: np.where(rows, np.float32(np.nan), getattr(flight, group))
+        for group, rows in odd.items()
+    }
+    return replace(flight, **known), notes
 
 
 def _faults(flight: Flight, cuts: Bool[np.ndarray, "N"]) -> dict[str, Bool[np.ndarray, "N"]]:
-    """Rows that are of no use, by the reason.
-
-    Raises:
-        InputError: the estimate jumps so often that its unit or the order of rows must be wrong.
-    """
+    """Rows that are of no use, by the reason."""
     finite = {group: np.isfinite(getattr(flight, group)) for group in _needed(flight)}
     odd = [
         _COLUMNS[group][column]
@@ -175,49 +169,34 @@ def _faults(flight: Flight, cuts: Bool[np.ndarray, "N"]) -> dict[str, Bool[np.nd
         for column in np.flatnonzero(~sound.all(axis=0))
     ]
     names = ", ".join(odd[:3]) + (" ..." if len(odd) > 3 else "")
+    attitude, rates, command = flight.attitude[:, :2], flight.body_rates, flight.command
     with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is a fault already
+        unknown = ~np.all([sound.all(axis=1) for sound in finite.values()], axis=0)
+        tilted = np.abs(attitude).max(axis=1) > MAX_TILT_RAD
+        spinning = np.abs(rates).max(axis=1) > _greatest_rate(flight)
+        beyond = (command < -0.001).any(axis=1) | (command > LARGEST_COMMAND).any(axis=1)
+        grounded = {
+            f"below {MIN_HEIGHT_M:g} m": flight.position[:, 2] < MIN_HEIGHT_M,
+            "motors off": command.max(axis=1) <= 0.0,
+        }
         faults = {
-            f"not a finite number in {names}": ~np.all(
-                [sound.all(axis=1) for sound in finite.values()], axis=0
-            ),
-            f"tilt above {np.degrees(MAX_TILT_RAD):.0f} deg": np.abs(flight.attitude[:, :2]).max(
-                axis=1
-            )
-            > MAX_TILT_RAD,
-            f"body rate above {_greatest_rate(flight):g} rad/s": np.abs(flight.body_rates).max(
-                axis=1
-            )
-            > _greatest_rate(flight),
-            **(
-                {
-                    f"below {MIN_HEIGHT_M:g} m": flight.position[:, 2] < MIN_HEIGHT_M,
-                    "motors off": flight.command.max(axis=1) <= 0.0,
-                }
-                if flight.has_state
-                else airborne.faults(flight)
-            ),
-            f"command outside [0, {LARGEST_COMMAND:g}]": (flight.command < -0.001).any(axis=1)
-            | (flight.command > LARGEST_COMMAND).any(axis=1),
+            f"not a finite number in {names}": unknown,
+            f"tilt above {np.degrees(MAX_TILT_RAD):.0f} deg": tilted,
+            f"body rate above {_greatest_rate(flight):g} rad/s": spinning,
+            **(grounded if flight.has_state else airborne.faults(flight)),
+            f"command outside [0, {LARGEST_COMMAND:g}]": beyond,
             "every column stands still": _still(flight),
         }
         sound = ~np.any(list(faults.values()), axis=0)
         follows = sound & np.concatenate([[False], sound[:-1]]) & ~cuts
         leaps = follows & _jumps(flight.position, flight.velocity, flight.period, LEAP)
-        twists = follows & _jumps(
-            flight.attitude[:, :2], flight.body_rates[:, :2], flight.period, TWIST
-        )
-    for jumps, signals in (
-        (leaps, "position and velocity"),
-        (twists, "attitude and body rates"),
-    ):
+        twists = follows & _jumps(attitude, rates[:, :2], flight.period, TWIST)
+    for jumps, signals in ((leaps, "position and velocity"), (twists, "attitude and body rates")):
         if jumps.sum() > max(20, 0.05 * follows.sum()):
-            place = (
-                f"{int(jumps.sum())} of {int(follows.sum())} rows, first in row "
-                f"{int(jumps.argmax()) + 1}"
-            )
             raise InputError(
-                f"{flight.name}: {signals} contradict each other in {place}; expected SI units and "
-                "rows in order. Convert one."
+                f"{flight.name}: {signals} contradict each other in {int(jumps.sum())} of "
+                f"{int(follows.sum())} rows, first in row {int(jumps.argmax()) + 1}; expected SI "
+                "units and rows in order. Convert one."
             )
     return faults | {
         f"position jumps by more than {LEAP:g} m": leaps,
@@ -228,12 +207,8 @@ def _faults(flight: Flight, cuts: Bool[np.ndarray, "N"]) -> dict[str, Bool[np.nd
 def _needed(flight: Flight) -> tuple[str, ...]:
     """Groups that every row must have: the state if it was logged, the sensors, commands."""
     state = _STATE if flight.has_state else ()
-    return (
-        *state,
-        "body_rates",
-        "command",
-        *(group for group in OPTIONAL if group in flight.arrays),
-    )
+    optional = (group for group in OPTIONAL if group in flight.arrays)
+    return *state, "body_rates", "command", *optional
 
 
 def _jumps(
@@ -245,10 +220,7 @@ def _jumps(
 
 
 def _still(flight: Flight) -> Bool[np.ndarray, "N"]:
-    """Rows that repeat the row before as one of at least `STILL` in a row.
-
-    Sensors are never that quiet.
-    """
+    """Rows that repeat the row before, `STILL` or more in a row: no sensor is that quiet."""
     values = np.concatenate([getattr(flight, group) for group in _needed(flight)], axis=1)
     same = np.concatenate([[False], (values[1:] == values[:-1]).all(axis=1)])
     still = np.zeros(len(flight), bool)
@@ -303,11 +275,7 @@ def _cuts(flight: Flight, time: Float[np.ndarray, "N"]) -> tuple[Bool[np.ndarray
 
 
 def _without_constants(pieces: list[Flight], name: str) -> tuple[list[Flight], list[str]]:
-    """Passes over what a log need not have and never changes, with a note.
-
-    Raises:
-        InputError: what it must have never changes.
-    """
+    """Passes over what a log need not have and never changes, with a note."""
     notes = []
     if sum(map(len, pieces)) < 100:
         return pieces, notes
@@ -327,30 +295,15 @@ def _without_constants(pieces: list[Flight], name: str) -> tuple[list[Flight], l
 
 
 def _refuse_wrong_units(flight: Flight) -> None:
+    rates, command = np.abs(flight.body_rates), flight.command
+    share, counts = "a share of full thrust, about 0.5 in hover", "PWM counts or percent"
+    actions = "actions a in [-1, 1], of which u = (a + 1) / 2"
     tests = (
         ("roll, pitch", np.abs(flight.attitude[:, :2]), np.pi + 0.01, "rad", "degrees"),
-        ("body_rate", np.abs(flight.body_rates), 100.0, "rad/s", "degrees a second"),
-        (
-            "body_rate",
-            _median(np.abs(flight.body_rates).max(axis=1)),
-            12.0,
-            "rad/s",
-            "degrees a second",
-        ),
-        (
-            "command",
-            np.abs(flight.command),
-            LARGEST_COMMAND,
-            "a share of full thrust, about 0.5 in hover",
-            "PWM counts or percent",
-        ),
-        (
-            "command",
-            -flight.command,
-            0.001,
-            "a share of full thrust from 0",
-            "actions a in [-1, 1], of which u = (a + 1) / 2",
-        ),
+        ("body_rate", rates, 100.0, "rad/s", "degrees a second"),
+        ("body_rate", _median(rates.max(axis=1)), 12.0, "rad/s", "degrees a second"),
+        ("command", np.abs(command), LARGEST_COMMAND, share, counts),
+        ("command", -command, 0.001, "a share of full thrust from 0", actions),
         ("position", np.abs(flight.position), 500.0, "m", "millimetres"),
         ("velocity", np.abs(flight.velocity), 100.0, "m/s", "millimetres a second"),
         ("battery", flight.battery, 100.0, "V", "millivolts"),

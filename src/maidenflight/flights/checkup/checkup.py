@@ -43,15 +43,8 @@ def check_up(pieces: Sequence[Flight]) -> tuple[CheckResult, ...]:
     results = (*check_motors(pieces, yaw_is_right), check_load(pieces))
     if any(one.verdict in (FAILS, WARNS) for one in force):
         # What follows from the force would repeat its fault.
+        mend = "the accelerometer has to be mended first"
         results = tuple(
-            unknown(one.name, "the accelerometer has to be mended first")
-            if one.name in _OF_FORCE
-            else one
-            for one in results
+            unknown(one.name, mend) if one.name in _OF_FORCE else one for one in results
         )
-    return (
-        *state,
-        *force,
-        *results,
-        *check_rotor_speeds(pieces),
-    )
+    return *state, *force, *results, *check_rotor_speeds(pieces)

@@ -9,6 +9,7 @@ and in flights of virtual drones, scales of body rates lie within 0.87 and 1.08,
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -28,7 +29,7 @@ MARGIN = 0.35
 """By which it must explain it better than the signal as logged."""
 FRAME_MARGIN = 0.03
 """By which velocity along the body's axes must match better to warn."""
-_FROM_BODY = "turned from body to world axes"
+_FROM_BODY, _FROM_WORLD = "turned from body to world axes", "turned from world to body axes"
 NEAR = 6.0
 """Or so many times more closely, where it matches to `CLOSE`."""
 CLOSE = 0.97
@@ -150,25 +151,12 @@ def check_state(pieces: Sequence[Flight]) -> list[CheckResult]:
         "body_rate": _scale(turns, LEAST_RATE, (0, 1)),
         "velocity": _scale(moves, LEAST_SPEED, (0, 1, 2)),
     }
+    turns_read, moves_read = _read_axes(turned), _read_axes(moved)
+    turns_read[_FROM_WORLD] = relations.sample_spans(pieces, _turn_of_world)
+    moves_read[_FROM_BODY] = relations.sample_spans(pieces, _move_of_body)
     frames = [
-        _check_reading(
-            "body_rate",
-            "the change of attitude",
-            {
-                **_read_axes(turned),
-                "turned from world to body axes": relations.sample_spans(pieces, _turn_of_world),
-            },
-            LEAST_RATE,
-        ),
-        _check_reading(
-            "velocity",
-            "the change of position",
-            {
-                **_read_axes(moved),
-                _FROM_BODY: relations.sample_spans(pieces, _move_of_body),
-            },
-            LEAST_SPEED,
-        ),
+        _check_reading("body_rate", "the change of attitude", turns_read, LEAST_RATE),
+        _check_reading("velocity", "the change of position", moves_read, LEAST_SPEED),
     ]
     if frames[1].verdict == FAILS:
         frames.append(unknown("tilt", "velocity has to be mended first"))
@@ -201,10 +189,7 @@ def _blame(frames: list[CheckResult]) -> list[CheckResult]:
         PASSES: " The change of velocity fits the attitude, so that the body rates are wrong.",
     }.get(tilt.verdict, "")
     pitch = _PITCH if tilt.verdict != PASSES and "y with" in rates.sentence else ""
-    mended = CheckResult(
-        rates.name, FAILS, rates.sentence + remark + pitch, rates.statistic, rates.threshold
-    )
-    return [mended, *frames[1:]]
+    return [replace(rates, sentence=rates.sentence + remark + pitch), *frames[1:]]
 
 
 def _read_axes(samples: Sequence[Samples]) -> dict[str, list[Samples]]:
@@ -276,17 +261,12 @@ def _check_scales(scales: Mapping[str, Float[np.ndarray, "2"] | None]) -> list[C
         limit = SCALES["time"]
         threshold = f"{1 / limit:.2f} .. {limit:.2f}"
         if same and abs(np.log(both)) > np.log(limit):
-            return [
-                CheckResult(
-                    "clock",
-                    FAILS,
-                    f"time is {both:.3g} times what it should be, as body rates against attitude "
-                    f"({turns:.2f}) and velocity against position ({moves:.2f}) show alike. "
-                    "Convert the column of time.",
-                    both,
-                    threshold,
-                )
-            ]
+            sentence = (
+                f"time is {both:.3g} times what it should be, as body rates against attitude "
+                f"({turns:.2f}) and velocity against position ({moves:.2f}) show alike. Convert "
+                "the column of time."
+            )
+            return [CheckResult("clock", FAILS, sentence, both, threshold)]
         clock = CheckResult("clock", PASSES, "body rates and velocity keep time", both, threshold)
     else:
         clock = unknown("clock", "the state moves too little to show a wrong clock")

@@ -59,12 +59,8 @@ def check_rotor_speeds(pieces: Sequence[Flight]) -> list[CheckResult]:
     ratio = _motion_ratio(pieces)
     if follows[worst] < FOLLOWS or (ratio is not None and ratio < MOTION):
         motion = "" if ratio is None else f", and the motion to {ratio:.2f} of what commands do"
-        return [
-            _pass_over(
-                f"{_PLACES[worst]} follows its command to {follows[worst]:.2f}{motion}",
-                float(follows[worst]),
-            )
-        ]
+        reading = f"{_PLACES[worst]} follows its command to {follows[worst]:.2f}{motion}"
+        return [_pass_over(reading, float(follows[worst]))]
     return [CheckResult(NAME, PASSES, sentence, float(follows[worst]), f"{FOLLOWS:g} or more")]
 
 

@@ -8,35 +8,30 @@ further word.
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from maidenflight import inputs
 from maidenflight.errors import InputError
 from maidenflight.flights import tables
 from maidenflight.flights.checks.checking import FASTEST_S
 from maidenflight.flights.log import GRAVITY, Flight
 from maidenflight.flights.maps import signal_map
-from maidenflight.flights.maps.signal_map import COUNTS, MOTOR_KEYS, Motors
+from maidenflight.flights.maps.signal_map import COUNTS, Motors
 from maidenflight.flights.streams import streams
 from maidenflight.flights.streams.streams import Stream
 from maidenflight.flights.tables import Table
+from maidenflight.inputs import Fields
 
 TIME = "time"
-NEEDED = ("body_rates", "motors")
+NEEDED = (TIME, "body_rates", "motors")
 UNITS = {
     **{"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     **{"m": 1.0, "cm": 1e-2, "mm": 1e-3, "m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
     **{"rad": 1.0, "deg": np.pi / 180, "rad/s": 1.0, "mrad/s": 1e-3, "deg/s": np.pi / 180},
-    **{
-        "m/s2": 1.0,
-        "g": GRAVITY,
-        "mg": 1e-3 * GRAVITY,
-        "V": 1.0,
-        "mV": 1e-3,
-        "rpm": 2 * np.pi / 60,
-    },
+    **{"m/s2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY},
+    **{"V": 1.0, "mV": 1e-3, "rpm": 2 * np.pi / 60},
 }
 """SI units in each unit that a column may have."""
 REMEDY = "Log them at a higher rate."
@@ -75,13 +70,8 @@ def read(path: Path) -> ColumnMap:
     Raises:
         InputError: it cannot be read, or an entry is missing, unknown or of the wrong kind.
     """
-    content = signal_map.content(path)
-    time = content.pop(TIME, None)
-    signal_map.check_signals(path, content, NEEDED)
-    sources = {signal: _source(path, signal, entry) for signal, entry in content.items()}
-    return ColumnMap(
-        {TIME: _source(path, TIME, time), **sources}, signal_map.motors(path, content["motors"])
-    )
+    content = inputs.toml_file(path, "TOML", signal_map.CURE)
+    return ColumnMap(*signal_map.read_sources(path, content, NEEDED, _source))
 
 
 def text(columns: ColumnMap) -> str:
@@ -149,23 +139,7 @@ def _stream(time: np.ndarray, rows: np.ndarray) -> Stream:
     return streams.stream(time[sound], rows[sound])
 
 
-def _source(path: Path, signal: str, entry: Any) -> Source:
-    known_keys = {"columns", "unit", *(MOTOR_KEYS if signal == "motors" else ())}
-    counts = {1} if signal == TIME else {COUNTS[signal]}
-    counts |= {_ANGLES} if signal == "attitude" else set()
-    columns = entry.get("columns") if isinstance(entry, dict) else None
-    unit = entry.get("unit", "") if isinstance(entry, dict) else ""
-    if (
-        not isinstance(entry, dict)
-        or set(entry) - known_keys
-        or not isinstance(columns, list)
-        or len(columns) not in counts
-        or not all(isinstance(column, str) for column in columns)
-        or (unit and unit not in UNITS)
-    ):
-        several = " or ".join(map(str, sorted(counts)))
-        raise InputError(
-            f"{path}: [{signal}] needs columns, {several} of them, and may have a unit "
-            f"({', '.join(UNITS)}){' and low, high, thrust' if signal == 'motors' else ''}."
-        )
-    return Source(tuple(columns), unit)
+def _source(signal: str, fields: Fields) -> Source:
+    counts = [1 if signal == TIME else COUNTS[signal]]
+    counts += [_ANGLES] if signal == "attitude" else []
+    return Source(fields.texts("columns", counts), fields.choice("unit", UNITS, ""))

@@ -3,17 +3,17 @@
 Axes are ours: the world's z up, the body's x forward, y left, z up.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from maidenflight import inputs
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
 from maidenflight.flights.streams import joining, streams
 from maidenflight.flights.streams.streams import Stream
+from maidenflight.inputs import Fields
 
 THRUSTS = ("square", "linear")
 """How thrust follows the motors' numbers."""
@@ -28,8 +28,8 @@ COUNTS = {
     "battery": 1,
 }
 """Signals, and how many numbers each has."""
-MOTOR_KEYS = ("low", "high", "thrust")
-"""What the entry of the motors may have beside that of any signal."""
+CURE = "Mend it; see docs/flight-log.md."
+SourceType = TypeVar("SourceType")
 
 
 class Motors(NamedTuple):
@@ -43,25 +43,25 @@ class Motors(NamedTuple):
     """Whether rotor speed follows the numbers, or thrust does."""
 
 
-def content(path: Path) -> dict[str, Any]:
-    """Reads the TOML of a map.
+def read_sources(
+    path: Path,
+    entries: Mapping[str, Any],
+    needed: Sequence[str],
+    read_source: Callable[[str, Fields], SourceType],
+) -> tuple[dict[str, SourceType], Motors]:
+    """Reads where each signal of a map is, and what the motors' numbers mean.
+
+    Args:
+        path: of the map.
+        entries: its tables, by signal.
+        needed: signals that it must have.
+        read_source: reads where a signal is of its table.
 
     Raises:
-        InputError: it cannot be read.
+        InputError: signals are unknown or missing, or an entry is missing, unknown or of the wrong
+            kind.
     """
-    try:
-        return inputs.from_toml(inputs.text(path))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as TOML ({error}). Mend it.") from error
-
-
-def check_signals(path: Path, entries: Mapping[str, Any], needed: tuple[str, ...]) -> None:
-    """Refuses a map with unknown signals, or without one that is needed.
-
-    Raises:
-        InputError: which are unknown and which are missing.
-    """
-    unknown = set(entries) - set(COUNTS)
+    unknown = set(entries) - {*COUNTS, *needed}
     lacking = [signal for signal in needed if signal not in entries]
     if unknown or lacking:
         raise InputError(
@@ -69,36 +69,21 @@ def check_signals(path: Path, entries: Mapping[str, Any], needed: tuple[str, ...
             f"{', '.join(lacking) or 'nothing'} missing; expected {', '.join(needed)}, and perhaps "
             f"{', '.join(signal for signal in COUNTS if signal not in needed)}."
         )
+    sources, motors = {}, Motors()
+    for signal, entry in entries.items():
+        fields = Fields(entry, str(path), signal, CURE)
+        sources[signal] = read_source(signal, fields)
+        if signal == "motors":
+            motors = _motors(fields)
+        fields.end()
+    return sources, motors
 
 
-def motors(path: Path, entry: Mapping[str, Any]) -> Motors:
-    """Reads what the entry of the motors says of their numbers.
-
-    Raises:
-        InputError: the law of thrust is unknown, or full throttle is not above idle.
-    """
-    thrust = entry.get("thrust", THRUSTS[0])
-    low, high = (
-        number(path, "motors", key, entry.get(key, usual))
-        for key, usual in (("low", 0.0), ("high", 1.0))
-    )
-    if thrust not in THRUSTS or not low < high:
-        raise InputError(
-            f"{path}: motors have thrust = {thrust!r}, low = {low:g}, high = {high:g}; expected "
-            f"{' or '.join(map(repr, THRUSTS))}, and low below high."
-        )
-    return Motors(low, high, thrust == THRUSTS[0])
-
-
-def number(path: Path, signal: str, key: str, value: Any) -> float:
-    """Reads a number of an entry.
-
-    Raises:
-        InputError: it is none.
-    """
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e12:
-        raise InputError(f"{path}: {key} of [{signal}] is {value!r}; expected a number.")
-    return float(value)
+def _motors(fields: Fields) -> Motors:
+    low, high = fields.number("low", usual=0.0), fields.number("high", usual=1.0)
+    if not low < high:
+        raise fields.refused("low", f"less than high, {high:g}")
+    return Motors(low, high, fields.choice("thrust", THRUSTS, THRUSTS[0]) == THRUSTS[0])
 
 
 def flight(

@@ -55,10 +55,7 @@ def _near(at: Float[np.ndarray, "N"], signal: Stream) -> np.ndarray:
 
 
 def between(at: Float[np.ndarray, "N"], signal: Stream) -> Float[np.ndarray, "N K"]:
-    """Returns a signal at some times, on straight lines between its samples.
-
-    NaN in gaps and outside.
-    """
+    """Interpolates a signal linearly at some times; NaN in gaps and outside."""
     if len(signal.time) < 2:
         return np.full((len(at), signal.values.shape[1]), np.nan)
     values = np.stack([np.interp(at, signal.time, row) for row in signal.values.T], axis=1)

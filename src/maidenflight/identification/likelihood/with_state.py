@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.flights.log import Flight
+from maidenflight.identification.drone_file import GroupGain
 from maidenflight.identification.likelihood import information, other_ways, selection
 from maidenflight.identification.likelihood.estimator import Models, Question, answer_question
 from maidenflight.identification.likelihood.fit import box_of, fit
@@ -27,12 +28,14 @@ from maidenflight.identification.methods import Likelihood
 from maidenflight.identification.outcome.bounds import mean_lag_estimates
 from maidenflight.identification.outcome.ensembles import as_flights_differ
 from maidenflight.identification.outcome.estimates import (
+    SURE_NATS,
     Identification,
     doubts,
     estimates_of,
     evaluations_table,
     notes_on,
 )
+from maidenflight.identification.outcome.narrowing import advise
 from maidenflight.identification.outcome.plausible import (
     VARIANCE_SHARE,
     ExpectedInterval,
@@ -90,7 +93,9 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         fit_result = answer_question(problem, settings, question)
         box, draws = fit_result.best.box, fit_result.samples
         searched = [name for name in box.names if not (motors and name in DELAYS)]
-        wide = _too_wide(draws, searched, expected, _groups(problem, motors))
+        groups = _groups(problem, motors)
+        needed = _surely_needed(fit_result.gains, groups)
+        wide = _too_wide(draws, [name for name in searched if name not in needed], expected, groups)
         identifiable = _find_identifiable(
             problem, coarse, motors, fit_result.best.drone, unidentifiable.keys() - decided
         )
@@ -133,6 +138,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         evaluations=sum(len(values) for _, values in fit_result.runs),
         search=evaluations_table(box, fit_result.runs),
         posterior=draws,
+        advice=advise(estimates, unidentifiable, draws, motors),
         gains=fit_result.gains,
         noise=noise,
         notes=(
@@ -216,6 +222,16 @@ def _groups(problem: Problem, motors: MotorResponse | None) -> Mapping[str, Sequ
     return selection.groups(problem.flights, has_measured_lag=motors is not None)
 
 
+def _surely_needed(gains: Sequence[GroupGain], groups: Mapping[str, Sequence[str]]) -> set[str]:
+    """Parameters without which held-out flights are surely less likely, however wide they are."""
+    return {
+        name
+        for one in gains
+        if one.is_in_model and one.log_likelihood_gain > SURE_NATS
+        for name in groups.get(one.group, ())
+    }
+
+
 def _too_wide(
     draws: Mapping[str, np.ndarray],
     names: Sequence[str],
@@ -226,7 +242,7 @@ def _too_wide(
 
     None at all if they tell all of them. Others may be wide only because of this one. A group is
     there because held-out flights gain by it; without it the others would be biased, so that its
-    parameters go only where they are as wide as before.
+    parameters go only where they are as wide as before, and the gain is not `SURE_NATS`.
     """
     added = {name for group in groups.values() for name in group}
     share = {

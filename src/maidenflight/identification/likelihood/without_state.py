@@ -35,6 +35,7 @@ from maidenflight.identification.outcome.estimates import (
     evaluations_table,
     notes_on,
 )
+from maidenflight.identification.outcome.narrowing import advise
 from maidenflight.identification.outcome.plausible import (
     HOVERING,
     Ranges,
@@ -110,7 +111,6 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     motors = estimate_motor_response(problem.flights, problem.generator.spawn(1)[0], problem.start)
     limit = saturation(problem.flights, float(problem.start.motor_time_constant))
     force = _force(problem, settings, motors, limit)
-    force = None if force is None else _without_unchanged(problem, force)
     torque = _torque(problem, settings, force, limit)
     answer = [one for one in (force, torque) if one is not None]
     unidentifiable = {name: ends for one in answer for name, ends in one.unidentifiable.items()}
@@ -146,6 +146,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         evaluations=sum(len(values) for _, values in runs),
         search=evaluations_table(box, runs),
         posterior=draws,
+        advice=advise(estimates, unidentifiable, draws, motors),
         gains=tuple(gain for one in answer for gain in one.gains),
         notes=(
             *note_saturation(limit),
@@ -185,52 +186,67 @@ def _names_of(
 def _force(
     problem: Problem, settings: Likelihood, motors: MotorResponse | None, limit: float
 ) -> Answer | None:
+    """Fits what the accelerometer shows better than it was known before."""
+    if not _names_of(problem, FORCE, OF_ACCELEROMETER):
+        return None
+    model = AccelerometerErrors.of(problem.flights, _force_priors(problem), limit)
+    answer = _force_given_lag(problem, settings, model, motors)
+    removed_ranges, others = _unchanged(problem, answer)
+    answer = _without(problem, settings, model, answer, removed_ranges)
+    return replace_(answer, unidentifiable={**answer.unidentifiable, **others})
+
+
+def _force_given_lag(
+    problem: Problem, settings: Likelihood, model: AccelerometerErrors, motors: MotorResponse | None
+) -> Answer:
     """Fits what the accelerometer shows, given the lag of measured speeds or the gyro."""
     names, start = _names_of(problem, FORCE, OF_ACCELEROMETER), problem.start
-    if not names:
-        return None
-    priors = _force_priors(problem)
-    model = AccelerometerErrors.of(problem.flights, priors, limit)
     groups = FORCE_GROUPS if problem.over is None else {}
-    measured = all(one.rotor_speed is not None for one in problem.flights)
-    answer, plausible = None, {}
-    removed_names: list[str] = list(DELAYS)
-    if not (measured and motors and motors.is_identifiable and set(DELAYS) < set(names)):
+    known = motors if motors and motors.is_identifiable and set(DELAYS) < set(names) else None
+    if known is None or any(one.rotor_speed is None for one in problem.flights):
         answer = _ask_sensor(problem, settings, model, names, groups, start)
-        plausible = _plausible(problem, tuple(answer.samples), priors)
+        plausible = _plausible(problem, tuple(answer.samples), model.priors)
         identifiable = _lag_is_identifiable(answer, plausible)
         removed_names = [name for name in DELAYS if name in names and not identifiable]
-    if removed_names and motors and motors.is_identifiable and set(DELAYS) < set(names):
-        resampled = problem.generator.integers(len(motors.lag), size=RESAMPLES)
-        measured_delays = {LAG: motors.lag[resampled], "latency": motors.latency[resampled]}
-        drone = replace(
-            start, **{name: np.float32(np.median(measured_delays[name])) for name in DELAYS}
-        )
-        rest = tuple(name for name in names if name not in DELAYS)
-        again = _ask_sensor(problem, settings, model, rest, {}, drone, measured_delays)
-        usual = motors.usual_latency
-        return again if usual is None else replace_(again, unidentifiable={"latency": usual})
-    if answer is None:
-        return None
-    if removed_names:
-        removed_names = [name for name in answer.samples if name in MOTORS]
-    if "thrust_linear" in names and not is_identifiable(
-        answer.posterior.error["thrust_linear"], plausible["thrust_linear"]
-    ):
-        removed_names.append("thrust_linear")
-    if not removed_names:
-        return answer
-    less = answer.without(
-        {name: plausible[name] for name in removed_names}, start, problem.generator
+        if not removed_names or known is None:
+            if removed_names:
+                removed_names = [name for name in answer.samples if name in MOTORS]
+            if "thrust_linear" in names and not is_identifiable(
+                answer.posterior.error["thrust_linear"], plausible["thrust_linear"]
+            ):
+                removed_names.append("thrust_linear")
+            removed_ranges = {name: plausible[name] for name in removed_names}
+            return _without(problem, settings, model, answer, removed_ranges)
+    resampled = problem.generator.integers(len(known.lag), size=RESAMPLES)
+    measured_delays = {LAG: known.lag[resampled], "latency": known.latency[resampled]}
+    drone = replace(
+        start, **{name: np.float32(np.median(measured_delays[name])) for name in DELAYS}
     )
-    names_left = tuple(name for name in answer.samples if name not in removed_names)
-    if not names_left:
+    rest = tuple(name for name in names if name not in DELAYS)
+    again = _ask_sensor(problem, settings, model, rest, {}, drone, measured_delays)
+    usual = known.usual_latency
+    return again if usual is None else replace_(again, unidentifiable={"latency": usual})
+
+
+def _without(
+    problem: Problem,
+    settings: Likelihood,
+    model: SensorErrors,
+    answer: Answer,
+    removed_ranges: Ranges,
+) -> Answer:
+    """Leaves parameters out, and fits the others again: thrust hovers with what is left."""
+    if not removed_ranges:
+        return answer
+    less = answer.without(removed_ranges, problem.start, problem.generator)
+    names = tuple(name for name in answer.best.box.names if name not in removed_ranges)
+    if not names:
         return less
-    known = {name: less.samples[name] for name in removed_names}
-    again = _ask_sensor(problem, settings, model, names_left, {}, less.best.drone, known)
+    known = {name: draws for name, draws in less.samples.items() if name not in names}
+    again = _ask_sensor(problem, settings, model, names, {}, less.best.drone, known)
     gains = tuple(
         replace_(gain, is_in_model=False, reason="not identifiable")
-        if gain.is_in_model and set(groups[gain.group]) & set(removed_names)
+        if gain.is_in_model and removed_ranges.keys() & set(FORCE_GROUPS[gain.group])
         else gain
         for gain in answer.gains
     )
@@ -274,10 +290,11 @@ def _plausible(
     return answer
 
 
-def _without_unchanged(problem: Problem, force: Answer) -> Answer:
-    """Leaves out what the accelerometer shows no better than before, although it shows others.
+def _unchanged(problem: Problem, force: Answer) -> tuple[Ranges, Ranges]:
+    """Returns what the accelerometer shows no better than before, although it shows others.
 
-    A latency keeps the value and samples that belong to the lag; others are the start's.
+    Apart from the ranges of what keeps the start's value come those of delays, of which a latency
+    keeps the value and samples that belong to the lag.
     """
     names = tuple(
         name
@@ -285,15 +302,13 @@ def _without_unchanged(problem: Problem, force: Answer) -> Answer:
         if name not in (HOVERING, LAG) and name not in force.unidentifiable
     )
     if not names:
-        return force
+        return {}, {}
     samples = {name: force.samples[name] for name in names}
     added = {name: 1.0 for group in FORCE_GROUPS.values() for name in group}
     plausible = _plausible(problem, names, _force_priors(problem))
     ranges = unchanged(samples, plausible, added)
     left_out = {name: plausible[name] for name in names if name in ranges and name not in DELAYS}
-    remaining = {name: ends for name, ends in ranges.items() if name in DELAYS}
-    answer = force.without(left_out, problem.start, problem.generator)
-    return replace_(answer, unidentifiable={**answer.unidentifiable, **remaining})
+    return left_out, {name: ends for name, ends in ranges.items() if name in DELAYS}
 
 
 def _force_priors(problem: Problem) -> dict[str, tuple[float, float]]:

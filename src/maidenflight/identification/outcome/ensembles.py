@@ -13,7 +13,7 @@ from maidenflight.flights.log import Flight, by_log
 from maidenflight.flights.trims import ENOUGH_FLIGHTS, SEGMENT_S, between_flights, trim
 from maidenflight.identification.drone_file import Estimate
 from maidenflight.identification.outcome.plausible import HOVERING
-from maidenflight.parameters import Parameters, check, component, replace
+from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, check, component, replace
 from maidenflight.simulator.randomization import Ensemble, ensemble
 
 TRIM = ("torque_bias_x", "torque_bias_y", "torque_bias_z")
@@ -143,6 +143,8 @@ def trim_ensemble(
 ) -> Ensemble:
     """Returns drones whose constant torques and thrust differ as those of identified flights did.
 
+    Values are normal, cut off at their physical range: a drone that flew lifts its weight.
+
     Args:
         drone: the identified drone.
         estimates: see `DroneFile.estimates`.
@@ -150,17 +152,19 @@ def trim_ensemble(
         count: of drones, always the same ones.
 
     Raises:
-        InputError: no constant torque was identified, or a drone is outside its physical range.
+        InputError: no constant torque was identified.
     """
     names = [name for name in BETWEEN_FLIGHTS if name in estimates]
     if not set(TRIM) & set(names):
         raise InputError(_DAY_EFFECTS.format(place=place))
-    deviations = np.array([estimates[name].between_sd for name in names])
+    deviations = np.array([max(estimates[name].between_sd, 1e-12) for name in names])
+    values = np.array([component(drone, name) for name in names], np.float64)
+    quantities = [QUANTITIES[COMPONENTS[name][0]] for name in names]
+    limits = np.array([(quantity.lower, quantity.upper) for quantity in quantities])
     # A low-discrepancy sequence represents the distribution better than as many random points.
     sobol = scipy.stats.qmc.Sobol(len(names), rng=np.random.default_rng(0)).random(count)
-    drones = []
-    for row in deviations * scipy.stats.norm.ppf(sobol.clip(1e-6, 1 - 1e-6)):
-        changes = zip(names, row, strict=True)
-        values = {name: np.float32(component(drone, name) + change) for name, change in changes}
-        drones.append(check(replace(drone, **values), place))
-    return ensemble(drones)
+    low, high = (limits.T - values) / deviations
+    changes = scipy.stats.truncnorm.ppf(sobol.clip(1e-6, 1 - 1e-6), low, high)
+    rows = (values + deviations * changes).astype(np.float32)
+    drones = [replace(drone, **dict(zip(names, row, strict=True))) for row in rows]
+    return ensemble([check(one, place) for one in drones])

@@ -16,6 +16,7 @@ from maidenflight.errors import InputError
 from maidenflight.flights.log import SUBSAMPLED, ZERO_ORDER_HOLD, Flight
 from maidenflight.flights.windows import SEGMENT_SECONDS
 from maidenflight.identification.drone_file import (
+    Advice,
     DroneFile,
     Estimate,
     GroupGain,
@@ -108,6 +109,8 @@ class Identification:
     """Noise found in the flights, as fields of `parameters`; none of a replay."""
     seconds: float = 0.0
     """Wall time [s]."""
+    advice: tuple[Advice, ...] = ()
+    """What makes intervals narrower."""
     delay_estimates: tuple[DelayEstimate, ...] = ()
     """Motor lag and latency together as different signals show them, and last as taken."""
 
@@ -148,6 +151,7 @@ class Identification:
             self.gains,
             self.unidentified,
             record or {},
+            advice=self.advice,
         )
 
     def write(self, path: StrPath, record: Mapping[str, Any] | None = None) -> Path:

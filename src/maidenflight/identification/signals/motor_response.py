@@ -15,7 +15,7 @@ inference via coarsening (powers of likelihoods).
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -55,6 +55,11 @@ DRAWS = 500
 """Samples of the posterior."""
 _GYRO = ("gyro x", "gyro y")
 _ROTORS = "rotor speed"
+_OF_SPEEDS = 4e-4
+"""Standard deviation of the latency where speeds are measured [s]: 0.3 to 0.5 ms in three folders
+(paper/notes/identification.md)."""
+TWICE, SPEEDS = "fly as long again", "log rotor speeds"
+"""What narrows the lag."""
 
 
 class DelayEstimate(NamedTuple):
@@ -80,6 +85,9 @@ class MotorResponse:
     notes: tuple[str, ...]
     per_flight: Mapping[str, tuple[float, float]]
     """Mean and variance of the logarithm of lag and latency together [s], by flight."""
+    expected_deviations: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Standard deviations to expect of that logarithm and of the latency [s], by what is done
+    next."""
 
     @property
     def is_identifiable(self) -> bool:
@@ -179,7 +187,24 @@ def estimate_motor_response(
         tuple(joined_by("signal", one).delay_estimate(one) for one in signals),
         (note,) if left_out else (),
         {one: joined_by("flight", one).moments for one in names},
+        _expect(joined, stretches, latency),
     )
+
+
+def _expect(
+    joined: _Joined, stretches: Sequence[_Stretch], latency: Float[np.ndarray, "N"]
+) -> dict[str, tuple[float, float]]:
+    """Returns the standard deviations of lag and latency together, and of latency, to expect.
+
+    From twice the flight the variance of joined stretches is halved, from measured speeds each
+    stretch has the least error; `_LIKE` stays.
+    """
+    own = float(joined.weight @ (joined.error**2 - _LIKE**2))
+    expected = {TWICE: (float(np.sqrt(joined.moments[1] - own / 2)), float(np.std(latency)))}
+    if all(one.signal != _ROTORS for one in stretches):
+        error = float(np.hypot(_LIKE, _OWN / np.sqrt(len(stretches) / len(_GYRO))))
+        expected[SPEEDS] = error, _OF_SPEEDS
+    return expected
 
 
 def _before(flights: Sequence[Flight]) -> Float[np.ndarray, "D"]:

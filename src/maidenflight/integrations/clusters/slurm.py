@@ -55,11 +55,8 @@ class Slurm:
             raise InputError(
                 f"no SLURM here ({error}). Run the study on a login node, which has sbatch."
             ) from error
-        options: dict[str, Any] = {
-            "name": "maidenflight",
-            "timeout_min": _MINUTES,
-            "cpus_per_task": resources.cpus,
-        }
+        options: dict[str, Any] = {"name": "maidenflight", "timeout_min": _MINUTES}
+        options["cpus_per_task"] = resources.cpus
         if resources.gpus:
             options["gpus_per_node"] = resources.gpus
         if cluster == "slurm":

@@ -54,29 +54,20 @@ def to_authors_json(policy: Policy) -> str:
     if np.any(deviation < np.float32(EPSILON)):
         raise InputError(
             f"policy: an observation's deviation is {deviation.min():.3g}, but the authors' files "
-            f"hold none below {EPSILON:g}, which their "
-            "tools add to it. Train with a larger one."
+            f"hold none below {EPSILON:g}, which their tools add to it. Train with a larger one."
         )
     weights, biases = ([np.asarray(array) for array in arrays] for arrays in policy.network[:2])
     with np.errstate(over="ignore"):
         check = np.float32(check_sum(weights, biases)[0])
     if not np.isfinite(check):
         raise InputError("policy: its check sum overflows float32. Training diverged: train again.")
-    content = {
-        "check_sum": str(check),
-        "scaling_parameters": [
-            np.asarray(policy.observation_mean).tolist(),
-            _before_adding(deviation).tolist(),
-        ],
-        "activation": "relu",
+    scaling = [np.asarray(policy.observation_mean).tolist(), _before_adding(deviation).tolist()]
+    layers = {
+        str(number): {"type": "standard", "weights": weight.tolist(), "biases": bias.tolist()}
+        for number, (weight, bias) in enumerate(zip(weights, biases, strict=True))
     }
-    for number, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
-        content[str(number)] = {
-            "type": "standard",
-            "weights": weight.tolist(),
-            "biases": bias.tolist(),
-        }
-    return json.dumps(content)
+    content = {"check_sum": str(check), "scaling_parameters": scaling, "activation": "relu"}
+    return json.dumps(content | layers)
 
 
 def _check_interface(interface: ControlInterface) -> None:
@@ -116,10 +107,7 @@ def export_authors_json(policy: Policy, directory: StrPath, *, name: str = "poli
 
 
 def _before_adding(deviation: np.ndarray) -> np.ndarray:
-    """Numbers of float32 that are the deviations once `EPSILON` is added.
-
-    Where there is none, those that come nearest.
-    """
+    """Numbers of float32 that, or nearly, are the deviations once `EPSILON` is added."""
     epsilon = np.float32(EPSILON)
     below = deviation - epsilon
     tried = np.stack(

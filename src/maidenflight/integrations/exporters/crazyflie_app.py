@@ -29,17 +29,9 @@ MAIN_LOOP = 1000
 MOST_MULTIPLICATIONS = 12_000
 """Of a network: half a millisecond of the drone's processor at 7 cycles a multiplication (counted
 on an emulated Cortex-M4), which leaves the other half of a stabilizer's step to the firmware."""
-PROPELLERS = dict(
-    zip(
-        names.PROPELLERS,
-        (
-            "",
-            "CONFIG_CRAZYFLIE_LEGACY_PROPELLERS=y\n",
-            "CONFIG_CRAZYFLIE_THRUST_UPGRADE_KIT=y\n",
-        ),
-        strict=True,
-    )
-)
+_LEGACY = "CONFIG_CRAZYFLIE_LEGACY_PROPELLERS=y\n"
+_UPGRADE = "CONFIG_CRAZYFLIE_THRUST_UPGRADE_KIT=y\n"
+PROPELLERS = dict(zip(names.PROPELLERS, ("", _LEGACY, _UPGRADE), strict=True))
 """What the firmware's configuration says of the drone's propellers, on which its battery
 compensation depends; nothing for those that it assumes (firmware 2026.08, Kconfig)."""
 _FOLDER = resources.files("maidenflight.integrations.exporters").joinpath("crazyflie")

@@ -62,51 +62,37 @@ def to_onnx(
             name, TensorProto.FLOAT, ["batch", columns], doc_string=comment
         )
 
-    graph = helper.make_graph(
-        [
-            helper.make_node(operator, input_names.split(), output_names.split(), **attributes)
-            for operator, input_names, output_names, attributes in _steps(
-                len(policy.weights), policy.gru is not None
-            )
-        ],
-        "policy",
-        [
-            table(
-                "observation",
-                policy.layer_sizes[0],
-                policy.spec.layout,
-            ),
-            *([table("memory", memory, "zeros in the first step")] if memory else []),
-        ],
-        [
-            table("command", ACTION_SIZE, command),
-            table("action", ACTION_SIZE, "not clipped; the next observation holds it"),
-            *([table("next_memory", memory, "the next step's memory")] if memory else []),
-        ],
-        [numpy_helper.from_array(numbers, name) for name, numbers in _constants(policy).items()],
-    )
-    imports = [helper.make_opsetid("", OPSET)]
+    nodes = [
+        helper.make_node(operator, input_names.split(), output_names.split(), **attributes)
+        for operator, input_names, output_names, attributes in _steps(policy)
+    ]
+    inputs = [table("observation", policy.layer_sizes[0], policy.spec.layout)]
+    outputs = [
+        table("command", ACTION_SIZE, command),
+        table("action", ACTION_SIZE, "not clipped; the next observation holds it"),
+    ]
+    if memory:
+        inputs.append(table("memory", memory, "zeros in the first step"))
+        outputs.append(table("next_memory", memory, "the next step's memory"))
+    numbers = [numpy_helper.from_array(value, name) for name, value in _constants(policy).items()]
     model = helper.make_model(
-        graph,
+        helper.make_graph(nodes, "policy", inputs, outputs, numbers),
         producer_name="maidenflight",
         producer_version=__version__,
         ir_version=IR,
-        opset_imports=imports,
+        opset_imports=[helper.make_opsetid("", OPSET)],
     )
     metadata = {
         "version": __version__,
         "interface": json.dumps(policy.interface.to_dict()),
-        **{
-            name: json.dumps(value)
-            for name, value in policy.spec.to_dict().items()
-            if name != "hidden"
-        },
+        **{name: json.dumps(value) for name, value in policy.spec.to_dict().items()},
         "instant": INSTANT,
         "command": command,
         "sha256": digest(policy),
         "record": json.dumps(dict(record or {})),
     }
     metadata |= {} if hover is None else {"hover": f"{np.float32(hover)!s}"}
+    del metadata["hidden"]
     helper.set_model_props(model, metadata)
     return model.SerializeToString(deterministic=True)
 
@@ -139,9 +125,8 @@ def export_onnx(
 def _check(policy: Policy) -> None:
     policy.check()
     check_form(policy)
-    if not np.isfinite(
-        jax.jit(jax.vmap(policy))(jnp.asarray(golden_observations(policy, 0)))
-    ).all():
+    outputs = jax.jit(jax.vmap(policy))(jnp.asarray(golden_observations(policy, 0)))
+    if not np.isfinite(outputs).all():
         raise InputError("policy: an action overflows float32. Training diverged: train again.")
 
 
@@ -165,8 +150,9 @@ _RECURRENT: list[tuple[str, str, str, dict[str, Any]]] = [
 """The gated recurrent unit of one step; ONNX's own operator is for whole sequences."""
 
 
-def _steps(layers: int, remembers: bool) -> list[tuple[str, str, str, dict[str, Any]]]:
+def _steps(policy: Policy) -> list[tuple[str, str, str, dict[str, Any]]]:
     """The graph of a network: operator, inputs, outputs, its attributes."""
+    layers, remembers = len(policy.weights), policy.gru is not None
     steps: list[tuple[str, str, str, dict[str, Any]]] = [
         ("Sub", "observation mean", "centred", {}),
         ("Div", "centred deviation", "scaled", {}),

@@ -61,9 +61,8 @@ def world(
     controller = _controller(control, firmware)
     drones = _drones(parameters, controller)
     chosen_task = _task(task, options)
-    chosen_task = (
-        rewards.shaped(chosen_task) if rewards.check_reward(reward) == "shaped" else chosen_task
-    )
+    if rewards.check_reward(reward) == "shaped":
+        chosen_task = rewards.shaped(chosen_task)
     return Environment.matching(drones.centre, chosen_task, controller, spec=spec), drones
 
 
@@ -90,10 +89,8 @@ def _controller(name: str, firmware: str) -> Controller:
 
 def _drones(drones: Drones, controller: Controller) -> Distribution:
     if drones is None or (isinstance(drones, str) and drones in DRONES):
-        named = crazyflie() if drones is None else read_drone(drones)
-        return relative_box(
-            control.in_fitting_steps(named, controller), 0.10 if drones is None else 0.0
-        )
+        named, width = (crazyflie(), 0.10) if drones is None else (read_drone(drones), 0.0)
+        return relative_box(control.in_fitting_steps(named, controller), width)
     if isinstance(drones, str | os.PathLike):
         drones = read_drone(drones)
     if isinstance(drones, Parameters):
@@ -101,8 +98,7 @@ def _drones(drones: Drones, controller: Controller) -> Distribution:
     if not callable(getattr(drones, "draw", None)):
         raise InputError(
             f"parameters = {drones!r}: no drone. Give Parameters, something to draw them from such "
-            "as relative_box(crazyflie()), "
-            f"a TOML file or one of: {', '.join(DRONES)}."
+            f"as relative_box(crazyflie()), a TOML file or one of: {', '.join(DRONES)}."
         )
     return drones
 
@@ -117,9 +113,8 @@ def _tracking(
 ) -> Task:
     if waypoints is not None:
         last = way_points.read_waypoints(waypoints)[-1][0]
-        return tasks.tracking(
-            way_points.waypoints(waypoints, smooth), duration or last, farthest, latest_start
-        )
+        path = way_points.waypoints(waypoints, smooth)
+        return tasks.tracking(path, duration or last, farthest, latest_start)
     if isinstance(trajectory, str):
         if trajectory not in SHAPES:
             raise InputError(
@@ -156,12 +151,8 @@ def _task(name: str, options: dict[str, Any]) -> Task:
             )
         if isinstance(task_parameters[option].default, float) or option == "duration":
             least = 0.0 if option in ("latest_start", "diameter") else 1e-3
-            if (
-                isinstance(value, bool)
-                or not isinstance(value, float | int)
-                or not isfinite(value)
-                or value < least
-            ):
+            is_number = isinstance(value, float | int) and not isinstance(value, bool)
+            if not is_number or not isfinite(value) or value < least:
                 raise InputError(
                     f"{option} = {value!r}; expected a number of at least {least:g}. Units are m "
                     "and s."

@@ -15,6 +15,7 @@ import numpy as np
 from jax import lax, tree
 from jaxtyping import Array, Bool, Float, UInt32
 
+from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie
 from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import Environment
@@ -41,6 +42,28 @@ class Flight(NamedTuple):
     error: Float[Array, ""]
     """Sum of the distances from the set-point after each step [m]."""
     steps: Float[Array, ""]
+
+
+def check_begun(groups: Groups | None, call: str) -> Groups:
+    """Returns the flight that a call is about.
+
+    Raises:
+        InputError: no episode has begun.
+    """
+    if groups is None:
+        raise InputError(f"{call}: no episode has begun. Call reset() first.")
+    return groups
+
+
+def check_step(groups: Groups | None, shape: tuple[int, ...], expected: Any) -> None:
+    """Refuses a step before an episode has begun, and actions of another shape than expected.
+
+    Raises:
+        InputError: which of both.
+    """
+    check_begun(groups, "step")
+    if shape != expected:
+        raise InputError(f"step: actions of shape {shape}, expected {expected}.")
 
 
 STATISTICS = 4
@@ -92,10 +115,8 @@ class Program:
     def _packed_launch(
         self, distribution: Distribution, key: UInt32[Array, "2"], number: Array
     ) -> tuple[Groups, Float[Array, "20H+3K"]]:
-        key = jax.random.key_data(
-            jax.random.fold_in(jax.random.wrap_key_data(key, impl=RANDOM), number)
-        )
-        flight = self._launch(distribution, key)
+        own_key = jax.random.fold_in(jax.random.wrap_key_data(key, impl=RANDOM), number)
+        flight = self._launch(distribution, jax.random.key_data(own_key))
         return self._pack(flight), environment.observation(self._env, flight.drone.env_state)
 
     def _step(self, groups: Groups, action: Float[Array, "4"]) -> tuple[Groups, Float[Array, "n"]]:
@@ -112,14 +133,9 @@ class Program:
             env_state.elapsed,
         ]
         row = jnp.concatenate([environment.observation(self._env, env_state), jnp.stack(numbers)])
-        return self._pack(
-            Flight(
-                EnvInstance(env_state, flight.drone.parameters),
-                jax.random.key_data(next_key),
-                error,
-                steps,
-            )
-        ), row
+        drone = EnvInstance(env_state, flight.drone.parameters)
+        after = Flight(drone, jax.random.key_data(next_key), error, steps)
+        return self._pack(after), row
 
     def _view(self, groups: Groups) -> tuple[Array, Array, Array, Array]:
         env_state = self._unpack(groups).drone.env_state
@@ -142,23 +158,19 @@ class Program:
             for i in members:
                 known = self._leaves[i]
                 flat = group[start : start + known.size]
-                whole = (
-                    flat != 0
-                    if known.dtype == bool
-                    else lax.bitcast_convert_type(flat, known.dtype)
-                )
-                leaves[i] = whole.reshape(known.shape)
+                leaves[i] = _from_float(flat, known.dtype).reshape(known.shape)
                 start += known.size
         return tree.unflatten(self._structure, leaves)
 
 
 def _as_float(leaf: Array) -> Float[Array, "..."]:
     """The same 32 bits as a float32, or a truth value as 0 or 1."""
-    return (
-        leaf.astype(jnp.float32)
-        if leaf.dtype == bool
-        else lax.bitcast_convert_type(leaf, jnp.float32)
-    )
+    is_truth = leaf.dtype == bool
+    return leaf.astype(np.float32) if is_truth else lax.bitcast_convert_type(leaf, np.float32)
+
+
+def _from_float(flat: Float[Array, "n"], dtype: np.dtype) -> Array:
+    return flat != 0 if dtype.kind == "b" else lax.bitcast_convert_type(flat, dtype)
 
 
 def _choose(is_reset: Bool[Array, "n"], new: Groups, old: Groups) -> Groups:

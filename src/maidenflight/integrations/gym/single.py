@@ -133,11 +133,7 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             InputError: no episode has begun, or the action has not four numbers.
         """
         command = np.asarray(action, np.float32)
-        if self._groups is None or command.shape != (ACTION_SIZE,):
-            wrong = f"an action of shape {command.shape}, expected (4,)"
-            if self._groups is None:
-                wrong = "no episode has begun. Call reset() first"
-            raise InputError(f"step: {wrong}.")
+        flying.check_step(self._groups, command.shape, (ACTION_SIZE,))
         self._groups, row = self.program.step(self._groups, command)
         numbers = np.array(row)
         observation = numbers[: -flying.STATISTICS]
@@ -153,17 +149,13 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return observation, reward, not truncated, truncated, episode
 
     def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Returns a picture of the drone and its reference, (480, 640, 3) uint8.
-
-        `None` without a `render_mode`.
-        """
+        """Returns a picture, (480, 640, 3) uint8; `None` without a `render_mode`."""
         if self.render_mode is None:
             return None
-        if self._groups is None:
-            raise InputError("render: no episode has begun. Call reset() first.")
+        groups = flying.check_begun(self._groups, "render")
         if self._scene is None:
             self._scene = self.make_scene()
-        return self._scene.draw(View(*map(np.asarray, self.program.view(self._groups))))
+        return self._scene.draw(View(*map(np.asarray, self.program.view(groups))))
 
     def make_scene(self) -> Scene:
         """Returns the task before a camera, for the pictures of a drone."""

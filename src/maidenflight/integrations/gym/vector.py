@@ -95,17 +95,11 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             InputError: no episode has begun, or there are not four numbers for each drone.
         """
         commands = np.asarray(actions, np.float32)
-        if self._groups is None or commands.shape != self.action_space.shape:
-            wrong = f"actions of shape {commands.shape}, expected {self.action_space.shape}"
-            if self._groups is None:
-                wrong = "no episode has begun. Call reset() first"
-            raise InputError(f"step: {wrong}.")
+        flying.check_step(self._groups, commands.shape, self.action_space.shape)
         self._groups, rows = self._program.step_all(self._groups, commands)
         rows = np.array(rows)
-        observations, (rewards, reasons, errors, durations) = (
-            rows[:, : -flying.STATISTICS].copy(),
-            rows[:, -flying.STATISTICS :].T,
-        )
+        observations = rows[:, : -flying.STATISTICS].copy()
+        rewards, reasons, errors, durations = rows[:, -flying.STATISTICS :].T
         if np.isnan(rewards).any() and not np.isfinite(commands).all():
             raise InputError(
                 "step: an action is not finite, expected finite numbers. Has the policy diverged?"
@@ -122,26 +116,19 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return observations, rewards.astype(np.float64), self._over & ~truncated, truncated, infos
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """Returns a picture of each drone and its reference, (480, 640, 3) uint8.
-
-        `None` without a `render_mode`.
-        """
+        """Returns a picture of each drone, as of `QuadrotorEnv`."""
         if self.render_mode is None:
             return None
-        if self._groups is None:
-            raise InputError("render: no episode has begun. Call reset() first.")
+        groups = flying.check_begun(self._groups, "render")
         if not self._scenes:
             self._scenes = [self._make_scene() for _ in range(self.num_envs)]
-        parts = [np.asarray(part) for part in self._program.view_all(self._groups)]
+        parts = [np.asarray(part) for part in self._program.view_all(groups)]
         return tuple(
             scene.draw(View(*(part[i] for part in parts))) for i, scene in enumerate(self._scenes)
         )
 
     def _begin(self, is_reset: Bool[np.ndarray, "n"], groups: flying.Groups | None) -> np.ndarray:
-        """Begins the next, already prepared episode of some drones.
-
-        Returns first observations of all drones.
-        """
+        """Begins the next episode of some drones; returns first observations of all."""
         if np.any(is_reset & ~self._ready):
             # Copies, since JAX may read its arguments after it has returned.
             self._ahead = self._program.launch_all(

@@ -17,20 +17,8 @@ from maidenflight.flights.tables import Table
 from maidenflight.simulator.physics import battery
 
 COLUMNS = (
-    *(
-        "x",
-        "y",
-        "z",
-        "x_dot",
-        "y_dot",
-        "z_dot",
-        "roll",
-        "pitch",
-        "yaw",
-        "roll_dot",
-        "pitch_dot",
-        "yaw_dot",
-    ),
+    *("x", "y", "z", "x_dot", "y_dot", "z_dot"),
+    *("roll", "pitch", "yaw", "roll_dot", "pitch_dot", "yaw_dot"),
     *("n0", "n1", "n2", "n3", "mot0", "mot1", "mot2", "mot3", "bat", "time"),
 )
 
@@ -44,11 +32,6 @@ PERIOD = 0.01
 GAP = 0.1
 """Step of the rounded time above which rows must be missing [s]; rounding makes steps of up to 63
 ms."""
-
-
-def recognises(table: Table) -> bool:
-    """Returns whether most of the columns are there."""
-    return table.share(COLUMNS) >= 0.6
 
 
 def flights(table: Table) -> LoggedFlights:
@@ -72,13 +55,11 @@ def flights(table: Table) -> LoggedFlights:
         part = {name: values[start:stop] for name, values in column.items()}
         flight = _flight(part, table.name if len(parts) == 1 else f"{table.name} part {number}")
         logs.append((flight, np.arange(len(flight)) * PERIOD))
-    place = ", ".join(table.place(start) for start, _ in parts[1:4])
-    notes = (
-        [f"{table.name}: {len(parts)} flights in one file; time runs backwards or leaps at {place}"]
-        if len(parts) > 1
-        else []
-    )
-    return logs, notes
+    if len(parts) == 1:
+        return logs, []
+    places = ", ".join(table.place(start) for start, _ in parts[1:4])
+    reason = f"time runs backwards or leaps at {places}"
+    return logs, [f"{table.name}: {len(parts)} flights in one file; {reason}"]
 
 
 def _refuse_another_rate(name: str, times: list[np.ndarray]) -> None:
@@ -109,19 +90,15 @@ def _flight(table: dict[str, np.ndarray], name: str) -> Flight:
 
     voltage = table["bat"].astype(np.float32)
     ratio = columns("mot0", "mot1", "mot2", "mot3") / np.float32(65536.0)
-    with np.errstate(
-        invalid="ignore"
-    ):  # a battery that is not a number makes a command that is not one, which checking drops
+    with np.errstate(invalid="ignore"):  # checking drops what is not a number
         command = np.minimum(battery.thrust_command(ratio, voltage[:, None], battery.AUTHORS), 1.0)
     # Where the network commanded the motors, its own command equals that of the motors.
     wanted = (np.clip(columns("n0", "n1", "n2", "n3"), -1.0, 1.0) + 1.0) / 2.0
     free = np.isfinite(command) & (ratio < _SATURATED)
     zero_order_hold = bool(free.any() and np.median(np.abs(command - wanted)[free]) < 0.02)
     clock = (np.round(table["time"][0] / PERIOD) + np.arange(len(voltage))) * PERIOD
-    angle = 2 * np.pi * clock / 3.0
-    setpoint = np.stack(
-        [0.25 * (1 - np.cos(angle)), 0.25 * np.sin(angle), np.ones_like(angle)], axis=-1
-    )
+    angle, height = 2 * np.pi * clock / 3.0, np.ones_like(clock)
+    setpoint = np.stack([0.25 * (1 - np.cos(angle)), 0.25 * np.sin(angle), height], axis=-1)
     return flight_of(
         name,
         PERIOD,
@@ -136,4 +113,6 @@ def _flight(table: dict[str, np.ndarray], name: str) -> Flight:
     )
 
 
-FORMAT = TableFormat("the 22 columns of Gronauer et al.", recognises, flights)
+FORMAT = TableFormat(
+    "the 22 columns of Gronauer et al.", lambda table: table.has_most_of(COLUMNS), flights
+)

@@ -124,22 +124,11 @@ def _silent() -> Iterator[None]:
 
 
 def _groups(name: str, fields: list[str]) -> dict[str, list[str]]:
-    """Columns of each signal that is used.
-
-    Raises:
-        InputError: one that is needed is missing.
-    """
-    setpoints = {
-        "gyroUnfilt": 3,
-        "gyroADC": 3,
-        "accSmooth": 3,
-        "motor": 4,
-        "eRPM": 4,
-        "omega": 4,
-        "omegaUnfiltered": 4,
-    }
+    """Columns of each signal that is used."""
+    counts = dict.fromkeys(("gyroUnfilt", "gyroADC", "accSmooth"), 3)
+    counts |= dict.fromkeys(("motor", "eRPM", "omega", "omegaUnfiltered"), 4)
     logs = {"time": ["time"]} if "time" in fields else {}
-    for signal, count in setpoints.items():
+    for signal, count in counts.items():
         columns = [f"{signal}[{number}]" for number in range(count)]
         if set(columns) <= set(fields):
             logs[signal] = columns
@@ -216,11 +205,8 @@ def _flight(
         speed = values["omega"][:, list(_ORDER)]
         notes.append(f"{name}: rotor speeds of {groups['omega'][0].partition('[')[0]}")
     volts, log_notes = _battery(name, len(time), values.get("battery"), headers)
-    loop = (
-        blackbox_header.number(headers, "looptime", 125.0)
-        * blackbox_header.number(headers, "pid_process_denom", 1.0)
-        * 1e-6
-    )
+    loop = 1e-6 * blackbox_header.number(headers, "looptime", 125.0)
+    loop *= blackbox_header.number(headers, "pid_process_denom", 1.0)
     return flight_of(
         name,
         period,
@@ -239,29 +225,19 @@ def _flight(
 def _command(
     name: str, motor: Float[np.ndarray, "N 4"], headers: Mapping[str, Any]
 ) -> tuple[Float[np.ndarray, "N 4"], list[str]]:
-    """Thrust commands of our motors, and how they were read.
-
-    Raises:
-        InputError: the header lacks the outputs' bounds, or these are none.
-    """
+    """Thrust commands of our motors, and how they were read."""
     bounds = headers.get("motorOutput")
-    if not (
-        isinstance(bounds, list)
-        and len(bounds) == 2
-        and all(isinstance(one, int | float) for one in bounds)
-        and 0 <= bounds[0] < bounds[1] <= 2500
-    ):
+    sound = isinstance(bounds, list) and all(isinstance(one, int | float) for one in bounds)
+    bounds = bounds if isinstance(bounds, list) else []
+    if not sound or len(bounds) != 2 or not 0 <= bounds[0] < bounds[1] <= 2500:
         raise InputError(
-            f"{name}: its header says motorOutput {bounds!r}; expected the least and the greatest "
-            f"output of the motors, as Betaflight writes them since 3.1 "
+            f"{name}: its header says motorOutput {headers.get('motorOutput')!r}; expected the "
+            "least and the greatest output of the motors, as Betaflight writes them since 3.1 "
             f"({headers.get('Firmware revision', 'firmware unknown')})."
         )
     digital = bounds[0] < 900
-    zero = (
-        DSHOT_ZERO
-        if digital
-        else min(blackbox_header.number(headers, "mincommand", 1000.0), bounds[0])
-    )
+    still = blackbox_header.number(headers, "mincommand", 1000.0)
+    zero = DSHOT_ZERO if digital else min(still, bounds[0])
     most = float(bounds[1])
     share = np.clip((motor[:, list(_ORDER)] - zero) / (most - zero), 0.0, None)
     notes = [

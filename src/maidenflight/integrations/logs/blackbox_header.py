@@ -42,11 +42,8 @@ def check_airframe(name: str, headers: Mapping[str, Any]) -> None:
     keys = ("mixer", "mixerMode", "mixer_mode", "mixer_type", "mixerConfiguration")
     mixer = next((headers[key] for key in keys if key in headers), 3)
     mixer_name = _MIXERS.get(mixer) if isinstance(mixer, int) else str(mixer)
-    if (
-        mixer != 3
-        and mixer_name is not None
-        and mixer_name.strip().lower() not in ("quadx", "quad x", "0")
-    ):
+    is_x = mixer == 3 or str(mixer_name).strip().lower() in ("quadx", "quad x", "0")
+    if mixer_name is not None and not is_x:
         raise InputError(
             f"{name}: its mixer is of another airframe ({mixer_name}); expected a quadrotor in X."
         )
@@ -120,19 +117,15 @@ def counts_of_1_g(
 
 def gyro_scale(headers: Mapping[str, Any]) -> float:
     """Degrees a second of a count: of today's firmware 1, or 0.1 at high resolution."""
-    scale = headers.get("gyro_scale", 0x3F800000)
-    value = struct.unpack("<f", struct.pack("<I", scale & 0xFFFFFFFF))[0] if (
-        isinstance(scale, int)
-    ) else float("nan")  # fmt: skip
+    scale, value = headers.get("gyro_scale"), 1.0
+    if isinstance(scale, int):
+        (value,) = struct.unpack("<f", struct.pack("<I", scale & 0xFFFFFFFF))
     value = value if 1e-3 <= value <= 10.0 else 1.0
     return value / (10.0 if headers.get("blackbox_high_resolution") == 1 else 1.0)
 
 
 def gyro_delay(headers: Mapping[str, Any]) -> float:
-    """Returns the delay of the static low-pass filters of first order before the PID [s].
-
-    1 / (2 pi f) each.
-    """
+    """Returns the delay of the static low-pass filters before the PID, 1 / (2 pi f) each [s]."""
     delay = 0.0
     for keys in (
         ("gyro_lpf1_static_hz", "gyro_lowpass_hz"),

@@ -47,9 +47,8 @@ def _compressed(values: np.ndarray) -> np.ndarray:
     for component in (3, 2, 1, 0):
         other = largest != component
         size = (code & np.uint64(511)).astype(float) / 511 * np.sqrt(0.5)
-        quaternion[:, component] = np.where(
-            other, np.where(code & np.uint64(512), -size, size), 0.0
-        )
+        signed = np.where(code & np.uint64(512), -size, size)
+        quaternion[:, component] = np.where(other, signed, 0.0)
         code = np.where(other, code >> np.uint64(10), code)
     rest = np.sqrt(np.clip(1 - (quaternion**2).sum(axis=1), 0.0, 1.0))
     quaternion[np.arange(len(code)), largest] = rest
@@ -64,7 +63,8 @@ def _scaled(*factors: float) -> Callable[[np.ndarray], np.ndarray]:
     return lambda values: values * np.array(factors)
 
 
-_DEGREE, _XYZ, _MOTORS = np.pi / 180, ("x", "y", "z"), ("1", "2", "3", "4")
+_DEGREE, _ANGLES = np.pi / 180, ("roll", "pitch", "yaw")
+_XYZ, _MOTORS = ("x", "y", "z"), ("1", "2", "3", "4")
 SPELLINGS: dict[str, tuple[Spelling, ...]] = {
     "position": (
         Spelling(_columns("stateEstimate.{}", *_XYZ), _scaled(1.0)),
@@ -77,13 +77,8 @@ SPELLINGS: dict[str, tuple[Spelling, ...]] = {
     "attitude": (
         Spelling(_columns("stateEstimate.q{}", *_XYZ, "w"), attitudes.of_quaternions),
         Spelling(("stateEstimateZ.quat",), _compressed),
-        Spelling(
-            _columns("stateEstimate.{}", "roll", "pitch", "yaw"),
-            _scaled(_DEGREE, -_DEGREE, _DEGREE),
-        ),
-        Spelling(
-            _columns("stabilizer.{}", "roll", "pitch", "yaw"), _scaled(_DEGREE, -_DEGREE, _DEGREE)
-        ),
+        Spelling(_columns("stateEstimate.{}", *_ANGLES), _scaled(_DEGREE, -_DEGREE, _DEGREE)),
+        Spelling(_columns("stabilizer.{}", *_ANGLES), _scaled(_DEGREE, -_DEGREE, _DEGREE)),
     ),
     "body_rates": (
         Spelling(_columns("gyro.{}", *_XYZ), _scaled(_DEGREE)),
@@ -132,19 +127,16 @@ def flights(table: Table) -> LoggedFlights:
         InputError: a signal is missing, or is never in the same row as the others; or its battery
             law is not known.
     """
-    clock = next(
-        (name for wanted in CLOCKS for name in table.frame.columns if name.lower() == wanted), None
-    )
+    columns = table.frame.columns
+    clock = next((name for known in CLOCKS for name in columns if name.lower() == known), None)
     if clock is None:
         raise InputError(
             f"{table.name}: missing the column of time; expected {', '.join(CLOCKS)}, in "
             "milliseconds or seconds."
         )
     spellings = _chosen(table)
-    read = tables.numbers(
-        table, [clock, *(name for way in spellings.values() for name in way.columns)]
-    )
-    read = _together(read, clock)
+    names = [clock, *(name for way in spellings.values() for name in way.columns)]
+    read = _together(tables.numbers(table, names), clock)
     values = {
         signal: way.si(np.stack([read[column] for column in way.columns], axis=-1))
         for signal, way in spellings.items()
@@ -181,11 +173,7 @@ def flights(table: Table) -> LoggedFlights:
 
 
 def _chosen(table: Table) -> dict[str, Spelling]:
-    """How each signal that a table has is spelt.
-
-    Raises:
-        InputError: one that is needed is missing.
-    """
+    """How each signal that a table has is spelt."""
     present = set(table.frame.columns)
     ways = SPELLINGS | OPTIONAL
     spellings = {
@@ -210,21 +198,15 @@ def _chosen(table: Table) -> dict[str, Spelling]:
 
 
 def _together(read: dict[str, np.ndarray], clock: str) -> dict[str, np.ndarray]:
-    """Lays rows of one time together, each column's first number in them.
-
-    Blocks of a log come as rows of their own.
-    """
-    if not (read[clock][1:] == read[clock][:-1]).any() or not any(
-        np.isnan(values).any() for values in read.values()
-    ):
+    """Joins rows of one time, each column by its first number: blocks come as own rows."""
+    has_gaps = any(np.isnan(values).any() for values in read.values())
+    if not has_gaps or not (read[clock][1:] == read[clock][:-1]).any():
         return read
     frame = polars.DataFrame(read).fill_nan(None)
     rest = [polars.col(column).drop_nulls().first() for column in read if column != clock]
     merged = frame.group_by(polars.col(clock), maintain_order=True).agg(rest)
-    return {
-        column: merged[column].cast(polars.Float64).fill_null(float("nan")).to_numpy()
-        for column in read
-    }
+    filled = merged.select(polars.col(*read).cast(polars.Float64).fill_null(float("nan")))
+    return {column: filled[column].to_numpy() for column in read}
 
 
 def _hold_last(values: np.ndarray) -> np.ndarray:
@@ -241,8 +223,7 @@ def _refuse_gaps(name: str, values: dict[str, np.ndarray]) -> None:
         counts = ", ".join(f"{signal} {rows.sum()}" for signal, rows in finite.items())
         raise InputError(
             f"{name}: only {both} of {len(finite[fewest])} rows hold all signals (rows with each: "
-            f"{counts}); blocks were logged apart."
-            " Lay them together by their time first."
+            f"{counts}); blocks were logged apart. Lay them together by their time first."
         )
 
 

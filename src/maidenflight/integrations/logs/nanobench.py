@@ -50,11 +50,6 @@ HALF = 75
 """Half the rows of a match."""
 
 
-def recognises(table: Table) -> bool:
-    """Returns whether most of the columns are there."""
-    return table.share(COLUMNS) >= 0.6
-
-
 def flights(table: Table) -> LoggedFlights:
     """Returns a table's flight, unchecked, the time of its rows [s], and a note on its commands.
 
@@ -73,9 +68,8 @@ def flights(table: Table) -> LoggedFlights:
     vicon[np.isinf(vicon)] = np.nan
     vicon[:, 6:] = np.unwrap(vicon[:, 6:], axis=0)
     rows = np.arange(len(rates))
-    pose = np.stack(
-        [np.interp(rows - lag(rates, vicon[:, 6:]), rows, values) for values in vicon.T], axis=1
-    )
+    moved = rows - lag(rates, vicon[:, 6:])
+    pose = np.stack([np.interp(moved, rows, values) for values in vicon.T], axis=1)
     flight = flight_of(
         table.name,
         PERIOD,
@@ -112,12 +106,9 @@ def lag(
     if len(rates) <= 2 * (MAX_SHIFT_ROWS + HALF):
         return np.zeros(len(rates))
     turned = Rotation.from_euler("ZYX", np.nan_to_num(attitude)[:, ::-1])
-    turn_rates = np.pad(
-        (turned[:-2].inv() * turned[2:]).as_rotvec() / (2 * PERIOD), ((1, 1), (0, 0))
-    )
-    gyro, turn_rates = (
-        _band_passed(np.nan_to_num(values[:, :2])) for values in (rates, turn_rates)
-    )
+    turns = (turned[:-2].inv() * turned[2:]).as_rotvec() / (2 * PERIOD)
+    gyro = _band_passed(np.nan_to_num(rates[:, :2]))
+    turn_rates = _band_passed(np.pad(turns, ((1, 1), (0, 0)))[:, :2])
     lags = np.arange(-MAX_SHIFT_ROWS, MAX_SHIFT_ROWS + 1)
     matched = rows[::EVERY]
     power = _windows_at((gyro**2).sum(axis=1), HALF, matched)
@@ -125,12 +116,9 @@ def lag(
     match = np.empty((len(matched), len(lags)))
     for number, shift in enumerate(lags):
         moved = np.clip(rows - shift, 0, rows[-1])
-        both = _windows_at(
-            gyro[:, 0] * turn_rates[moved, 0] + gyro[:, 1] * turn_rates[moved, 1], HALF, matched
-        )
-        match[:, number] = both / np.maximum(
-            np.sqrt(power * _windows_at(power_series[moved], HALF, matched)), 1e-6
-        )
+        both = _windows_at((gyro * turn_rates[moved]).sum(axis=1), HALF, matched)
+        size = np.sqrt(power * _windows_at(power_series[moved], HALF, matched))
+        match[:, number] = both / np.maximum(size, 1e-6)
     path = _smoothest_path(match)
     inner = np.clip(path, 1, len(lags) - 2)
     before, at, after = (match[np.arange(len(matched)), inner + step] for step in (-1, 0, 1))
@@ -146,9 +134,8 @@ def _band_passed(values: np.ndarray) -> np.ndarray:
 
 def _smooth(values: np.ndarray, half: int) -> np.ndarray:
     rows = np.arange(len(values))
-    return np.stack([_windows_at(column, half, rows) for column in values.T], axis=1) / (
-        2 * half + 1
-    )
+    sums = np.stack([_windows_at(column, half, rows) for column in values.T], axis=1)
+    return sums / (2 * half + 1)
 
 
 def _windows_at(values: np.ndarray, half: int, rows: np.ndarray) -> np.ndarray:
@@ -179,4 +166,6 @@ def _smoothest_path(match: np.ndarray, penalty: float = 0.02, farthest: int = 3)
     return np.array(path[::-1])
 
 
-FORMAT = TableFormat("NanoBench's 51 columns", recognises, flights, compensated=True)
+FORMAT = TableFormat(
+    "NanoBench's 51 columns", lambda table: table.has_most_of(COLUMNS), flights, compensated=True
+)

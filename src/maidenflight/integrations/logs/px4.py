@@ -114,16 +114,9 @@ def _centred(time: np.ndarray, values: np.ndarray) -> Stream:
 
 
 def _force(topics: Topics, parameters: Parameters) -> tuple[Stream | None, float]:
-    """Specific force, forward, left, up, and the delay of its filter [s].
-
-    The one that is not filtered, if there is one.
-    """
-    raw = columns(
-        topics,
-        "sensor_combined",
-        *vector("accelerometer_m_s2", 3),
-        "accelerometer_integral_dt",
-    )
+    """Specific force, forward, left, up, unfiltered if logged, and its filter's delay [s]."""
+    fields = *vector("accelerometer_m_s2", 3), "accelerometer_integral_dt"
+    raw = columns(topics, "sensor_combined", *fields)
     if raw is not None:
         relative = topics["sensor_combined"].get("accelerometer_timestamp_relative")
         late = np.zeros(len(raw[0])) if relative is None else relative.astype(float)
@@ -138,22 +131,15 @@ def _force(topics: Topics, parameters: Parameters) -> tuple[Stream | None, float
 
 def _state(name: str, topics: Topics) -> tuple[Stream | None, list[str]]:
     """Position, velocity and attitude, or none where they are not known often enough."""
-    place = columns(
-        topics,
-        "vehicle_local_position",
-        *("x", "y", "z", "vx", "vy", "vz"),
-        clock="timestamp_sample",
-    )
+    numbers = "x", "y", "z", "vx", "vy", "vz"
+    place = columns(topics, "vehicle_local_position", *numbers, clock="timestamp_sample")
     turned = columns(topics, "vehicle_attitude", *vector("q", 4), clock="timestamp_sample")
     if place is None or turned is None:
         lacking = "position" if place is None else "attitude"
         return None, [f"{name}: no {lacking} logged: {joining.ALONE}"]
     fields = topics["vehicle_local_position"]
-    flags = [
-        fields[flag].astype(bool)
-        for flag in ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid")
-        if flag in fields
-    ]
+    names = "xy_valid", "z_valid", "v_xy_valid", "v_z_valid"
+    flags = [fields[flag].astype(bool) for flag in names if flag in fields]
     valid = np.all(flags, axis=0) if flags else np.ones(len(place[0]), bool)
     if valid.mean() < 0.5:
         share = 100 * (1 - valid.mean())

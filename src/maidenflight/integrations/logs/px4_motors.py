@@ -92,18 +92,13 @@ class Rotors(NamedTuple):
 def rotors(name: str, parameters: Parameters) -> Rotors:
     """Returns the rotors' order by their places, or PX4's default."""
     count = parameters.get("CA_ROTOR_COUNT")
-    placed = {
-        number: (
-            parameters.get(f"CA_ROTOR{number}_PX", 0.0),
-            -parameters.get(f"CA_ROTOR{number}_PY", 0.0),
-        )
-        for number in range(int(count) if count and 0 < count <= 12 else 0)
-    }
+    placed = {}
+    for number in range(int(count) if count and 0 < count <= 12 else 0):
+        forward, right = (parameters.get(f"CA_ROTOR{number}_P{axis}", 0.0) for axis in "XY")
+        placed[number] = forward, -right
     if not any(forward or left for forward, left in placed.values()):
-        return Rotors(
-            _ORDER,
-            (f"{name}: motors in PX4's default order; the log has no places of the rotors",),
-        )
+        note = f"{name}: motors in PX4's default order; the log has no places of the rotors"
+        return Rotors(_ORDER, (note,))
     corners = [(True, False), (False, False), (False, True), (True, True)]
     quadrants = {number: (forward > 0, left > 0) for number, (forward, left) in placed.items()}
     size = max(np.hypot(*place) for place in placed.values())
@@ -114,9 +109,8 @@ def rotors(name: str, parameters: Parameters) -> Rotors:
             f"{name}: {len(placed)} rotors at {places} m forward, left (CA_ROTORn_PX, PY); "
             "expected four in X, which is what maidenflight simulates."
         )
-    order = tuple(
-        next(number for number in quadrants if quadrants[number] == corner) for corner in corners
-    )
+    number_at = {corner: number for number, corner in quadrants.items()}
+    order = tuple(number_at[corner] for corner in corners)
     text = ", ".join(f"({placed[number][0]:.3g}, {placed[number][1]:.3g})" for number in order)
     notes = [f"{name}: rotors at {text} m forward, left; PX4's motors {_numbered(order)}"]
     turns = [parameters.get(f"CA_ROTOR{number}_KM", 0.0) for number in order]
@@ -143,13 +137,11 @@ def motors(
     rebuilt = px4_setpoints.motors(name, topics, parameters, shares)
     shares, origin = (shares, origin) if rebuilt is None else rebuilt
     ours = Stream(shares.time, shares.values[:, list(order)])
-    thrust_law = (
-        f"the curve of THR_MDL_FAC = {factor:g}"
-        if factor
-        else "the square of the command, as without THR_MDL_FAC speed follows it"
-    )
-    speed = ours._replace(values=np.sqrt(ours.values)) if factor else ours
-    return speed, [f"{origin}; thrust by {thrust_law}"]
+    if factor:
+        law = f"the curve of THR_MDL_FAC = {factor:g}"
+        return ours._replace(values=np.sqrt(ours.values)), [f"{origin}; thrust by {law}"]
+    law = "the square of the command, as without THR_MDL_FAC speed follows it"
+    return ours, [f"{origin}; thrust by {law}"]
 
 
 def _shares(name: str, topics: Topics, parameters: Parameters, factor: float) -> tuple[Stream, str]:
@@ -181,32 +173,24 @@ def _outputs(
         for key, value in parameters.items()
         if (match := re.fullmatch(r"(\w+)_FUNC(\d{1,2})", key))
     }
-    prefixes = dict.fromkeys(
-        prefix for (prefix, _), value in functions.items() if value in (101, 102, 103, 104)
-    )
-    channels, prefix = (0, 1, 2, 3), ""
-    for prefix in prefixes:
-        outputs_by_motor = {
-            int(value) - 101: channel - 1
-            for (owner, channel), value in functions.items()
-            if owner == prefix and value in (101, 102, 103, 104)
-        }
-        if len(outputs_by_motor) == 4:
-            channels = tuple(outputs_by_motor[motor] for motor in range(4))
-            break
+    by_prefix: dict[str, dict[int, int]] = {}
+    for (prefix, channel), value in functions.items():
+        if value in (101, 102, 103, 104):
+            by_prefix.setdefault(prefix, {})[int(value) - 101] = channel - 1
+    whole = [prefix for prefix, outputs in by_prefix.items() if len(outputs) == 4]
+    prefix = next(iter([*whole, *reversed(by_prefix)]), "")
+    channels = tuple(by_prefix[prefix][motor] for motor in range(4)) if whole else (0, 1, 2, 3)
     sent = columns(topics, "actuator_outputs", *(f"output[{channel}]" for channel in channels))
     if sent is None or len(sent[0]) < 2:
         return (np.zeros(0), np.zeros((0, 4))), np.zeros(4), np.ones(4), channels
 
     def bound(word: str, usual: float) -> np.ndarray:
-        keys = [
-            (f"{prefix}_{word}{channel + 1}", f"PWM_MAIN_{word}", f"PWM_{word}")
-            for channel in channels
-        ]
-        return np.array(
-            [next((parameters[key] for key in some if parameters.get(key, 0) > 0), usual)
-             for some in keys]
-        )  # fmt: skip
+        bounds = []
+        for channel in channels:
+            keys = f"{prefix}_{word}{channel + 1}", f"PWM_MAIN_{word}", f"PWM_{word}"
+            known = (parameters[key] for key in keys if parameters.get(key, 0) > 0)
+            bounds.append(next(known, usual))
+        return np.array(bounds)
 
     turning = sent[1][sent[1] > 0]
     typical = float(np.median(turning)) if len(turning) else 0.0
@@ -218,9 +202,8 @@ def _outputs(
         usual = (1.0, float(_CAN_MOST)) if prefix == "UAVCAN_EC" else (1000.0, 2000.0)
         low, high = bound("MIN", usual[0]), bound("MAX", usual[1])
     if not (high > low).all() or not 0.9 * low.min() <= typical <= 1.05 * high.max():
-        hint = " They look like raw commands to ESCs on a CAN bus, 0 to 8191." if (
-            2200.0 < typical <= _CAN_MOST
-        ) else ""  # fmt: skip
+        hint = " They look like raw commands to ESCs on a CAN bus, 0 to 8191."
+        hint = hint if 2200.0 < typical <= _CAN_MOST else ""
         raise InputError(
             f"{name}: actuator_outputs of typically {typical:.4g} do not lie between "
             f"{low.min():g} and {high.max():g}, the outputs' least and most.{hint} Log "
@@ -233,12 +216,11 @@ def _is_dshot(prefix: str, turning: Float[np.ndarray, "M"], parameters: Paramete
     """Returns whether outputs are DShot's 1 to 1999, by parameters or by numbers below PWM's."""
     if prefix == "UAVCAN_EC" or not len(turning) or turning.max() > _DSHOT_MOST + 1:
         return False
-    timers = any(
-        re.fullmatch(r"PWM_(MAIN|AUX)_TIM\d", key) and key.startswith(prefix or "PWM_MAIN")
-        and -5 <= value <= -2
-        for key, value in parameters.items()
-    )  # fmt: skip
-    return timers or parameters.get("DSHOT_CONFIG", 0) > 0 or float(np.mean(turning < 900)) > 0.05
+    timers = (key for key in parameters if re.fullmatch(r"PWM_(MAIN|AUX)_TIM\d", key))
+    own = [parameters[key] for key in timers if key.startswith(prefix or "PWM_MAIN")]
+    if any(-5 <= value <= -2 for value in own):
+        return True
+    return parameters.get("DSHOT_CONFIG", 0) > 0 or float(np.mean(turning < 900)) > 0.05
 
 
 def rotor_speed(topics: Topics, order: tuple[int, ...]) -> Stream | None:

@@ -101,13 +101,9 @@ def _setpoints(topics: Topics) -> tuple[Stream | None, str]:
 
 def _rotors(parameters: Parameters) -> tuple[Rotor, ...] | None:
     """The rotors that PX4's parameters describe; none where they have no places."""
+    usual = {"PX": 0.0, "PY": 0.0, "CT": 6.5, "KM": 0.05}
     rotors = tuple(
-        Rotor(
-            parameters.get(f"CA_ROTOR{number}_PX", 0.0),
-            parameters.get(f"CA_ROTOR{number}_PY", 0.0),
-            parameters.get(f"CA_ROTOR{number}_CT", 6.5),
-            parameters.get(f"CA_ROTOR{number}_KM", 0.05),
-        )
+        Rotor(*(parameters.get(f"CA_ROTOR{number}_{name}", usual[name]) for name in usual))
         for number in range(4)
     )
     return rotors if any(one.forward or one.right for one in rotors) else None
@@ -123,14 +119,14 @@ def _explained(logged: Stream, rebuilt: Stream) -> float | None:
     near = np.searchsorted(rebuilt.time, logged.time - _TOGETHER)
     near = np.minimum(near, len(rebuilt.time) - 1)
     is_comparable = np.abs(rebuilt.time[near] - logged.time) <= _TOGETHER
-    is_comparable &= np.isfinite(logged.values).all(axis=1) & (
-        np.nan_to_num(logged.values) > 0
-    ).all(axis=1)
+    is_comparable &= (np.isfinite(logged.values) & (logged.values > 0)).all(axis=1)
     if is_comparable.sum() < _LEAST_ROWS:
         return None
     logged_rows, rebuilt_rows = logged.values[is_comparable], rebuilt.values[near[is_comparable]]
+    logged_mean, rebuilt_mean = _mean(logged_rows), _mean(rebuilt_rows)
     shares = [
-        _share(of(logged_rows), of(rebuilt_rows)) for of in (_mean, lambda rows: rows - _mean(rows))
+        _share(logged_mean, rebuilt_mean),
+        _share(logged_rows - logged_mean, rebuilt_rows - rebuilt_mean),
     ]
     return min((one for one in shares if one is not None), default=None)
 
@@ -142,6 +138,6 @@ def _mean(rows: Float[np.ndarray, "N M"]) -> Float[np.ndarray, "N 1"]:
 def _share(logged_rows: np.ndarray, rebuilt_rows: np.ndarray) -> float | None:
     """Share of variance that is explained; none of what does not change."""
     spread = np.sum((logged_rows - logged_rows.mean(axis=0)) ** 2)
-    return (
-        float(1.0 - np.sum((logged_rows - rebuilt_rows) ** 2) / spread) if spread > 1e-6 else None
-    )
+    if spread <= 1e-6:
+        return None
+    return float(1.0 - np.sum((logged_rows - rebuilt_rows) ** 2) / spread)

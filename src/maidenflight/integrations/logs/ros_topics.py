@@ -13,9 +13,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from maidenflight import inputs
 from maidenflight.errors import InputError
 from maidenflight.flights.maps import signal_map
-from maidenflight.flights.maps.signal_map import COUNTS, MOTOR_KEYS, Motors
+from maidenflight.flights.maps.signal_map import COUNTS, Motors
+from maidenflight.inputs import Fields
 
 CLOCKS = ("header", "received")
 """What stamps samples: a message's header where it has one, or when it was recorded."""
@@ -53,7 +55,7 @@ class Variables:
     """By topic, in the order of their values."""
 
 
-_XYZ = ("x", "y", "z")
+_XYZ = "xyz"
 _IMU = ("imu/data_raw", "imu/data")
 _MAVROS = {
     "body_rates": (_IMU, tuple(f"angular_velocity.{axis}" for axis in _XYZ)),
@@ -61,10 +63,7 @@ _MAVROS = {
     # Front right, back left, front left, back right, as PX4 and ArduPilot number an X.
     "motors": (("rc/out",), tuple(f"channels[{number}]" for number in (0, 3, 1, 2))),
     "position": (("local_position/pose",), tuple(f"pose.position.{axis}" for axis in _XYZ)),
-    "attitude": (
-        ("local_position/pose",),
-        tuple(f"pose.orientation.{axis}" for axis in (*_XYZ, "w")),
-    ),
+    "attitude": (("local_position/pose",), tuple(f"pose.orientation.{axis}" for axis in "xyzw")),
     "velocity": (
         ("local_position/velocity_local",),
         tuple(f"twist.linear.{axis}" for axis in _XYZ),
@@ -103,24 +102,23 @@ def read(path: Path) -> Layout | Variables:
     Raises:
         InputError: it cannot be read, or an entry is missing, unknown or of the wrong kind.
     """
-    content = signal_map.content(path)
+    content = inputs.toml_file(path, "TOML", signal_map.CURE)
     if "variables" in content:
         return _variables(path, content)
     clock = content.pop("clock", CLOCKS[0])
     if clock not in CLOCKS:
         raise InputError(f"{path}: clock = {clock!r}; expected {' or '.join(map(repr, CLOCKS))}.")
-    signal_map.check_signals(path, content, NEEDED)
-    sources = {signal: _source(path, signal, table) for signal, table in content.items()}
-    scale = signal_map.motors(path, content["motors"])
-    return Layout(sources, scale, clock == CLOCKS[1])
+    sources, motors = signal_map.read_sources(path, content, NEEDED, _source)
+    return Layout(sources, motors, clock == CLOCKS[1])
 
 
 def _variables(path: Path, content: dict[str, Any]) -> Variables:
     names = content["variables"]
-    if set(content) != {"variables"} or not isinstance(names, dict) or not all(
+    sound = [
         isinstance(some, list) and some and all(isinstance(one, str) for one in some)
-        for some in names.values()
-    ):  # fmt: skip
+        for some in (names.values() if isinstance(names, dict) else [None])
+    ]
+    if set(content) != {"variables"} or not all(sound):
         raise InputError(
             f"{path}: expected the names of each topic's values alone, such as "
             '\'[variables]\' and \'"/cf1/log1" = ["gyro.x", "gyro.y"]\'.'
@@ -128,20 +126,6 @@ def _variables(path: Path, content: dict[str, Any]) -> Variables:
     return Variables({topic: tuple(some) for topic, some in names.items()})
 
 
-def _source(path: Path, signal: str, table: Any) -> Source:
-    known_keys = {"topic", "fields", "scale", *(MOTOR_KEYS if signal == "motors" else ())}
-    count = COUNTS[signal]
-    if (
-        not isinstance(table, dict)
-        or set(table) - known_keys
-        or not isinstance(table.get("topic"), str)
-        or not isinstance(table.get("fields"), list)
-        or len(table["fields"]) != count
-        or not all(isinstance(field, str) for field in table["fields"])
-    ):
-        raise InputError(
-            f"{path}: [{signal}] needs topic, a name, and fields, {count} of them, and may have "
-            f"{', '.join(sorted(known_keys - {'topic', 'fields'}))}."
-        )
-    scale = signal_map.number(path, signal, "scale", table.get("scale", 1.0))
-    return Source(table["topic"], tuple(table["fields"]), scale)
+def _source(signal: str, fields: Fields) -> Source:
+    names = fields.texts("fields", [COUNTS[signal]])
+    return Source(fields.text("topic"), names, fields.number("scale", usual=1.0))

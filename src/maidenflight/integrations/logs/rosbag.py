@@ -115,7 +115,7 @@ def _opened(path: Path, name: str) -> Iterator[Bag]:
     with optional("rosbags", "rosbag", "reading a ROS 2 recording"):
         from rosbags.rosbag2 import Reader
         from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
-    kind = ".db3" if _first(path).startswith(SQLITE.begins) else ".mcap"
+    kind = ".db3" if inputs.beginning(path, 16).startswith(SQLITE.begins) else ".mcap"
     storage: Any = Reader.STORAGE_PLUGINS[kind](path)
     try:
         storage.open()
@@ -169,12 +169,16 @@ def _decompress(raw: bytes) -> bytes:
     return plain
 
 
-def _refuse_undefined(bag: Bag, topics: Iterable[str]) -> None:
-    """Refuses topics whose messages cannot be decoded.
+def _refuse_missing(bag: Bag, name: str, topics: Iterable[str]) -> None:
+    missing = [topic for topic in topics if topic not in bag.types]
+    if missing:
+        raise InputError(
+            f"{name}: no topic {', '.join(missing)}; it has {', '.join(bag.types)[:600]}."
+        )
 
-    Raises:
-        InputError: the message types, and what brings their definitions.
-    """
+
+def _refuse_undefined(bag: Bag, topics: Iterable[str]) -> None:
+    """Refuses topics whose messages cannot be decoded."""
     lacking = sorted({bag.types[topic] for topic in topics} & bag.undefined)
     if lacking:
         raise InputError(
@@ -182,11 +186,6 @@ def _refuse_undefined(bag: Bag, topics: Iterable[str]) -> None:
             "ROS 2 Iron do not. Convert it to MCAP where these messages are installed: ros2 bag "
             "convert, with storage_id: mcap."
         )
-
-
-def _first(path: Path) -> bytes:
-    with path.open("rb") as file:
-        return file.read(16)
 
 
 def _together(logs: list[tuple[Flight, np.ndarray, list[str]]]) -> LoggedFlights:
@@ -303,11 +302,7 @@ def _of_mavros(bag: Bag) -> list[tuple[Flight, np.ndarray, list[str]]]:
 
 def _of_layout(bag: Bag, name: str, layout: Layout) -> tuple[Flight, np.ndarray, list[str]]:
     sources = layout.sources
-    missing = [source.topic for source in sources.values() if source.topic not in bag.types]
-    if missing:
-        raise InputError(
-            f"{name}: no topic {', '.join(missing)}; it has {', '.join(bag.types)[:600]}."
-        )
+    _refuse_missing(bag, name, [source.topic for source in sources.values()])
     wanted: dict[str, tuple[str, ...]] = {}
     for source in sources.values():
         wanted[source.topic] = (*wanted.get(source.topic, ()), *source.fields)
@@ -338,11 +333,7 @@ def _stream(fields: _Fields, source: Source, received: bool) -> Stream:
 
 def _of_variables(bag: Bag, layout_notes: Variables) -> LoggedFlights:
     """Log variables of a Crazyflie, read as those that its radio logs."""
-    missing = [topic for topic in layout_notes.names if topic not in bag.types]
-    if missing:
-        raise InputError(
-            f"{bag.name}: no topic {', '.join(missing)}; it has {', '.join(bag.types)[:600]}."
-        )
+    _refuse_missing(bag, bag.name, layout_notes.names)
     fields = {
         topic: ("timestamp", *(f"values[{place}]" for place in range(len(names))))
         for topic, names in layout_notes.names.items()

@@ -78,9 +78,7 @@ def table(raw: bytes, name: str) -> Table:
     if not places:
         raise InputError(f"{name}: no rows, the log holds no record. Leave it out.")
     bytes_ = np.frombuffer(raw, np.uint8)
-    tables = {
-        number: _gathered(bytes_, offsets, events[number]) for number, offsets in places.items()
-    }
+    tables = {number: _gathered(bytes_, at, events[number]) for number, at in places.items()}
     main = max(tables, key=lambda number: len(tables[number]))
     frame = _joined(tables, events, main, unit)
     return Table(name, frame, head={"event": events[main].name}, notes=notes)
@@ -169,10 +167,10 @@ def _joined(
     for number, records in tables.items():
         rows = None if number == main else _rows(stamps, records[CLOCK].astype(np.int64))
         for place, column in enumerate(events[number].columns):
-            values = records[f"f{place}"].astype(np.float64)
-            columns.setdefault(
-                column, values if rows is None else _spread(values, rows, len(stamps))
-            )
+            with np.errstate(invalid="ignore"):  # a NaN of damaged bytes may signal
+                values = records[f"f{place}"].astype(np.float64)
+            spread = values if rows is None else _spread(values, rows, len(stamps))
+            columns.setdefault(column, spread)
     return polars.DataFrame(columns)
 
 
@@ -222,18 +220,19 @@ def table_2019(raw: bytes, name: str) -> Table:
     at, sets = at + 4, []
     while at < len(raw):
         end = at + 1 + raw[at] * record.itemsize
-        if end + 4 > len(raw) or zlib.crc32(raw[at:end]) ^ 0xFFFFFFFF != int.from_bytes(
-            raw[end : end + 4], "little"
-        ):
+        checksum = int.from_bytes(raw[end : end + 4], "little")
+        if end + 4 > len(raw) or zlib.crc32(raw[at:end]) ^ 0xFFFFFFFF != checksum:
             break
         sets.append(np.frombuffer(raw, record, raw[at], at + 1))
         at = end + 4
     if not sets:
         raise InputError(f"{name}: no rows, the log holds no whole set of them. Leave it out.")
     rows = np.concatenate(sets)
-    columns = {
-        column: rows[f"f{place}"].astype(np.float64) for place, (column, _, _) in enumerate(entries)
-    }
+    with np.errstate(invalid="ignore"):  # a NaN of damaged bytes may signal
+        columns = {
+            column: rows[f"f{place}"].astype(np.float64)
+            for place, (column, _, _) in enumerate(entries)
+        }
     ticks = columns.pop(TICK)
     # A clock of 32 bits wraps after 72 minutes.
     steps = np.diff(ticks, prepend=ticks[0])
@@ -244,12 +243,8 @@ def table_2019(raw: bytes, name: str) -> Table:
         notes.append(f"{name}: damaged or cut off at byte {at}; the last {share:.2g} % dropped")
     if _PITCH_RATE in columns:
         columns[_PITCH_RATE] = -columns[_PITCH_RATE]
-    return Table(
-        name,
-        polars.DataFrame({CLOCK: time, **columns}),
-        head={"what": _WHAT_2019},
-        notes=tuple(notes),
-    )
+    frame = polars.DataFrame({CLOCK: time, **columns})
+    return Table(name, frame, head={"what": _WHAT_2019}, notes=tuple(notes))
 
 
 FORMAT_2019 = PackedTable("a Crazyflie's micro-SD log of 2019", recognises_2019, table_2019)

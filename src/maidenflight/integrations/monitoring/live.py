@@ -5,6 +5,7 @@ path, its reference, the current set-point, thrusts as arrows, and time series b
 """
 
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -37,14 +38,8 @@ STEPS = "simulated steps"
 _REACH = 0.06
 """From the drawn drone's centre to a rotor [m], half as much again as a Crazyflie's, to be
 visible."""
-_BLUE, _ORANGE, _GREEN, _PURPLE, _GREY, _INK = (
-    (0, 103, 165),
-    (194, 77, 0),
-    (0, 120, 90),
-    (148, 64, 138),
-    (140, 148, 158),
-    (60, 66, 74),
-)
+_BLUE, _ORANGE, _GREEN = (0, 103, 165), (194, 77, 0), (0, 120, 90)
+_PURPLE, _GREY, _INK = (148, 64, 138), (140, 148, 158), (60, 66, 74)
 _HUBS = _REACH * geometry.ROTORS
 _SERIES = {
     "position_error": ("Position error [cm]", {"error": _BLUE}),
@@ -79,18 +74,10 @@ def show_flights(flights: Sequence[Flight], path: Path | None = None) -> None:
         _flight_view(blueprint, name, flight)
         for name, flight in zip(names[:TABBED], parts, strict=False)
     ]
-    everything = (
-        [
-            blueprint.Spatial3DView(
-                name="All flights", origin="/", eye_controls=_eye(blueprint, parts)
-            )
-        ]
-        if len(names) > 1
-        else []
-    )
-    with _recording(
-        rerun, path, _layout(blueprint, blueprint.Tabs(*everything, *tabs))
-    ) as recording:
+    if len(names) > 1:
+        eye = _eye(blueprint, parts)
+        tabs.insert(0, blueprint.Spatial3DView(name="All flights", origin="/", eye_controls=eye))
+    with _recording(rerun, path, _layout(blueprint, blueprint.Tabs(*tabs))) as recording:
         for name, flight in zip(names, parts, strict=True):
             _describe(rerun, recording, name)
             _log_flight(rerun, recording, name, flight, 0.0, static=True)
@@ -145,10 +132,7 @@ def training(
 
 
 def _training_view(blueprint: Any, flight: Flight | None = None) -> Any:
-    """Scores beside the best policy's flight.
-
-    Viewed from where a flight like the first one is in view, once there is one.
-    """
+    """Scores beside the best policy's flight, from where such a flight is in view."""
     titles = {
         "episode_return": "Return",
         "survival": "Survival [%]",
@@ -181,15 +165,11 @@ def _packages() -> tuple[Any, Any]:
 @contextmanager
 def _recording(rerun: Any, path: Path | None, layout: Any) -> Iterator[Any]:
     """A stream into the viewer or a file, closed at the end."""
-    if (
-        path is None
-        and sys.platform == "linux"
-        and not any(os.environ.get(name) for name in _DISPLAYS)
-    ):
+    has_display = sys.platform != "linux" or any(map(os.environ.get, _DISPLAYS))
+    if path is None and not has_display:
         raise InputError(
             "the viewer needs a display, and there is none. Write a file instead, with -o "
-            "FILE.rrd (train: --view FILE.rrd), and open it"
-            " where there is one: rerun FILE.rrd"
+            "FILE.rrd (train: --view FILE.rrd), and open it where there is one: rerun FILE.rrd"
         )
     recording = rerun.RecordingStream("maidenflight")
     if path is None:
@@ -210,10 +190,7 @@ def _recording(rerun: Any, path: Path | None, layout: Any) -> Iterator[Any]:
 
 
 def _sent(recording: Any) -> bool:
-    """Whether all that was logged has reached the viewer or the file.
-
-    Without waiting for a viewer that was closed.
-    """
+    """Sends what was logged; false where the viewer was closed."""
     try:
         recording.flush(timeout_sec=_LONGEST_WAIT)
     except RuntimeError:
@@ -223,27 +200,17 @@ def _sent(recording: Any) -> bool:
 
 def _word(name: str) -> str:
     """A name as part of an entity's path."""
-    return "".join(
-        letter if letter.isalnum() or letter in "-_" else "_"
-        for letter in name.rpartition("/")[2].removesuffix(".csv")
-    )
+    return re.sub(r"[^\w-]", "_", name.rpartition("/")[2].removesuffix(".csv"))
 
 
 def _layout(blueprint: Any, views: Any) -> Any:
-    panels = [
-        blueprint.BlueprintPanel(state="collapsed"),
-        blueprint.SelectionPanel(state="collapsed"),
-    ]
-    return blueprint.Blueprint(
-        views, *panels, blueprint.TimePanel(state="collapsed", timeline=TIME)
-    )
+    small: Any = {"state": "collapsed"}
+    panels = blueprint.BlueprintPanel(**small), blueprint.SelectionPanel(**small)
+    return blueprint.Blueprint(views, *panels, blueprint.TimePanel(**small, timeline=TIME))
 
 
 def _flight_view(blueprint: Any, entity: str, flight: Flight | None = None) -> Any:
-    """A flight in space beside its time series.
-
-    Viewed from where all of it is in view, if it is known.
-    """
+    """A flight in space beside its time series; a known one is in view as a whole."""
     lines = [
         blueprint.TimeSeriesView(name=title, origin=f"{entity}/{series}")
         for series, (title, _) in _SERIES.items()
@@ -275,22 +242,15 @@ def _describe(rerun: Any, recording: Any, entity: str) -> None:
     turn = np.linspace(0, 2 * np.pi, 33)
     disc = 0.5 * _REACH * np.stack([np.cos(turn), np.sin(turn), np.full(33, 0.2)], axis=1)
     colours = [_ORANGE if front else _INK for front in geometry.FRONT]
-    arms = rerun.LineStrips3D(
-        [np.stack([np.zeros(3), hub]) for hub in _HUBS], colors=colours, radii=0.004
-    )
+    lines = [np.stack([np.zeros(3), hub]) for hub in _HUBS]
+    arms = rerun.LineStrips3D(lines, colors=colours, radii=0.004)
+    rotors = rerun.LineStrips3D([hub + disc for hub in _HUBS], colors=colours, radii=0.0015)
     recording.log(f"{entity}/drone/arms", arms, static=True)
-    recording.log(
-        f"{entity}/drone/rotors",
-        rerun.LineStrips3D([hub + disc for hub in _HUBS], colors=colours, radii=0.0015),
-        static=True,
-    )
-    for series, (_, lines) in _SERIES.items():
-        for name, colour in lines.items():
-            recording.log(
-                f"{entity}/{series}/{name}",
-                rerun.SeriesLines(colors=[colour], names=[name]),
-                static=True,
-            )
+    recording.log(f"{entity}/drone/rotors", rotors, static=True)
+    for series, (_, colours_of) in _SERIES.items():
+        for name, colour in colours_of.items():
+            look = rerun.SeriesLines(colors=[colour], names=[name])
+            recording.log(f"{entity}/{series}/{name}", look, static=True)
 
 
 def _log_flight(
@@ -305,21 +265,15 @@ def _log_flight(
     path = rerun.LineStrips3D([flight.position], colors=[_BLUE], radii=0.002)
     recording.log(f"{entity}/path", path, static=static)
     if np.isfinite(flight.setpoint).all():
-        recording.log(
-            f"{entity}/reference",
-            rerun.LineStrips3D([flight.setpoint], colors=[_GREY], radii=0.001),
-            static=static,
-        )
+        reference = rerun.LineStrips3D([flight.setpoint], colors=[_GREY], radii=0.001)
+        recording.log(f"{entity}/reference", reference, static=static)
         point = rerun.Points3D.columns(
             positions=flight.setpoint, colors=[_ORANGE] * len(flight), radii=[0.008] * len(flight)
         )
         recording.send_columns(f"{entity}/setpoint", time, point)
     turned = Rotation.from_euler("ZYX", flight.attitude[:, ::-1]).as_quat()
-    recording.send_columns(
-        f"{entity}/drone",
-        time,
-        rerun.Transform3D.columns(translation=flight.position, quaternion=turned),
-    )
+    moved = rerun.Transform3D.columns(translation=flight.position, quaternion=turned)
+    recording.send_columns(f"{entity}/drone", time, moved)
     recording.send_columns(f"{entity}/drone/thrust", time, _thrusts(rerun, flight.command))
     for name, values in _lines(flight).items():
         recording.send_columns(f"{entity}/{name}", time, rerun.Scalars.columns(scalars=values))
@@ -352,7 +306,6 @@ def _lines(flight: Flight) -> Mapping[str, Float[np.ndarray, "N"]]:
         for place, name in enumerate(_SERIES[series][1])
     }
     if np.isfinite(flight.setpoint).all():
-        lines["position_error/error"] = 100.0 * np.linalg.norm(
-            flight.position - flight.setpoint, axis=1
-        )
+        error = flight.position - flight.setpoint
+        lines["position_error/error"] = 100.0 * np.linalg.norm(error, axis=1)
     return {name: np.asarray(values, np.float64) for name, values in lines.items()}

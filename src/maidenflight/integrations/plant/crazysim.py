@@ -15,7 +15,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from maidenflight.integrations.plant import datagrams
+from maidenflight.integrations.plant.lock_step import listening
 from maidenflight.integrations.plant.running_plant import POSE_EVERY, STEP, RunningPlant
 
 FIRMWARE_PORT, GROUND_PORT = 19950, 19850
@@ -101,7 +101,7 @@ def serve(
 
 
 def _waiting(line: socket.socket) -> list[tuple[bytes, tuple[str, int]]]:
-    """What has come."""
+    """Receives the datagrams that have come."""
     processes = []
     while True:
         try:
@@ -113,7 +113,6 @@ def _waiting(line: socket.socket) -> list[tuple[bytes, tuple[str, int]]]:
 
 
 def _bound(port: int) -> socket.socket:
-    message = f"port {port} of this machine is taken"
-    line = datagrams.listening(("127.0.0.1", port), message, "Is another CrazySim running?")
+    line = listening(("127.0.0.1", port), "Is another CrazySim running?")
     line.setblocking(False)
     return line

@@ -24,7 +24,6 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 
 from maidenflight.errors import InputError
-from maidenflight.integrations.plant import datagrams
 from maidenflight.integrations.plant.running_plant import POSE_EVERY, SIZE, RunningPlant
 
 SENSORS = struct.Struct(f"<II{SIZE}f")
@@ -121,7 +120,8 @@ def by_udp(
     Raises:
         InputError: the address cannot be had.
     """
-    with _bound(address) as line:
+    with listening(address, "Give another with --udp HOST:PORT.") as line:
+        line.settimeout(ANSWER_TIMEOUT_S)
         plant: RunningPlant | None = None
         peer: tuple[str, int] | None = None
         answered_at = time.monotonic()
@@ -157,11 +157,19 @@ def by_udp(
                 line.sendto(sensors(plant), sender)
 
 
-def _bound(address: tuple[str, int]) -> socket.socket:
-    place = f"{address[0]}:{address[1]}"
-    advice = "Give another with --udp HOST:PORT."
-    line = datagrams.listening(address, f"cannot listen at {place}", advice)
-    line.settimeout(ANSWER_TIMEOUT_S)
+def listening(address: tuple[str, int], advice: str) -> socket.socket:
+    """Returns a socket for datagrams that listens at a host and port.
+
+    Raises:
+        InputError: the address cannot be had; `advice` says what to do then.
+    """
+    line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        line.bind(address)
+    except OSError as error:
+        line.close()
+        place = f"{address[0]}:{address[1]}"
+        raise InputError(f"plant: cannot listen at {place} ({error.strerror}). {advice}") from error
     return line
 
 

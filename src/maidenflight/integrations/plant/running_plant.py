@@ -131,10 +131,7 @@ def begin(plant: Plant, parameters: Parameters, key: Array) -> PlantState:
 
 @partial(jax.jit, static_argnums=1)
 def draw(key: Array, steps: int) -> Float[Array, "steps N"]:
-    """Returns random numbers of so many steps.
-
-    Drawn in each, they would take longer than the physics.
-    """
+    """Returns random numbers of many steps, which each step would draw too slowly."""
     normal, uniform = noise.draw(key, steps * _NORMALS, steps * sensors.UNIFORMS)
     return jnp.concatenate([normal.reshape(steps, -1), uniform.reshape(steps, -1)], axis=1)
 
@@ -165,19 +162,15 @@ def step(
     near = dynamics.near_ground(parameters, before.state.position[2])
     advanced = plant.integrator(before.state, arriving, near)
     state = dynamics.floor_reaction(advanced, STANDING_HEIGHT_M)
-    gyro = sensors.low_pass(
-        before.gyro, before.state.body_rates, state.body_rates, jnp.float32(STEP), parameters
-    )
-    bias = sensors.walk_bias(before.gyro_bias, jnp.float32(STEP), parameters, normal[4:7])
+    time_step = jnp.float32(STEP)
+    rates = before.state.body_rates, state.body_rates
     after = before._replace(
         state=state,
         delay_line=commands,
         actuators=powered,
-        gyro=gyro,
-        gyro_bias=bias,
-        gyro_noise=sensors.gyro_noise(
-            before.gyro_noise, jnp.float32(STEP), parameters, normal[19:22]
-        ),
+        gyro=sensors.low_pass(before.gyro, *rates, time_step, parameters),
+        gyro_bias=sensors.walk_bias(before.gyro_bias, time_step, parameters, normal[4:7]),
+        gyro_noise=sensors.gyro_noise(before.gyro_noise, time_step, parameters, normal[19:22]),
     )
     change = (state.velocity - before.state.velocity) / STEP
     force = _turned_back(state.quaternion, change.at[2].add(parameters.gravity))

@@ -81,11 +81,7 @@ def read_authors_policy(content: Mapping[str, Any], place: str, control: str | N
 
 
 def _network(content: Mapping[str, Any], place: str) -> Network:
-    """The network of one of the authors' policies.
-
-    Raises:
-        InputError: it is damaged, or its check sum does not hold.
-    """
+    """The network of one of the authors' policies."""
     if content["activation"] != "relu":
         raise InputError(f"{place}: activation = {content['activation']!r}, expected 'relu'.")
     try:
@@ -111,10 +107,7 @@ def interface_of(control: str) -> ControlInterface:
 
 
 def control_of(path: Path) -> str | None:
-    """Finds the control structure that a file's name, or its folder's, says.
-
-    "attitude_rate" before "attitude", with which it begins.
-    """
+    """Finds the control structure that the name of a file or of its folder begins with."""
     names = path.stem.lower(), path.absolute().parent.name.lower()
     longest = sorted(CONTROLS, key=len, reverse=True)
     return next(

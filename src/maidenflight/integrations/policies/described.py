@@ -73,19 +73,8 @@ INPUTS: Mapping[str, Callable[[Instant], Any]] = {
 """What an input may be, SI units, world z up, body x forward and y left; `rotation_matrix` row by
 row."""
 OBSERVED = PolicySpec.OBSERVED
-_KEYS = {
-    "network",
-    "rate",
-    "inputs",
-    "range",
-    "commands",
-    "motors",
-    "mean",
-    "std",
-    "output",
-    "normalization",
-    *OBSERVED,
-}
+_NEEDED = {"network", "rate", "inputs", "range", "commands"}
+_KEYS = {*_NEEDED, "motors", "mean", "std", "output", "normalization", *OBSERVED}
 
 
 class DescribedPolicy:
@@ -164,13 +153,10 @@ def described(path: StrPath) -> DescribedPolicy:
         network = onnx_file.network(file, description["output"], str(path))
     else:
         scaled = description.get("normalization")
-        model = stable_baselines.read_model(
-            file, None if scaled is None else file.parent / str(scaled)
-        )
-        description, network = (
-            complete_description(path, {"range": list(model.range)} | description),
-            model.act,
-        )
+        scaling = None if scaled is None else file.parent / str(scaled)
+        model = stable_baselines.read_model(file, scaling)
+        description = complete_description(path, {"range": list(model.range)} | description)
+        network = model.act
     return DescribedPolicy(Path(path).stem, str(path), description, network)
 
 
@@ -196,18 +182,11 @@ def of_own_environment(path: StrPath) -> DescribedPolicy:
 
 
 def _read(path: StrPath) -> dict[str, Any]:
-    """What a file says, checked.
-
-    Raises:
-        InputError: it cannot be read, or a value makes no sense.
-    """
-    try:
-        content = inputs.from_toml(inputs.text(path))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as a policy's TOML file ({error}).") from error
+    """What a file says, checked."""
+    content = inputs.toml_file(path, "a policy's TOML file", "Mend it.")
     if "network" not in content:
         raise InputError(f"{path}: network is lacking; expected the name of a file beside it.")
-    return dict(content)
+    return content
 
 
 def complete_description(path: StrPath, content: Mapping[str, Any]) -> dict[str, Any]:
@@ -218,7 +197,7 @@ def complete_description(path: StrPath, content: Mapping[str, Any]) -> dict[str,
     """
     zipped = str(content["network"]).endswith(".zip")
     known_keys = _KEYS - {"output"} if zipped else _KEYS - {"normalization"}
-    lacking = {"network", "rate", "inputs", "range", "commands"} - content.keys()
+    lacking = _NEEDED - content.keys()
     if lacking or content.keys() - known_keys:
         raise InputError(
             f"{path}: {', '.join(sorted(lacking)) or 'nothing'} is lacking and "
@@ -231,12 +210,9 @@ def complete_description(path: StrPath, content: Mapping[str, Any]) -> dict[str,
     for name in ("inputs", "range", "motors", "mean", "std"):
         if name in description and not (isinstance(description[name], list) and description[name]):
             raise InputError(f"{path}: {name} = {description[name]!r}; expected a list.")
+    known = [INPUTS[name](_EXAMPLE) for name in description["inputs"] if name in INPUTS]
     unknown = [name for name in description["inputs"] if name not in INPUTS]
-    size = (
-        0
-        if unknown
-        else len(np.concatenate([INPUTS[one](_EXAMPLE) for one in description["inputs"]]))
-    )
+    size = sum(map(len, known))
     description = {"mean": [0.0] * size, "std": [1.0] * size} | description
     wrong = {
         f"inputs {unknown}, of {', '.join(INPUTS)}": bool(unknown),

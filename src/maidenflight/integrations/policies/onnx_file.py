@@ -41,11 +41,7 @@ def network(path: Path, output: str | None, place: str) -> Network:
 
 
 def _session(path: Path) -> Any:
-    """The network, ready to run.
-
-    Raises:
-        InputError: onnxruntime is not installed, or the file is no network.
-    """
+    """The network, ready to run."""
     with optional("onnxruntime", "onnx", "a policy in ONNX"):
         import onnxruntime
     options = onnxruntime.SessionOptions()

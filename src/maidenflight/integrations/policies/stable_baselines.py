@@ -137,11 +137,7 @@ def layout(path: StrPath, model: Model) -> dict[str, Any]:
 
 
 def _algorithm(path: StrPath) -> str:
-    """Name of the algorithm, by the policy's class and the settings that the file holds.
-
-    Raises:
-        InputError: the file is none of Stable-Baselines3, or of an algorithm that is not known.
-    """
+    """Name of the algorithm, by the policy's class and the settings that the file holds."""
     try:
         data = data_of(path)
         module = str(data["policy_class"]["__module__"])
@@ -166,11 +162,7 @@ def _no_rate(_: float) -> float:
 
 
 def _scaling(path: StrPath, algorithm: Any) -> Any:
-    """A `VecNormalize` of the policy's observations.
-
-    Raises:
-        InputError: it cannot be read, or is of other observations.
-    """
+    """A `VecNormalize` of the policy's observations."""
     try:
         scaling = unpickled(inputs.content(path))
         fits = scaling.observation_space.shape == algorithm.observation_space.shape

@@ -162,10 +162,7 @@ class Reading(NamedTuple):
 
     @property
     def tilt(self) -> float:
-        """Angle between the body's and the world's upward axis [rad].
-
-        NaN where the attitude is not finite.
-        """
+        """Angle between the body's and the world's upward axis [rad]; NaN if not known."""
         x, y, z, w = self.quaternion
         return math.acos(
             min(max(1 - 2 * (x * x + y * y) / max(x * x + y * y + z * z + w * w, 1e-9), -1.0), 1.0)

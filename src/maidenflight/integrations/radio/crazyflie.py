@@ -157,11 +157,7 @@ class Crazyflie:
         return table is not None and table.get_element(*name.split(".")) is not None
 
     def _start_blocks(self) -> None:
-        """Starts the blocks, and the motors' again until both tell the same instant.
-
-        Raises:
-            InputError: the firmware lacks a variable, or a block stays silent.
-        """
+        """Starts the blocks, and the motors' again until both tell the same instant."""
         missing = [
             name
             for block in (*self.blocks, VARIANCE)
@@ -238,10 +234,7 @@ class Crazyflie:
             self._rows = rows
 
     def parameter(self, name: str) -> float | None:
-        """Returns a parameter's value as it was on connecting.
-
-        Nothing where the firmware has none of that name.
-        """
+        """Returns a parameter's value on connecting; None where the firmware has none such."""
         if self._cf.param.toc.get_element(*name.split(".")) is None:
             return None
         return float(self._cf.param.get_value(name))

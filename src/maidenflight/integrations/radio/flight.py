@@ -7,7 +7,7 @@ firmware level the drone after 0.5 s and stop its motors after 2 s.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -26,6 +26,7 @@ from maidenflight.integrations.radio.blocks import (
     Reading,
 )
 from maidenflight.integrations.radio.clock import Clock
+from maidenflight.integrations.radio.crazyflie import Crazyflie
 from maidenflight.integrations.radio.row_files import RowFile
 from maidenflight.integrations.radio.watch import FlightStatus, Limits, Trip, Vector, Watch
 
@@ -62,37 +63,6 @@ FIRMWARE_STOPS = 2.0
 commander.h."""
 
 
-class Drone(Protocol):
-    """What a flight needs of a connection."""
-
-    lost: str
-    latest: Reading | None
-
-    def go_to(self, place: Vector, yaw: float = 0.0) -> None:
-        """Asks for a position [m]."""
-        ...
-
-    def set(self, name: str, value: float) -> None:
-        """Sets a parameter."""
-        ...
-
-    def confirm(self, values: Mapping[str, float]) -> None:
-        """Sets parameters and asks for them."""
-        ...
-
-    def unconfirmed(self, values: Mapping[str, float]) -> list[str]:
-        """Lists those that have not come back as they were set."""
-        ...
-
-    def arm(self, armed: bool) -> None:
-        """Arms or disarms."""
-        ...
-
-    def stop(self) -> None:
-        """Stops the motors."""
-        ...
-
-
 @dataclass(frozen=True)
 class Plan:
     """What to fly."""
@@ -125,12 +95,12 @@ COMPLETE = "complete"
 
 
 class _BrokenOff(Exception):
-    def __init__(self, trip: Trip) -> None:
-        self.trip = trip
+    def __init__(self, reason: str, cut: bool = False) -> None:
+        self.trip = Trip(reason, cut)
 
 
 def fly(
-    drone: Drone,
+    drone: Crazyflie,
     plan: Plan,
     limits: Limits,
     clock: Clock,
@@ -153,11 +123,11 @@ def fly(
         stops: number of requests to stop: once lands, twice stops the motors.
         say: called with messages.
     """
-    watch = Watch(limits)
+    flight = _Flight(drone, plan, limits, clock, rows, stops, say)
     ending = Trip("this program failed", cut=False)
     try:
-        _arm(drone, clock, stops, say)
-        _lead(drone, plan, watch, clock, rows, stops, say)
+        flight.arm()
+        flight.lead()
         ending = Trip(COMPLETE, cut=False)
     except _BrokenOff as broken:
         ending = broken.trip
@@ -167,125 +137,166 @@ def fly(
     finally:
         # Also after an error of this program: nothing else would bring the drone down.
         try:
-            cut = ending.cut or _land(drone, plan, limits, clock, stops)
+            cut = ending.cut or flight.land()
         finally:
-            _stop(drone, clock)
+            flight.stop()
     return Ending(ending.reason, cut, drone.latest.position[2] if drone.latest else float("nan"))
 
 
-def _arm(drone: Drone, clock: Clock, stops: Callable[[], int], say: Callable[[str], None]) -> None:
-    until = clock.now() + ARMING
-    while True:
-        if stops():
-            raise _BrokenOff(Trip("stopped by hand", cut=True))
-        if (
-            drone.latest
-            and drone.latest.supervisor & (ARMED | AUTO_ARMED)
-            and drone.latest.supervisor & CAN_FLY
-        ):
-            say("armed")
-            return
-        if drone.lost or clock.now() > until:
-            raise _BrokenOff(
-                Trip(
-                    drone.lost or "the firmware does not arm; its console (cfclient) says why",
-                    cut=True,
-                )
-            )
-        drone.arm(True)
-        clock.sleep(0.1)
+@dataclass(frozen=True)
+class _Flight:
+    """The stages of a flight; see `fly` for the fields."""
 
+    drone: Crazyflie
+    plan: Plan
+    limits: Limits
+    clock: Clock
+    rows: RowFile
+    stops: Callable[[], int]
+    say: Callable[[str], None]
 
-def _lead(
-    drone: Drone,
-    plan: Plan,
-    watch: Watch,
-    clock: Clock,
-    rows: RowFile,
-    stops: Callable[[], int],
-    say: Callable[[str], None],
-) -> None:
-    """From the ground through the plan, until its end or a guard's trip."""
-    assert drone.latest is not None
-    ground = drone.latest.position
-    reference = plan.reference + np.array([ground[0], ground[1], 0.0])
+    def arm(self) -> None:
+        """Arms the firmware."""
+        drone, until = self.drone, self.clock.now() + ARMING
+        while True:
+            if self.stops():
+                raise _BrokenOff("stopped by hand", cut=True)
+            state = drone.latest.supervisor if drone.latest else 0
+            if state & (ARMED | AUTO_ARMED) and state & CAN_FLY:
+                self.say("armed")
+                return
+            if drone.lost or self.clock.now() > until:
+                reason = "the firmware does not arm; its console (cfclient) says why"
+                raise _BrokenOff(drone.lost or reason, cut=True)
+            drone.arm(True)
+            self.clock.sleep(0.1)
 
-    def step(place: Vector, yaw: float = 0.0) -> Reading:
-        drone.go_to(place, yaw)
-        clock.sleep(PERIOD)
+    def lead(self) -> None:
+        """Flies from the ground through the plan, until its end or a guard's trip."""
+        drone, plan, clock, watch = self.drone, self.plan, self.clock, Watch(self.limits)
         assert drone.latest is not None
-        broken = str(rows.error.strerror) if rows.error else ""
-        trip = watch.trip(
-            FlightStatus(clock.now(), drone.latest, place, ground, drone.lost, broken, stops())
-        )
-        if trip:
-            raise _BrokenOff(trip)
-        return drone.latest
+        ground = drone.latest.position
+        reference = plan.reference + np.array([ground[0], ground[1], 0.0])
 
-    def along(
-        places: Callable[[float], Vector | None],
-        turned: Callable[[float], float] = lambda seconds: 0.0,
-    ) -> None:
-        began = clock.now()
-        while (place := places(seconds := clock.now() - began)) is not None:
-            step(place, turned(seconds))
-
-    start = _vector(reference[0])
-    above = (ground[0], ground[1], start[2])
-    say(f"taking off to {start[2]:.1f} m")
-    along(_straight(ground, above, CLIMB))
-    along(_straight(above, start, APPROACH))
-    began = resting = clock.now()
-    while clock.now() - resting < HOVER:
-        reading = step(start)
-        there = (
-            np.linalg.norm(np.subtract(reading.position, start)) < NEAR
-            and np.linalg.norm(reading.velocity) < SLOW
-        )
-        resting = resting if there else clock.now()
-        if clock.now() - began > LONGEST_APPROACH:
-            raise _BrokenOff(
-                Trip(f"no rest at the reference's start in {LONGEST_APPROACH:g} s", cut=False)
+        def step(place: Vector, yaw: float = 0.0) -> Reading:
+            drone.go_to(place, yaw)
+            clock.sleep(PERIOD)
+            assert drone.latest is not None
+            broken = str(self.rows.error.strerror) if self.rows.error else ""
+            now = clock.now()
+            status = FlightStatus(
+                now, drone.latest, place, ground, drone.lost, broken, self.stops()
             )
-    say(f"flying for {len(reference) * PERIOD:g} s, {'the policy' if plan.policy else 'the PID'}")
-    if plan.policy:
-        counts = () if plan.full_scale_counts is None else ((FULL, plan.full_scale_counts),)
-        start_values = ((TASK, COMMANDER), (START_X, start[0]), (START_Y, start[1]))
-        values = {**plan.on_board, **dict((*start_values, *counts))}
+            if trip := watch.trip(status):
+                raise _BrokenOff(*trip)
+            return drone.latest
+
+        def along(
+            places: Callable[[float], Vector | None],
+            turned: Callable[[float], float] = lambda seconds: 0.0,
+        ) -> None:
+            began = clock.now()
+            while (place := places(seconds := clock.now() - began)) is not None:
+                step(place, turned(seconds))
+
+        start = _vector(reference[0])
+        above = (ground[0], ground[1], start[2])
+        self.say(f"taking off to {start[2]:.1f} m")
+        along(_straight(ground, above, CLIMB))
+        along(_straight(above, start, APPROACH))
+        began = resting = clock.now()
+        while clock.now() - resting < HOVER:
+            reading = step(start)
+            there = (
+                np.linalg.norm(np.subtract(reading.position, start)) < NEAR
+                and np.linalg.norm(reading.velocity) < SLOW
+            )
+            resting = resting if there else clock.now()
+            if clock.now() - began > LONGEST_APPROACH:
+                raise _BrokenOff(f"no rest at the reference's start in {LONGEST_APPROACH:g} s")
+        pilot = "the policy" if plan.policy else "the PID"
+        self.say(f"flying for {len(reference) * PERIOD:g} s, {pilot}")
+        if plan.policy:
+            self._prepare_policy(start, step)
+            drone.set(ENABLE, 1)
+            along(self._policy_places(reference))
+            drone.set(ENABLE, 0)
+        else:
+            along(
+                lambda seconds: _entry(reference, seconds), lambda seconds: _yaw(plan.yaw, seconds)
+            )
+        last = _vector(reference[-1])
+        along(lambda seconds: last if seconds < HOVER else None)
+        self.say("landing")
+
+    def _prepare_policy(self, start: Vector, step: Callable[[Vector], Reading]) -> None:
+        """Sets the parameters of the policy on board, hovering until they have come back."""
+        drone, plan, clock = self.drone, self.plan, self.clock
+        values = {**plan.on_board, TASK: COMMANDER, START_X: start[0], START_Y: start[1]}
+        if plan.full_scale_counts is not None:
+            values[FULL] = plan.full_scale_counts
         drone.confirm(values)
         began, tries = clock.now(), 0
         while missing := drone.unconfirmed(values):
             if clock.now() - began > ECHO:
-                reason = f"the drone does not confirm {', '.join(missing[:3])}"
-                raise _BrokenOff(Trip(reason, cut=False))
+                raise _BrokenOff(f"the drone does not confirm {', '.join(missing[:3])}")
             step(start)
             tries += 1
             if tries % AGAIN == 0:
                 drone.confirm({name: values[name] for name in missing})
-        drone.set(ENABLE, 1)
-        began = clock.now()
+
+    def _policy_places(self, reference: np.ndarray) -> Callable[[float], Vector | None]:
+        """Set-points of the policy on board by time, as long as it flies."""
 
         def place(seconds: float) -> Vector | None:
-            estimate = drone.latest
+            estimate = self.drone.latest
             assert estimate is not None
             # Old rows tell nothing of the policy; other guards judge their age.
-            fresh = not drone.lost and clock.now() - estimate.received < FRESH
+            fresh = not self.drone.lost and self.clock.now() - estimate.received < FRESH
             if seconds > HANDOVER and fresh and not estimate.policy:
-                raise _BrokenOff(
-                    Trip(
-                        f"the controller on board handed back to the PID ({estimate.why})",
-                        cut=False,
-                    )
-                )
+                raise _BrokenOff(f"the controller on board handed back to the PID ({estimate.why})")
             return _entry(reference, seconds)
 
-        along(place)
-        drone.set(ENABLE, 0)
-    else:
-        along(lambda seconds: _entry(reference, seconds), lambda seconds: _yaw(plan.yaw, seconds))
-    last = _vector(reference[-1])
-    along(lambda seconds: last if seconds < HOVER else None)
-    say("landing")
+        return place
+
+    def land(self) -> bool:
+        """Goes down where the drone is, by the last sound estimate.
+
+        Without rows, blindly, as long as it takes from the ceiling.
+
+        Returns:
+            Whether the motors stop in the air.
+        """
+        drone, clock, sound = self.drone, self.clock, self.drone.latest
+        if sound is None:
+            return True
+        x, y, height = sound.position
+        watch, began, stop_count = Watch(self.limits), clock.now(), self.stops()
+        top = min(height, self.limits.ceiling)
+        while clock.now() - began < (top + UNDER) / CLIMB + LAGGING:
+            if drone.lost:
+                return (drone.latest or sound).position[2] > TOUCHED
+            if self.plan.policy:
+                drone.set(ENABLE, 0)
+            target = max(top - CLIMB * (clock.now() - began), -UNDER)
+            drone.go_to((x, y, target))
+            clock.sleep(PERIOD)
+            now, time = drone.latest or sound, clock.now()
+            stops = 2 if self.stops() > max(stop_count, 1) else 0
+            trip = watch.trip(FlightStatus(time, now, now.position, now.position, "", "", stops))
+            if trip and trip.cut:
+                return now.position[2] > TOUCHED
+            fresh = time - now.received < self.limits.silence
+            if fresh and now.position[2] < TOUCHED and target < TOUCHED:
+                break
+        return False
+
+    def stop(self) -> None:
+        """Stops the motors, again and again: one packet may be lost."""
+        until = self.clock.now() + STOPPING
+        while self.clock.now() < until and not self.drone.lost:
+            self.drone.stop()
+            self.clock.sleep(PERIOD)
 
 
 def _vector(values: np.ndarray) -> Vector:
@@ -310,52 +321,3 @@ def _straight(start: Vector, end: Vector, speed: float) -> Callable[[float], Vec
         return _vector(np.add(start, share * np.subtract(end, start))) if share < 1 else None
 
     return place
-
-
-def _land(drone: Drone, plan: Plan, limits: Limits, clock: Clock, stops: Callable[[], int]) -> bool:
-    """Goes down where the drone is, by the last sound estimate.
-
-    Without rows, blindly, as long as it takes from the ceiling.
-
-    Returns:
-        Whether the motors stop in the air.
-    """
-    sound = drone.latest
-    if sound is None:
-        return True
-    x, y, height = sound.position
-    watch, began, stop_count = Watch(limits), clock.now(), stops()
-    top = min(height, limits.ceiling)
-    while clock.now() - began < (top + UNDER) / CLIMB + LAGGING:
-        if drone.lost:
-            return (drone.latest or sound).position[2] > TOUCHED
-        if plan.policy:
-            drone.set(ENABLE, 0)
-        target = max(top - CLIMB * (clock.now() - began), -UNDER)
-        drone.go_to((x, y, target))
-        clock.sleep(PERIOD)
-        now = drone.latest or sound
-        status = FlightStatus(
-            clock.now(),
-            now,
-            now.position,
-            now.position,
-            "",
-            "",
-            2 if stops() > max(stop_count, 1) else 0,
-        )
-        trip = watch.trip(status)
-        if trip and trip.cut:
-            return now.position[2] > TOUCHED
-        fresh = status.now - now.received < limits.silence
-        if fresh and now.position[2] < TOUCHED and target < TOUCHED:
-            break
-    return False
-
-
-def _stop(drone: Drone, clock: Clock) -> None:
-    """Stops the motors, again and again: one packet may be lost."""
-    until = clock.now() + STOPPING
-    while clock.now() < until and not drone.lost:
-        drone.stop()
-        clock.sleep(PERIOD)

@@ -135,11 +135,7 @@ class Fly(Verb):
             )
 
     def _expected(self) -> tuple["Expected", dict[str, object]]:
-        """What must be on board, and what records say of the policy.
-
-        Raises:
-            InputError: the policy file is none, or made for another drone than the one named.
-        """
+        """What must be on board, and what records say of the policy."""
         from maidenflight.integrations.radio.preflight import Expected
 
         if self.policy is None:
@@ -186,18 +182,9 @@ class Fly(Verb):
             course = core.flight_plan.read(self.plan)
         count = self.flights or (4 if pid and self.plan is None else 1)
         session_result = record(
-            self.uri or "",
-            output,
-            course,
-            count,
-            self.seed,
-            say=_say,
-            care=care,
+            self.uri or "", output, course, count, self.seed, say=_say, care=care
         )
-        complete = (
-            all(one.ending.reason == COMPLETE for one in session_result)
-            and len(session_result) == count
-        )
+        complete = [one.ending.reason for one in session_result] == [COMPLETE] * count
         return Result(
             content={
                 "flights": [
@@ -224,11 +211,7 @@ def _say(line: str) -> None:
 
 
 def _enter(stops: Callable[[], int]) -> bool:
-    """Waits for Enter, or a request to stop, then counts down.
-
-    Raises:
-        InputError: nobody can press Enter.
-    """
+    """Waits for Enter, or a request to stop, then counts down."""
     if not sys.stdin.isatty():
         raise InputError(
             "nobody can confirm the take-off: the input is no terminal. Give --yes to take off "

@@ -95,37 +95,20 @@ def findings(
         expected: what must be on board; None where the firmware's PID flies.
     """
     reading, identity = standing.reading, standing.identity
-    decks = ", ".join(standing.decks)
+    is_weak, is_empty = standing.link < FEWEST_ROWS, reading.battery < limits.full
+    weak = f"only {standing.link:.0%} of rows come; go nearer or choose another channel"
+    empty = f"battery at {reading.battery:.2f} V, {limits.full:g} V are needed; charge it"
+    charging, decks = CHARGING.get(standing.charge, ""), ", ".join(standing.decks)
+    unplug = f"it is {charging}; unplug it" if charging else ""
+    no_deck = f"no deck that measures the position; mount a Flow deck v2 and {_AGAIN}"
     return [
         Finding("drone", identity.get("drone", "") or "unknown"),
         Finding("firmware", identity.get("firmware", "") or "unknown"),
         *_policy_findings(standing, expected),
-        Finding(
-            "link",
-            f"{standing.link:.0%} of rows",
-            f"only {standing.link:.0%} of rows come; go nearer or choose another channel"
-            if standing.link < FEWEST_ROWS
-            else "",
-        ),
-        Finding(
-            "battery",
-            f"{reading.battery:.2f} V",
-            f"battery at {reading.battery:.2f} V, {limits.full:g} V are needed; charge it"
-            if reading.battery < limits.full
-            else "",
-        ),
-        Finding(
-            "charger",
-            CHARGING.get(standing.charge, "not connected"),
-            f"it is {CHARGING[standing.charge]}; unplug it" if standing.charge in CHARGING else "",
-        ),
-        Finding(
-            "decks",
-            decks or "none",
-            ""
-            if decks
-            else f"no deck that measures the position; mount a Flow deck v2 and {_AGAIN}",
-        ),
+        Finding("link", f"{standing.link:.0%} of rows", weak if is_weak else ""),
+        Finding("battery", f"{reading.battery:.2f} V", empty if is_empty else ""),
+        Finding("charger", charging or "not connected", unplug),
+        Finding("decks", decks or "none", "" if decks else no_deck),
         _propellers(standing.propellers_passed),
         Finding(
             "estimate", "finite" if reading.finite else "no number", _estimate(standing, limits)
@@ -176,13 +159,10 @@ def _propellers(passed: int | None) -> Finding:
     if not passed & TESTED:
         return Finding("propellers", "no result", f"the propeller test did not end; {_AGAIN}")
     failed = [f"M{motor + 1}" for motor in range(4) if not passed >> motor & 1]
-    return Finding(
-        "propellers",
-        "balanced" if not failed else "unbalanced",
-        f"the propeller test failed on {', '.join(failed)}; clean, straighten or replace it"
-        if failed
-        else "",
-    )
+    if not failed:
+        return Finding("propellers", "balanced")
+    cure = f"the propeller test failed on {', '.join(failed)}; clean, straighten or replace it"
+    return Finding("propellers", "unbalanced", cure)
 
 
 def _estimate(standing: PreflightState, limits: Limits) -> str:

@@ -5,7 +5,6 @@ is killed loses nothing received; a computer without power loses the last second
 beside the flight log.
 """
 
-import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,7 +14,7 @@ import numpy as np
 import polars
 from jaxtyping import Float, Int
 
-from maidenflight import inputs
+from maidenflight import inputs, results
 from maidenflight.errors import InputError, WriteError
 from maidenflight.flights import log, tables
 from maidenflight.flights.log import GROUPS, Flight
@@ -66,7 +65,7 @@ class RowFile:
         head = [
             f"{MARK}: {_LEGEND}",
             f"# simulated: {simulated or 'no'}",
-            f"# record: {json.dumps(dict(record))}",
+            results.record_line(record),
         ]
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -173,20 +172,8 @@ def to_flight(path: Path) -> tuple[Flight, dict[str, Any], tuple[str, ...]]:
     ((flight, time),), notes = cflib.flights(Table(table.name, frame))
     simulated = table.head.get("simulated", "no")
     flight = _on_grid(flight, time, path.stem, "" if simulated == "no" else simulated)
-    return flight, _record(table), (*table.notes, *notes)
-
-
-def _record(table: Table) -> dict[str, Any]:
-    try:
-        record = inputs.from_json(table.head.get("record", "{}"))
-        if not isinstance(record, dict):
-            raise ValueError("no object")
-    except ValueError as error:
-        raise InputError(
-            f"{table.name}: the line '# record:' holds no record ({error}). Write '# record: "
-            f"{{}}' there."
-        ) from error
-    return record
+    record = results.parse_record(inputs.comments(path), table.name)
+    return flight, record, (*table.notes, *notes)
 
 
 def write_flight(path: Path, **fields: Any) -> tuple[Path, tuple[str, ...]]:
@@ -227,10 +214,7 @@ def recover(folder: Path) -> tuple[list[Path], list[str]]:
 
 
 def _packets(table: Table, block: Block, stamps: Float[np.ndarray, "N"]) -> Int[np.ndarray, "M"]:
-    """Row numbers of a block's packets, in order of time and each once.
-
-    A radio may repeat and swap packets.
-    """
+    """Rows of a block's packets by time, each once: a radio may repeat and swap them."""
     # Not a number was sent, empty was not: only floats can be the one, only integers tell the
     # other.
     whole = next(name for name, kind in block.variables.items() if kind != "FP16")
@@ -268,10 +252,7 @@ def _match_instants(
 
 
 def _on_grid(flight: Flight, time: Float[np.ndarray, "N"], name: str, simulated: str) -> Flight:
-    """The flight with a row for each period.
-
-    Those that are missing are not numbers, and readers cut there.
-    """
+    """The flight with a row each period; those that are missing are not numbers."""
     number = np.round(time / PERIOD).astype(int)
     place, first = np.unique(number, return_index=True)
     fields: dict[str, Any] = {}

@@ -3,7 +3,7 @@
 import dataclasses
 import signal
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -211,16 +211,6 @@ def stop_requests() -> Iterator[Callable[[], int]]:
             signal.signal(number, handler)
 
 
-@contextmanager
-def connected(uri: str, clock: Clock, cache: Path | None = None) -> Iterator[Crazyflie]:
-    """Returns a connection that is closed in the end."""
-    drone = Crazyflie(uri, clock, cache)
-    try:
-        yield drone
-    finally:
-        drone.close()
-
-
 def flights(
     drone: Crazyflie,
     plans: list[Plan],
@@ -344,28 +334,17 @@ def record(
     session_record = results.record(seed=seed, inputs=[], settings=settings)
     clock = clock or WallClock()
     with (
-        connected(uri, clock, cache.folder() / "crazyflie") as drone,
+        closing(Crazyflie(uri, clock, cache.folder() / "crazyflie")) as drone,
         stop_requests() as stops,
     ):
-        return flights(
-            drone,
-            plans,
-            folder,
-            session_record,
-            clock=clock,
-            stops=stops,
-            say=say,
-            care=care,
-        )
+        how: Any = {"clock": clock, "stops": stops, "say": say, "care": care}
+        return flights(drone, plans, folder, session_record, **how)
 
 
 def _next_name(folder: Path) -> str:
-    occupied = (
-        {path.name.split(".")[0] for path in folder.glob("flight_*")} if folder.is_dir() else set()
-    )
-    return next(
-        name for number in range(1, 10_000) if (name := f"flight_{number:02d}") not in occupied
-    )
+    occupied = {path.name.split(".")[0] for path in folder.glob("flight_*")}
+    names = (f"flight_{number:02d}" for number in range(1, 10_000))
+    return next(name for name in names if name not in occupied)
 
 
 def _filed(folder: Path, name: str, ending: Ending, count: int) -> FlightResult:

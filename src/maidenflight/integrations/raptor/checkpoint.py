@@ -10,7 +10,7 @@ Source: layout of the checkpoint in foundation-policy 1.0.2 (Eschmann et al. 202
 import importlib
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from maidenflight.deployment.c import digest, remembered
 from maidenflight.errors import InputError, optional
 from maidenflight.integrations.raptor.form import RAPTOR
 from maidenflight.policy import Policy
+from maidenflight.simulator.policy_spec import ACTION_SIZE
 
 MAKER = "maidenflight"
 """Attribute of the file that tells how it was made; readers ignore it."""
@@ -115,20 +116,30 @@ def folded(policy: Policy) -> tuple[Numbers, Numbers]:
     Raises:
         InputError: one is too large for float32.
     """
-    weights, biases, mean, deviation = (
-        np.asarray(numbers, np.float64)
-        for numbers in (
-            policy.weights[0],
-            policy.biases[0],
-            policy.observation_mean,
-            policy.observation_std,
-        )
-    )
+    tables = policy.weights[0], policy.biases[0], policy.observation_mean, policy.observation_std
+    weights, biases, mean, deviation = (np.asarray(table, np.float64) for table in tables)
     scaled = weights / deviation
     shifted = biases - scaled @ mean
     if max(np.abs(scaled).max(), np.abs(shifted).max()) > np.finfo(np.float32).max:
         raise InputError("policy: a weight overflows float32. Training diverged: train again.")
     return scaled.astype(np.float32), shifted.astype(np.float32)
+
+
+def network_of(policy: Policy) -> Callable[[Any, Any], tuple[NDArray[Any], NDArray[Any]]]:
+    """Returns the network in float64: inputs, (B, 22), and memory, (B, M), to outputs and memory.
+
+    Raises:
+        InputError: see `folded`.
+    """
+    weights, biases = (numbers.astype(np.float64) for numbers in folded(policy))
+    last, level = (np.asarray(each[1], np.float64) for each in (policy.weights, policy.biases))
+    gru: Any = policy.gru
+
+    def respond(inputs: Any, memory: Any) -> tuple[NDArray[Any], NDArray[Any]]:
+        memory = remembered(gru, np.maximum(inputs @ weights.T + biases, 0.0), memory)
+        return memory @ last.T + level, memory
+
+    return respond
 
 
 def example(policy: Policy, seed: int) -> tuple[Numbers, Numbers]:
@@ -144,20 +155,15 @@ def example(policy: Policy, seed: int) -> tuple[Numbers, Numbers]:
         InputError: an output is too large for float32.
     """
     random = np.random.default_rng(seed)
-    length, batch = EXAMPLE
-    weights, biases = (numbers.astype(np.float64) for numbers in folded(policy))
-    last, level = (np.asarray(each[1], np.float64) for each in (policy.weights, policy.biases))
-    gru: Any = policy.gru
-    memory, output = np.zeros((batch, gru.size)), np.zeros((batch, len(level)))
+    (length, batch), respond = EXAMPLE, network_of(policy)
+    memory, output = np.zeros((batch, policy.spec.memory)), np.zeros((batch, ACTION_SIZE))
     inputs, outputs = [], []
     for _ in range(length):
         position, velocity, rates = np.split(_SPREAD * random.normal(size=(batch, 9)), 3, axis=1)
         turned = Rotation.from_rotvec(_TURN * random.normal(size=(batch, 3))).as_matrix()
         parts = [position, turned.reshape(batch, 9), velocity, rates, np.clip(output, -1.0, 1.0)]
         inputs.append(np.concatenate(parts, axis=1).astype(np.float32))
-        values = np.maximum(inputs[-1] @ weights.T + biases, 0.0)
-        memory = remembered(gru, values, memory)
-        output = memory @ last.T + level
+        output, memory = respond(inputs[-1], memory)
         outputs.append(output)
     if not np.all(np.abs(outputs) < np.finfo(np.float32).max):
         raise InputError("policy: an action overflows float32. Training diverged: train again.")

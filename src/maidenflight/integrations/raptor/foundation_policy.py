@@ -36,11 +36,7 @@ MEMORY_RATE = 100
 
 
 class Raptor:
-    """RAPTOR; follows the `ForeignPolicy` protocol.
-
-    Raises:
-        InputError: its package is not installed.
-    """
+    """RAPTOR; follows the `ForeignPolicy` protocol."""
 
     rate = MEMORY_RATE
 
@@ -51,7 +47,7 @@ class Raptor:
             name: a key of `RATES`.
 
         Raises:
-            InputError: there is no such name.
+            InputError: there is no such name, or its package is not installed.
         """
         if name not in RATES:
             raise InputError(f"{name}: no such policy. Expected {' or '.join(RATES)}.")
@@ -104,11 +100,7 @@ def observed(
 
 @lru_cache(maxsize=1)
 def _network() -> Any:
-    """The network, read when first needed.
-
-    Raises:
-        InputError: its package is not installed.
-    """
+    """The network, read when first needed."""
     with optional("foundation_policy", "raptor", "RAPTOR"):
         package: Any = importlib.import_module("foundation_policy")
     return package.Raptor()

@@ -22,9 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from maidenflight.deployment.c import remembered
 from maidenflight.errors import InputError
-from maidenflight.integrations.raptor.checkpoint import META, Numbers, example, folded, layers_of
+from maidenflight.integrations.raptor.checkpoint import (
+    META,
+    Numbers,
+    example,
+    layers_of,
+    network_of,
+)
 from maidenflight.policy import Policy
 
 NAME = "policy.tar"
@@ -105,15 +110,11 @@ def commands(policy: Policy) -> str:
     Just activated, memory and last action are zero. Controls outside [0, 1] are those of the table
     above.
     """
-    weights, biases = (numbers.astype(np.float64) for numbers in folded(policy))
-    last, level = (np.asarray(each[1], np.float64) for each in (policy.weights, policy.biases))
+    respond, nothing = network_of(policy), np.zeros((1, policy.spec.memory))
     lines = ["state,control_0,control_1,control_2,control_3"]
-    assert policy.gru is not None
     for state, (error, angles, velocity, rates) in STATES.items():
         turned = Rotation.from_euler("ZYX", angles[::-1], degrees=True).as_matrix().ravel()
         inputs = np.concatenate([error, turned, velocity, rates, np.zeros(4)])
-        values = np.maximum(weights @ inputs + biases, 0.0)
-        memory = remembered(policy.gru, values[None], np.zeros((1, policy.gru.size)))[0]
-        controls = controls_of(last @ memory + level)
+        controls = controls_of(respond(inputs[None], nothing)[0][0])
         lines.append(f"{state}," + ",".join(f"{control:.4f}" for control in controls))
     return "\n".join(lines) + "\n"

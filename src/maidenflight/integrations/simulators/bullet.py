@@ -161,12 +161,10 @@ class _World:
         settings = (constants.tobytes(), linear_damping, angular_damping)
         if settings == self.settings:
             return
-        constant_values = constants.tolist()
-        mass, ix, iy, iz, *drag, self.flapping, self.damping, gravity, step = constant_values[:11]
-        self.wind = constant_values[11:14]
-        self.places = [
-            [x, y, 0.0] for x, y in zip(constant_values[14:18], constant_values[18:22], strict=True)
-        ]
+        values = constants.tolist()
+        mass, ix, iy, iz, *drag, self.flapping, self.damping, gravity, step = values[:11]
+        self.wind = values[11:14]
+        self.places = [[x, y, 0.0] for x, y in zip(values[14:18], values[18:22], strict=True)]
         self.drag = [mass * share for share in drag]
         self.bullet.setGravity(0.0, 0.0, -gravity, **self.client)
         self.bullet.setTimeStep(step, **self.client)
@@ -226,11 +224,7 @@ def _world() -> _World:
 
 
 def _pybullet() -> Any:
-    """The package, imported when first needed.
-
-    Raises:
-        InputError: it is not installed.
-    """
+    """The package, imported when first needed."""
     remark = "compiled by pip in many minutes, except for Python 3.11 on Linux"
     return imported("pybullet", "pybullet", "this drone", remark)
 

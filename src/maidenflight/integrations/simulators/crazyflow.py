@@ -129,8 +129,7 @@ class Crazyflow:
         output = self._said.read_text(errors="replace").strip().splitlines()
         self.close()
         return InputError(
-            f"{self.name}: crazyflow's process ended "
-            f"({output[-1] if output else 'no output'}). "
+            f"{self.name}: crazyflow's process ended ({output[-1] if output else 'no output'}). "
             "Try it alone with: SCIPY_ARRAY_API=1 python -c 'import crazyflow'."
         )
 

@@ -22,14 +22,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.errors import InputError, imported
-from maidenflight.parameters import (
-    Parameters,
-    crazyflie,
-    h_frame,
-    noiseless,
-    replace,
-    rotors,
-)
+from maidenflight.parameters import Parameters, crazyflie, h_frame, noiseless, replace, rotors
 from maidenflight.simulator.physics import dynamics
 from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.realities.reality import MOTORS, Truth
@@ -144,11 +137,7 @@ BODIES: Mapping[str, Body] = {
 
 
 class L2F:
-    """A drone in l2f; follows the `Reality` protocol.
-
-    Raises:
-        InputError: no such drone, or l2f is not installed.
-    """
+    """A drone in l2f; follows the `Reality` protocol."""
 
     rate = RATE
     takes = MOTORS
@@ -158,6 +147,9 @@ class L2F:
 
         Args:
             drone: a name of `BODIES`.
+
+        Raises:
+            InputError: no such drone, or l2f is not installed.
         """
         if drone not in BODIES:
             raise InputError(f"l2f:{drone}: l2f has {', '.join(BODIES)}.")
@@ -171,15 +163,12 @@ class L2F:
         l2f.initialize_rng(self._device, self._random, 0)
         l2f.initialize_environment(self._device, self._environment)
         self._settings, self._state, self._next = l2f.Parameters(), l2f.State(), l2f.State()
-        l2f.initial_parameters(self._device, self._environment, self._settings)
-        settings = json.loads(
-            l2f.parameters_to_json(self._device, self._environment, self._settings)
-        )
-        settings["dynamics"] = {**settings["dynamics"], **body.described()}
-        settings["integration"] = {**settings["integration"], "dt": 1.0 / RATE}
-        l2f.parameters_from_json(
-            self._device, self._environment, json.dumps(settings), self._settings
-        )
+        world = self._device, self._environment
+        l2f.initial_parameters(*world, self._settings)
+        settings = json.loads(l2f.parameters_to_json(*world, self._settings))
+        settings["dynamics"] |= body.described()
+        settings["integration"]["dt"] = 1.0 / RATE
+        l2f.parameters_from_json(*world, json.dumps(settings), self._settings)
         self.reset(np.zeros(3), 0)
 
     def reset(self, position: Float[np.ndarray, "3"], seed: int) -> None:

@@ -1,6 +1,7 @@
 """The picture of flights whose drone changes: distance from the set-point over time."""
 
 from collections.abc import Sequence
+from itertools import cycle
 
 import numpy as np
 import polars
@@ -10,13 +11,10 @@ from maidenflight.flights.log import Flight
 from maidenflight.reporting.figures import charts
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec
 
-COLOURS = ("blue", "orange", "green", "purple")
-"""Of policies; of more than there are colours some share one."""
 MAX_PANELS = 40
 """Flights that a panel shows; the rest is in the table."""
 _RATE, _POINTS = 25.0, 20_000
 """Points a second of a line at most [Hz], and points of the picture at most."""
-_CROSS = "M-.7-.7L.7 .7M-.7 .7L.7-.7"
 
 
 def changes(recoveries: polars.DataFrame, flights: Sequence[Flight]) -> Figure:
@@ -27,7 +25,7 @@ def changes(recoveries: polars.DataFrame, flights: Sequence[Flight]) -> Figure:
         flights: the logs at the `place` of the rows.
     """
     policies = recoveries["policy"].unique(maintain_order=True).to_list()
-    colours = {name: COLOURS[place % len(COLOURS)] for place, name in enumerate(policies)}
+    colours = dict(zip(policies, cycle(charts.PALETTE), strict=False))
     parts = [
         part.head(MAX_PANELS) for _, part in recoveries.group_by("reality", maintain_order=True)
     ]
@@ -68,15 +66,14 @@ def _panel(
     y = charts.number("y", "distance [cm]")
     tooltip = charts.tooltip({"series": "policy", "flight": "flight", "back": "back after"})
     shared = {"color": charts.coloured(colours), "detail": {"field": "place"}, "tooltip": tooltip}
-    cross = {"type": "point", "shape": _CROSS, "size": 40, "strokeWidth": 1.6}
+    line = {"type": "line", "strokeWidth": 1.1, "opacity": 0.8}
+    cross = {"type": "point", "shape": charts.CROSS, "size": 40, "strokeWidth": 1.6}
+    dashes = {"type": "rule", "strokeDash": [7, 4], "strokeWidth": 1.3}
+    ink = {"type": "rule", "color": charts.paint("ink"), "strokeWidth": 1.3}
     layers: list[Spec] = [
-        charts.layer(
-            "flight", {"type": "line", "strokeWidth": 1.1, "opacity": 0.8}, x=x, y=y, **shared
-        ),
+        charts.layer("flight", line, x=x, y=y, **shared),
         charts.layer("end", cross, x=x, y=y, **shared),
-        charts.layer("within", {"type": "rule", "strokeDash": [7, 4], "strokeWidth": 1.3}, y=y),
-        charts.layer(
-            "jump", {"type": "rule", "color": charts.paint("ink"), "strokeWidth": 1.3}, x=x
-        ),
+        charts.layer("within", dashes, y=y),
+        charts.layer("jump", ink, x=x),
     ]
     return charts.panel(charts.rows(rows), layers, title=str(part["reality"][0]), height=220)

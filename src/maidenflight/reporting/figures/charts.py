@@ -18,6 +18,10 @@ Spec = dict[str, Any]
 """A Vega-Lite specification or a part of one."""
 DIGITS = 6
 """Significant digits of the numbers in a page."""
+PALETTE = ("blue", "orange", "green", "purple")
+"""Colours of things in their order; of more things some share one."""
+CROSS = "M-.7-.7L.7 .7M-.7 .7L.7-.7"
+"""Mark of a flight that a guard ended."""
 
 
 class Entry(NamedTuple):
@@ -155,10 +159,7 @@ def layer(condition: str, mark: Spec, **encoding: Any) -> Spec:
 
 
 def tooltip(fields: Mapping[str, str]) -> list[Spec]:
-    """Returns the tooltip of a mark under the pointer: labels by the field.
-
-    Numbers in four digits.
-    """
+    """Returns the tooltip of a mark: labels by the field, numbers in four digits."""
     return [
         {"field": name, "title": label, **({"format": ".4~g"} if label.endswith("]") else {})}
         for name, label in fields.items()

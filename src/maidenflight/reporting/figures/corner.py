@@ -31,8 +31,7 @@ def corner(
 ) -> Figure:
     """Draws posterior samples of each pair of parameters, with distributions on the diagonal.
 
-    Where there are more than `MOST`, those with the strongest correlations stand, and the title
-    says so.
+    Of more than `MAX_PARAMETERS` those with the strongest correlations stand; the title says so.
 
     Args:
         draws: N values by parameter [SI], names as in `parameters.COMPONENTS`; an entry of each
@@ -53,9 +52,10 @@ def corner(
         raise InputError("draws of a posterior that are not finite; leave them out.")
     correlation = _correlations(np.array(list(values.values())))
     places = _most_correlated(correlation, MAX_PARAMETERS)
+    names, best = list(values), optimum or {}
     marginals = [
-        _marginal(name, values[name], (optimum or {}).get(name, np.nan), level)
-        for name in (list(values)[place] for place in places)
+        _marginal(name, values[name], best.get(name, np.nan), level)
+        for name in (names[place] for place in places)
     ]
     count = len(values[marginals[0].name])
     indices = np.unique(np.linspace(0, count - 1, min(count, MAX_POINTS)).astype(int))
@@ -72,13 +72,9 @@ def corner(
         lines.append({"hconcat": cells, "bounds": "flush", "spacing": 6})
     data = charts.table({each.name: each.values[indices] for each in marginals})
     spec: Spec = {"data": data, "vconcat": _cells(lines, len(marginals)), "spacing": 6}
-    few = (
-        f", those of its {len(values)} parameters with the strongest correlations"
-        if len(marginals) < len(values)
-        else ""
-    )
     title = f"Posterior: {text.plural(count, 'draw')} of {text.plural(len(marginals), 'parameter')}"
-    title += few
+    if len(marginals) < len(values):
+        title += f", those of its {len(values)} parameters with the strongest correlations"
     legend = [Entry(f"central {100 * level:.0f} %", "blue", "area")]
     legend += [Entry("optimum", "orange", "tick")] if optimum else []
     legend.append(Entry(f"number: correlation, bold from ±{STRONG:g}", "soft", "dot"))

@@ -16,8 +16,6 @@ BOXED = 5
 """Flights from which on a row has a box; fewer stand for themselves."""
 DOTTED = 60
 """Flights up to which each of a row is a dot; of more, those beyond the whiskers are."""
-CROSS = "M-.7-.7L.7 .7M-.7 .7L.7-.7"
-"""Mark of a flight that a guard ended."""
 REACHED = END_REASONS[TIME_LIMIT]
 """Reason of the end of a flight that lasted as long as it might."""
 
@@ -30,7 +28,7 @@ def flight_times(
     Args:
         rows: a row a flight: `row`, `colour` (a name in `colours.css`), `panel`, `duration` [s] and
             `end_reason`. Where it has `group`, rows of a group stand together. Of a row's name only
-            only what follows a tab is displayed.
+            what follows a tab is displayed.
         title: of the picture.
         labels: what colours stand for, by colour; no legend of colours by default.
 
@@ -52,20 +50,12 @@ def flight_times(
     rows = rows.filter(polars.col("row").is_in(names))
     panels = rows["panel"].unique(maintain_order=True).to_list()
     last = max(1.04 * float(rows["duration"].to_numpy().max()), 0.01)
-    return Figure(
-        title,
-        [
-            _panel(
-                rows.filter(polars.col("panel") == name),
-                names,
-                last,
-                str(name) if len(panels) > 1 else "",
-            )
-            for name in panels
-        ],
-        _legend(rows, labels or {}),
-        least=360,
-    )
+    titles = {name: str(name) if len(panels) > 1 else "" for name in panels}
+    drawn = [
+        _panel(rows.filter(panel=name), names, last, panel_title)
+        for name, panel_title in titles.items()
+    ]
+    return Figure(title, drawn, _legend(rows, labels or {}), least=360)
 
 
 def _panel(flights: polars.DataFrame, names: list[str], last: float, title: str) -> Spec:
@@ -123,7 +113,7 @@ def _marks(name: str, flights: polars.DataFrame) -> list[Spec]:
     levels = np.linspace(-1, 1, len(times)) if len(times) > 1 else np.zeros(1)
     for time, level, end in zip(times, levels, flights["end_reason"], strict=True):
         if every or time < near.min() or time > near.max():
-            shape = "circle" if end == REACHED else CROSS
+            shape = "circle" if end == REACHED else charts.CROSS
             marks.append(
                 {**common, "kind": "flight", "x": time, "level": level, "end": end, "shape": shape}
             )

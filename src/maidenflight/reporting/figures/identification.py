@@ -99,9 +99,7 @@ def estimates(
         max(_OUTSIDE[0], min([0.0, *places])) - 0.02,
         min(_OUTSIDE[1], max([1.0, *places])) + 0.02,
     ]
-    ticks = {"values": [0, 0.25, 0.5, 0.75, 1], "format": "%"}
-    x = charts.number("x", "share of the range that is plausible before the flights", axis=ticks)
-    x["scale"] = {"domain": ends, "nice": False}
+    x = intervals.plausible_axis() | {"scale": {"domain": ends, "nice": False}}
     series_names = {mark["series"] for mark in marks}
     legend = [entry for series, entry in _ENTRIES.items() if series in series_names]
     return Figure("Estimates", [intervals.rows(names, marks, x, _TOOLTIP)], legend, columns=1)

@@ -19,6 +19,13 @@ _MARKS: dict[str, Spec] = {
 """How marks look, by their kind, in the order in which they are drawn."""
 
 
+def plausible_axis() -> Spec:
+    """Returns the channel of shares of the range that is plausible before the flights."""
+    ticks = {"values": [0, 0.25, 0.5, 0.75, 1], "format": "%"}
+    title = "share of the range that is plausible before the flights"
+    return charts.number("x", title, axis=ticks)
+
+
 def rows(
     names: Sequence[tuple[str, str]],
     marks: Sequence[Spec],

@@ -9,13 +9,13 @@ import re
 import textwrap
 from collections.abc import Sequence
 from functools import cache
-from importlib import resources
 from typing import Any
 
 import vl_convert
 from markupsafe import escape
 
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec
+from maidenflight.reporting.html import asset
 
 WIDTH = 920
 """Of a picture, by default [px]."""
@@ -69,7 +69,7 @@ def _drawn(figure: Figure, words: Sequence[list[str]], columns: int, inner: int)
     grid = {"concat": panels, "columns": columns, "align": "each", "spacing": _SPACE}
     grid["resolve"] = resolve
     parts = [_legend(figure.legend, columns * inner), grid] if figure.legend else [grid]
-    look = json.loads(_asset("look.json"))["config"]
+    look = json.loads(asset("look.json"))["config"]
     look |= {"background": _colours()[0]["paper"], "font": _FONT, "padding": _PADDING}
     look["aria"] = False
     # In a grid the page's expressions of a panel's size mean nothing.
@@ -98,7 +98,7 @@ def _restore_characters(svg: str) -> str:
 
 def _legend(entries: Sequence[Entry], width: float) -> Spec:
     """The legend's entries side by side, in lines of a width."""
-    samples, rows, across, line = json.loads(_asset("look.json"))["samples"], [], 0.0, 0
+    samples, rows, across, line = json.loads(asset("look.json"))["samples"], [], 0.0, 0
     for entry in entries:
         entry_width = 30 + len(entry.name) * _LETTER
         if across > 0 and across + entry_width > width:
@@ -163,13 +163,6 @@ def _in_light_and_dark(svg: str, title: str) -> str:
 @cache
 def _colours() -> tuple[dict[str, str], dict[str, str]]:
     """Colours in light and in dark, by name."""
-    light, dark = re.findall(r":root \{(.*?)\}", _asset("colours.css"), re.DOTALL)
-    return (
-        dict(re.findall(r"--(\w+): (#\w+);", light)),
-        dict(re.findall(r"--(\w+): (#\w+);", dark)),
-    )
-
-
-@cache
-def _asset(name: str) -> str:
-    return resources.files("maidenflight.reporting").joinpath(name).read_text(encoding="utf-8")
+    light, dark = re.findall(r":root \{(.*?)\}", asset("colours.css"), re.DOTALL)
+    light, dark = (dict(re.findall(r"--(\w+): (#\w+);", part)) for part in (light, dark))
+    return light, dark

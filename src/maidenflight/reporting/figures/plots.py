@@ -18,7 +18,6 @@ from maidenflight.reporting.figures.identification import estimates
 from maidenflight.reporting.figures.picture import svg
 from maidenflight.simulator.physics.sensors import Measurement
 
-_COLOURS = ("blue", "orange", "green", "purple")
 _MOST_ROWS = 500
 """Rows of a line, at most."""
 _OFFSETS = np.linspace(-0.5, 0.5, 21)
@@ -59,11 +58,8 @@ def plot_flight(flight: Flight) -> Picture:
         for title, values in signals.items()
         if np.isfinite(values).any()
     ]
-    return Picture(
-        Figure(
-            flight.name, panels, _legend("x, roll, 1", "y, pitch, 2", "z, yaw, 3", "4"), columns=2
-        )
-    )
+    legend = _legend("x, roll, 1", "y, pitch, 2", "z, yaw, 3", "4")
+    return Picture(Figure(flight.name, panels, legend, columns=2))
 
 
 def plot_policy(policy: Policy) -> Picture:
@@ -89,7 +85,7 @@ def plot_policy(policy: Policy) -> Picture:
 def _legend(*names: str) -> list[Entry]:
     return [
         Entry(name, colour, "line", str(number))
-        for number, (name, colour) in enumerate(zip(names, _COLOURS, strict=True), 1)
+        for number, (name, colour) in enumerate(zip(names, charts.PALETTE, strict=True), 1)
     ]
 
 
@@ -99,7 +95,7 @@ def _lines(title: str, x: str, places: np.ndarray, lines: Mapping[str, np.ndarra
         for series, values in lines.items()
         for place, value in zip(places, values, strict=True)
     ]
-    domain = {"domain": list("1234"), "range": [charts.paint(one) for one in _COLOURS]}
+    domain = {"domain": list("1234"), "range": [charts.paint(one) for one in charts.PALETTE]}
     colour = {"field": "series", "type": "nominal", "scale": domain, "legend": None}
     channels = {"x": charts.number("x", x), "y": charts.number("y", scale={"zero": False})}
     layer = charts.layer("", {"type": "line", "strokeWidth": 1}, **channels, color=colour)

@@ -92,11 +92,8 @@ def panel(scores: polars.DataFrame, score: str, title: str, over: str = "steps")
 
 def _by_policy(scores: polars.DataFrame, score: str, over: str) -> tuple[np.ndarray, np.ndarray]:
     """E places, as displayed, and a score of P policies there, (E, P); NaN if not known."""
-    numbers = scores.with_columns(polars.col(over, score).cast(polars.Float64)).filter(
-        polars.col(over).is_finite()
-    )
-    table = numbers.pivot(on="policy", index=over, values=score, aggregate_function="last").sort(
-        over
-    )
+    numbers = scores.with_columns(polars.col(over, score).cast(polars.Float64))
+    known = numbers.filter(polars.col(over).is_finite()).sort(over, maintain_order=True)
+    table = known.pivot(on="policy", index=over, values=score, aggregate_function="last")
     values = table.drop(over).fill_null(float("nan")).to_numpy()
     return _OVER[over][1] * table[over].to_numpy(), np.where(np.isfinite(values), values, np.nan)

@@ -19,12 +19,17 @@ _DISPLAY_FORMATS = {
 """Label and displayed value per SI value."""
 
 
-def trims(flights: polars.DataFrame, estimates: Mapping[str, Estimate] | None = None) -> Figure:
+def trims(
+    flights: polars.DataFrame,
+    estimates: Mapping[str, Estimate] | None = None,
+    chooses: bool = True,
+) -> Figure:
     """Returns a panel a quantity, a dot a flight with its standard error.
 
     Args:
         flights: a row a flight, as `flight_tables.trims` gives them.
         estimates: of the drone that is identified, which are drawn across.
+        chooses: see `Figure`.
     """
     formats = {
         name: format
@@ -40,19 +45,16 @@ def trims(flights: polars.DataFrame, estimates: Mapping[str, Estimate] | None = 
     legend = [Entry("flight, with its standard error" if errors else "flight", "blue", "dot")]
     if identified:
         legend.append(Entry("identified, 95 % interval", "orange", "line", "identified"))
-    return Figure("Flight by flight", panels, legend, least=320, chooses=True)
+    return Figure("Flight by flight", panels, legend, least=320, chooses=chooses)
 
 
 def _panel(
     flights: polars.DataFrame, name: str, label: str, scale: float, estimate: Estimate | None
 ) -> Spec:
     values = scale * flights[name].cast(polars.Float64).to_numpy()
-    error = f"{name}_error"
-    width = (
-        scale * flights[error].cast(polars.Float64).to_numpy()
-        if error in flights.columns
-        else np.full(len(values), np.nan)
-    )
+    error, width = f"{name}_error", np.full(len(values), np.nan)
+    if error in flights.columns:
+        width = scale * flights[error].cast(polars.Float64).to_numpy()
     rows: list[Spec] = [
         {"series": "flight", "x": number, "place": place, "name": flight, "y": value}
         | {"error": spread, "low": value - spread, "high": value + spread}
@@ -64,7 +66,12 @@ def _panel(
         low, high = estimate.interval
         ends = {"y": scale * estimate.value, "low": scale * low, "high": scale * high}
         rows.append({"series": "identified", "x": 1, **ends})
-    x = charts.number("x", "flight", scale={"zero": False, "nice": False, "padding": 8})
+    x = charts.number(
+        "x",
+        "flight",
+        scale={"zero": False, "nice": False, "padding": 8},
+        axis={"tickMinStep": 1, "format": "d"},
+    )
     y = charts.number("y", scale={"zero": False})
     tooltip = charts.tooltip({"name": "", "x": "flight", "y": label, "error": "± [ ]"})
     across = charts.number("low", scale={"zero": False})

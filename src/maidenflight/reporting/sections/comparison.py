@@ -1,6 +1,7 @@
 """Several runs side by side: what was identified, and how policies flew."""
 
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,6 @@ from maidenflight.reporting.html import render
 from maidenflight.reporting.run import Run
 from maidenflight.reporting.sections import flights, head
 
-COLOURS = ("blue", "orange", "green", "purple")
-"""Of runs, in their order."""
 Runs = Mapping[str, Run]
 """By their name."""
 _WIDTH = 2 * 1.96
@@ -147,27 +146,22 @@ def _draw(runs: Runs, names: Sequence[str]) -> Figure:
                 {**look, "kind": "bar", "x": start, "x2": stop},
                 {**look, "kind": "value", "x": value},
             ]
-    ticks = {"values": [0, 0.25, 0.5, 0.75, 1], "format": "%"}
-    x = charts.number("x", "share of the range that is plausible before the flights", axis=ticks)
     labels = [(name.replace("_", " "), "") for name in names]
     legend = [Entry(name, _colour(runs, name), "bar", name) for name in runs]
-    return Figure(
-        "Parameters", [intervals.rows(labels, marks, x, {"name": "run"})], legend, columns=1
-    )
+    panel = intervals.rows(labels, marks, intervals.plausible_axis(), {"name": "run"})
+    return Figure("Parameters", [panel], legend, columns=1)
 
 
 def _colour(runs: Runs, name: str) -> str:
-    return COLOURS[list(runs).index(name) % len(COLOURS)]
+    return charts.PALETTE[list(runs).index(name) % len(charts.PALETTE)]
 
 
 def _measure_difference(estimates: Mapping[str, Estimate]) -> float:
     """Largest difference of two estimates in standard errors of the difference."""
-    several = list(estimates.values())
-    errors = [(one.interval[1] - one.interval[0]) / _WIDTH for one in several]
+    values = [(one.value, np.ptp(one.interval) / _WIDTH) for one in estimates.values()]
     return max(
-        abs(several[i].value - several[j].value) / max(float(np.hypot(errors[i], errors[j])), 1e-30)
-        for i in range(len(several))
-        for j in range(i)
+        abs(value - other) / max(float(np.hypot(error, other_error)), 1e-30)
+        for (value, error), (other, other_error) in combinations(values, 2)
     )
 
 

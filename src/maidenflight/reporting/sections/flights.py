@@ -1,7 +1,6 @@
 """Test flights, predicted flights and recorded flights: pictures and tables."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from math import degrees
 from typing import Any
 
@@ -69,10 +68,7 @@ def _boxed(rows: polars.DataFrame, *keys: str) -> bool:
 
 
 def _times(title: str, rows: polars.DataFrame) -> Figure | None:
-    """Box plots; control structures, where all are known, in groups and in their colours.
-
-    Nothing where no flight time is a number.
-    """
+    """Box plots, in groups if all control structures are known; None without a time."""
     if not rows["duration"].is_finite().any():
         return None
     colours = flight_time_figures.COLOURS
@@ -100,12 +96,10 @@ def change(run: Run) -> Markup:
         "reality": "Drone",
         "policy": "Policy",
         "flights": "Flights",
-    }
-    columns |= {
         "lasting": "To the end",
         "soon": f"Back within {within} cm in {recovery.SOON_S:g} s",
+        "recovery": tables.number("Median time to be back [s]", 2),
     }
-    columns |= {"recovery": tables.number("Median time to be back [s]", 2)}
     return render(
         "change.html",
         changes=changes.changes(recoveries, run.flights),
@@ -151,30 +145,23 @@ def _predictions(test_flights: polars.DataFrame) -> Markup:
 
 def recorded(run: Run) -> Markup:
     """Returns the flights that were recorded; the viewer is theirs where there are no others."""
+    rows, in_viewer = _trims_of(run), run.table is None
+    figure = trims.trims(rows, run.estimates, chooses=in_viewer) if rows.height > 1 else None
     return render(
         "recorded.html",
-        viewer=_viewer(run) if run.table is None else Markup(),
-        trims=_trims(run),
-        table=_recorded(run),
+        viewer=_viewer(run) if in_viewer else Markup(),
+        trims=figure,
+        table=_recorded(run, rows) if rows.height else Markup(),
         refused=run.refused,
     )
-
-
-def _trims(run: Run) -> Figure | None:
-    """Nothing where there are not several flights, or they say nothing."""
-    trims_table = _trims_of(run)
-    if trims_table.height < 2:
-        return None
-    return replace(trims.trims(trims_table, run.estimates), chooses=run.table is None)
 
 
 def _viewer(run: Run) -> Markup:
     viewer_count, of = len(runs.viewable(run)), len(runs.flights_to_show(run))
     if not viewer_count:
         return Markup()
-    return render(
-        "viewer.html", rate=f"{viewer.rate_of(viewer_count):g}", held=viewer_count, flights=of
-    )
+    rate = f"{viewer.rate_of(viewer_count):g}"
+    return render("viewer.html", rate=rate, held=viewer_count, flights=of)
 
 
 def _trims_of(run: Run) -> polars.DataFrame:
@@ -197,10 +184,8 @@ def _trims_of(run: Run) -> polars.DataFrame:
     return polars.DataFrame(rows)
 
 
-def _recorded(run: Run) -> Markup | str:
+def _recorded(run: Run, rows: polars.DataFrame) -> Markup:
     """The recorded flights, for choosing what the viewer shows."""
-    if not run.recorded:
-        return ""
     trim_of = Markup("{} trim [10<sup>\N{MINUS SIGN}6</sup> N m]")
     columns: dict[str, Column | str] = {
         "flight": "Flight",
@@ -218,9 +203,6 @@ def _recorded(run: Run) -> Markup | str:
         "battery": tables.number("Battery [V]", 2),
     }
     in_viewer = run.table is None
-    return tables.sortable(
-        "flights" if in_viewer else "recorded",
-        _trims_of(run),
-        columns,
-        viewable(run) if in_viewer else None,
-    )
+    if in_viewer:
+        return tables.sortable("flights", rows, columns, viewable(run))
+    return tables.sortable("recorded", rows, columns)

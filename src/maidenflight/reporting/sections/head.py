@@ -64,18 +64,15 @@ def _what(run: Run) -> str:
 
 def drones(run: Run) -> str:
     """Returns the virtual drones that flew, by name."""
-    return _virtual(
-        flight.simulated for flight in (*run.recorded, *run.flights) if flight.simulated
-    )
+    flights = (*run.recorded, *run.flights)
+    return _virtual(flight.simulated for flight in flights if flight.simulated)
 
 
 def _virtual(names: Iterable[str]) -> str:
     virtual_names = sorted(set(names))
-    return (
-        f"virtual drone{'s' if len(virtual_names) > 1 else ''} {listed(virtual_names)}"
-        if virtual_names
-        else ""
-    )
+    if not virtual_names:
+        return ""
+    return f"virtual drone{'s' if len(virtual_names) > 1 else ''} {listed(virtual_names)}"
 
 
 def title(run: Run) -> str:
@@ -97,12 +94,12 @@ def title(run: Run) -> str:
 
 def summarize(run: Run) -> str:
     """Returns what this run is, in two or three sentences."""
-    trained = (
-        [f"{text.plural(run.policies, 'policy')} trained in simulation"] if run.policies else []
-    )
+    trained = []
+    if run.policies:
+        trained.append(f"{text.plural(run.policies, 'policy')} trained in simulation")
     if run.study is not None:
         entries = text.plural(run.study["task"].n_unique(), "entry")
-        trained = [*trained, f"a study of {entries} and {text.plural(run.study.height, 'row')}"]
+        trained.append(f"a study of {entries} and {text.plural(run.study.height, 'row')}")
     lines = [*_predicted(run), *_tested(run)]
     differs = _kinds_of_tests(run) == {True} and bool(_drawn_from(run) - {True}) and bool(lines)
     sentences = [
@@ -151,39 +148,25 @@ def _predicted(run: Run) -> list[str]:
     if run.prediction is None:
         return []
     count = text.plural(run.prediction["policy"].n_unique(), "policy")
-    return [
-        f"{text.plural(run.prediction.height, 'flight')} of {count} predicted on an identified "
-        "drone"
-    ]
+    flights = text.plural(run.prediction.height, "flight")
+    return [f"{flights} of {count} predicted on an identified drone"]
 
 
 def _tested(run: Run) -> list[str]:
-    return (
-        []
-        if run.table is None
-        else [f"{text.plural(run.table.height, 'test flight')} flown {_where(run, run.table)}"]
-    )
-
-
-def _where(run: Run, table: polars.DataFrame) -> str:
-    if run.recorded and run.flights and _on(run.flights) == _on(run.recorded):
-        return "on the same drone"
-    return (
-        _on(run.flights)
-        if run.flights
-        else f"on {listed(name for name in table['reality'].unique(maintain_order=True))}"
-    )
+    if run.table is None:
+        return []
+    place = f"on {listed(run.table['reality'].unique(maintain_order=True))}"
+    if run.flights:
+        place = _on(run.flights)
+        place = "on the same drone" if run.recorded and place == _on(run.recorded) else place
+    return [f"{text.plural(run.table.height, 'test flight')} flown {place}"]
 
 
 def _on(flights: Iterable[Any]) -> str:
     names = {flight.simulated for flight in flights}
     virtual = _virtual(name for name in names if name)
-    return "on " + listed(
-        [
-            *(["a real drone"] if "" in names else []),
-            *([f"{virtual} (simulated)"] if virtual else []),
-        ]
-    )
+    real = ["a real drone"] if "" in names else []
+    return "on " + listed([*real, *([f"{virtual} (simulated)"] if virtual else [])])
 
 
 def describe_realities(run: Run) -> str:
@@ -215,15 +198,13 @@ def key_figures(run: Run) -> list[KeyFigure]:
 def _of_parameters(run: Run) -> list[KeyFigure]:
     figures = []
     for name, words in NAMES.items():
+        label = Markup("{} {}").format(words, text.symbol(name))
         if name in run.estimates:
             value, low, high = parameters.estimate(run, name)
-            label = Markup("{} {}").format(words, text.symbol(name))
-            figures.append(
-                KeyFigure(value, text.unit(name), label, f"95 % interval {low} to {high}")
-            )
+            note = f"95 % interval {low} to {high}"
+            figures.append(KeyFigure(value, text.unit(name), label, note))
         elif name in run.unidentified:
             low, high = parameters.plausible(run, name)
-            label = Markup("{} {}").format(words, text.symbol(name))
             note = f"plausible: {low} to {high} {text.unit(name)}".rstrip()
             figures.append(KeyFigure("not identified", "", label, note))
     return figures

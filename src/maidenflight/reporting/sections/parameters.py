@@ -9,12 +9,14 @@ import polars
 from markupsafe import Markup
 
 from maidenflight.flights.windows import SEGMENT_SECONDS
+from maidenflight.identification.calibration import summarize
 from maidenflight.identification.outcome.bounds import bound_reached
 from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, component, crazyflie
 from maidenflight.reporting import identified, tables, text
 from maidenflight.reporting import run as runs
 from maidenflight.reporting.figures import corner, delays
 from maidenflight.reporting.figures import identification as identification_figures
+from maidenflight.reporting.figures.calibration import ranks
 from maidenflight.reporting.figures.charts import Figure
 from maidenflight.reporting.html import render
 from maidenflight.reporting.run import Run, true_ends
@@ -64,6 +66,8 @@ def section(run: Run) -> Markup:
         gains=_gains(run),
         intervals=_intervals(run),
         delays=_delays(run),
+        calibration=_calibration(run),
+        advice=_advice(run),
         truth=_shape_of_truth(run),
         corner=corner.corner(draws, best) if draws else None,
         constants=_constants(run),
@@ -83,6 +87,36 @@ def _intervals(run: Run) -> Figure | None:
     return identification_figures.estimates(
         run.estimates, run.unidentified, references, run.drone.parameters
     )
+
+
+def _calibration(run: Run) -> Figure | None:
+    """Returns the ranks of a calibration, if there is one."""
+    return None if run.calibration is None else ranks(summarize(run.calibration))
+
+
+def _advice(run: Run) -> Markup | str:
+    """Returns what makes intervals narrower, and the intervals to expect."""
+    if run.drone is None or not run.drone.advice:
+        return ""
+
+    def interval(low: float | None, row: Mapping[str, Any]) -> Cell:
+        if low is None:
+            return Cell("", "")
+        scale, digits, unit = text.rounding(row["parameter"], low, row["high"])
+        ends = " .. ".join(text.fixed(scale * end, digits) for end in (low, row["high"]))
+        return Cell(f"{ends} {unit}".rstrip(), low)
+
+    rows = []
+    for one in run.drone.advice:
+        low, high = one.interval or (None, None)
+        rows.append({"parameter": one.parameter, "action": one.action, "low": low, "high": high})
+    columns = {
+        "parameter": Column("Parameter", lambda name, _: _head(name, "")),
+        "action": Column("What narrows it"),
+        "low": Column("95 % interval to expect", interval),
+    }
+    frame = polars.DataFrame(rows, infer_schema_length=None)
+    return tables.sortable("advice", frame, columns)
 
 
 def _shape_of_truth(run: Run) -> str:
@@ -130,10 +164,8 @@ def _truth(run: Run, name: str, scale: float) -> Cell:
 
 
 def _head(name: str, unit: str) -> Cell:
-    template = Markup("{}{}<small> {}</small>")
-    return Cell(
-        template.format(text.symbol(name), f" [{unit}]" if unit else "", _meaning(name)), name
-    )
+    template, in_unit = Markup("{}{}<small> {}</small>"), f" [{unit}]" if unit else ""
+    return Cell(template.format(text.symbol(name), in_unit, _meaning(name)), name)
 
 
 def _meaning(name: str) -> str:
@@ -271,10 +303,8 @@ def _gains(run: Run) -> Markup | str:
 
 def _constants(run: Run) -> Markup | str:
     """Every parameter of the identified drone and of the virtual one."""
-    drones = {
-        "identified": None if run.drone is None else run.drone.parameters,
-        "truth": run.reality,
-    }
+    own = None if run.drone is None else run.drone.parameters
+    drones = {"identified": own, "truth": run.reality}
     drone_columns = {head: drone for head, drone in drones.items() if drone is not None}
     if not drone_columns:
         return ""

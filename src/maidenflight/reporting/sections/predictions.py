@@ -30,10 +30,7 @@ def section(run: Run) -> Markup:
 
 
 def _split_held_out(run: Run) -> tuple[str, int | None]:
-    """How many logs were predicted, and of how many of these the drone was identified.
-
-    Going by the records; `None` where they do not say.
-    """
+    """Counts logs that were predicted and, if known, those of the identification in them."""
     logs = text.plural(len(run.judged), "log")
     return logs, len(run.judged & run.used) if run.judged and run.used else None
 

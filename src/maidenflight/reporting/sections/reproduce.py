@@ -30,10 +30,7 @@ def section(run: Run) -> Markup:
 
 
 def _records(run: Run) -> list[tuple[str, list[Row]]]:
-    """Names of files and how they were made.
-
-    Files made alike share an entry, and one of many policies stands for all.
-    """
+    """Records by the names of their files; files that were made alike share an entry."""
     alike: dict[str, list[str]] = {}
     for name, record in run.records.items():
         shared = {key: value for key, value in record.items() if key != "number"}

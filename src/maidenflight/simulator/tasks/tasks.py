@@ -33,6 +33,7 @@ from maidenflight.simulator.tasks.rewards import (
     paper_reward,
     take_off_reward,
 )
+from maidenflight.simulator.tasks.tracing import check_traced
 from maidenflight.simulator.tasks.trajectories import Trajectory, cached_by_arguments
 from maidenflight.simulator.tasks.waypoints import read_reference
 
@@ -305,18 +306,10 @@ def tracking(
         trajectory, latest_start = courses.random_course(), courses.COURSE_S - duration
     if not duration > 0.0:
         raise InputError(f"duration = {duration} s of an episode; expected more than 0.")
-    try:
-        shape = jax.eval_shape(trajectory, jnp.zeros(())).shape
-    except (TypeError, AttributeError, jax.errors.JAXTypeError) as error:
-        raise InputError(
-            "the trajectory is not a function of time that JAX can trace; write it with jax.numpy, "
-            f"without if ({error})."
-        ) from error
+    wanted = "3 numbers, a position [m], of a time [s]"
+    shape = check_traced("the trajectory", trajectory, wanted, jnp.zeros(())).shape
     if shape != (3,):
-        raise InputError(
-            f"the trajectory gives an array of shape {shape} at a time; expected 3 numbers, a "
-            "position [m]."
-        )
+        raise InputError(f"the trajectory gives an array of shape {shape}; expected {wanted}.")
     reset = _reset_near(trajectory, CIRCLE_START, latest_start, moving=True)
     reward, failed, margin = (
         partial(rule, farthest=farthest) for rule in (paper_reward, strayed, position_margin)
