@@ -184,8 +184,8 @@ TINY = """
 name = "trained"
 kind = "train"
 [task.settings]
-control = "attitude"
-rate = 100
+control = "pwm"
+rate = 50
 drone = "crazyflie"
 randomize = 0.1
 policies = 2
@@ -247,10 +247,10 @@ def test_figure_4_computes_gathers_and_draws_a_study_and_goes_on_where_it_was(
     table = made / "flights.csv"
     flights, record = figure_4.FLIGHTS.read(table)
     assert flights.height == 4 * 2
-    assert set(flights["training_rate"]) == {100}
+    assert set(flights["training_rate"]) == {50}
     assert set(flights["number"]) == {1}
     assert flights["policy"].n_unique() == 4
-    assert "attitude_80ms_15ms/1" in set(flights["policy"])
+    assert "pwm_80ms_15ms/1" in set(flights["policy"])
     assert (record["settings"]["drone"], record["settings"]["duration"]) == ("crazyflie", 0.4)
     # At 25 Hz a flight lasts a whole number of 40 ms.
     periods = flights["duration"].to_numpy() / 0.04
@@ -266,7 +266,7 @@ def test_figure_4_computes_gathers_and_draws_a_study_and_goes_on_where_it_was(
     kept = [policy_file.read_policy(path) for path in made.glob("results/*/policies/policy_*.json")]
     assert len(kept) == 4
     assert {(one.interface.name, one.interface.rate, one.spec.hidden) for one in kept} == {
-        ("attitude", 100, (8,))
+        ("pwm", 50, (8,))
     }
     before, results = table.read_bytes(), made / "results"
     times = {folder.name: folder.stat().st_mtime_ns for folder in results.iterdir()}
