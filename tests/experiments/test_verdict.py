@@ -42,7 +42,7 @@ def test_the_lag_decides_where_errors_follow_it():
     ]
 
 
-@pytest.mark.parametrize("errors", [np.full(40, 0.01), np.random.default_rng(1).uniform(0, 1, 40)])
+@pytest.mark.parametrize("errors", [np.full(40, 0.1), np.random.default_rng(1).uniform(0, 1, 40)])
 def test_no_parameter_decides_where_none_does(errors: np.ndarray):
     (line,) = verdicts(flights(errors), FILE, 20.0)
     assert line.endswith("no parameter decides")
@@ -51,5 +51,4 @@ def test_no_parameter_decides_where_none_does(errors: np.ndarray):
 def test_the_best_policy_of_a_control_structure_counts():
     both = polars.concat([flights(np.full(40, 0.2)), flights(np.full(40, 0.01), "policy_2")])
     (line,) = verdicts(both, FILE, 20.0)
-    assert line.startswith("pwm: 100%")
-    assert "policy_2" in line
+    assert line == "pwm: 100% of 40 drones of the posterior fly 20 s within 5 cm (policy_2)"

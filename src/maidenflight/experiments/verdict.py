@@ -36,12 +36,11 @@ def verdicts(flights: polars.DataFrame, file: DroneFile, seconds: float) -> list
             f"{control}: {share:.0%} of {own.height} drones of the posterior fly {seconds:g} s "
             f"within {100 * WITHIN_M:g} cm ({best})"
         )
-        name = _decides(own, file.posterior)
-        if name is None:
-            lines.append(f"{line}; no parameter decides")
-            continue
-        advice = [one.action for one in file.advice if one.parameter == name]
-        lines.append("; ".join([line, f"{name} decides", *(f"next: {one}" for one in advice)]))
+        if share < 1.0:
+            name = _decides(own, file.posterior)
+            advice = [f"next: {one.action}" for one in file.advice if one.parameter == name]
+            line = "; ".join([line, f"{name or 'no parameter'} decides", *advice])
+        lines.append(line)
     return lines
 
 
