@@ -403,6 +403,7 @@ def test_estimates_have_units_to_read_and_say_what_they_rest_on(capsys: Any) -> 
         objective="likelihood",
         unidentified={"inertia_x": (9.3e-6, 2e-5), "drag_x": (0.0, 0.5)},
         source=SimpleNamespace(flights=4, seconds=120.0),
+        advice=(),
         delay_estimates=(DelayEstimate("gyro x", 0.08, (0.07, 0.09)),),
         **fit,
     )

@@ -151,11 +151,7 @@ class Verb:
         """
 
     def choose_output(self, output: StrPath | None) -> Any:
-        """Returns where to write: a path, or an address such as s3://BUCKET; None: nowhere.
-
-        Args:
-            output: the path.
-        """
+        """Returns where to write: a path, or an address such as s3://BUCKET; None: nowhere."""
         place = self.output.default if output is None else output
         return place if place is None or "://" in str(place) else Path(place)
 

@@ -202,8 +202,9 @@ def test_a_seed_gives_the_same_flights_and_another_seed_others() -> None:
     flown = predict_flight_times(policies, crazyflie(), KEY, **SHORT)
     assert flown.equals(predict_flight_times(policies, crazyflie(), KEY, **SHORT))
     assert not flown.equals(predict_flight_times(policies, crazyflie(), jax.random.key(1), **SHORT))
-    assert flown.columns[:5] == ["policy", "control", "trial", "duration", "end_reason"]
-    assert flown.columns[5:] == ["position_error", *comparison.LARGEST]
+    assert flown.columns[:4] == ["policy", "control", "trial", "drone"]
+    assert flown.columns[4:] == ["duration", "end_reason", "position_error", *comparison.LARGEST]
+    assert set(flown["drone"]) == {1}
     for row in flown.filter(end_reason="tilt").iter_rows(named=True):
         assert np.radians(30.0) < row["largest_tilt"] < np.radians(90.0)
         assert 0.0 < row["position_error"] <= row["largest_distance"]

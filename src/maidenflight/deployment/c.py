@@ -137,10 +137,6 @@ def golden_observations(policy: Policy, seed: int) -> Numbers:
 
     Each number lies within two deviations of its mean in the policy's own normaliser, the instants
     of one observation differ little, and quaternions have length 1.
-
-    Args:
-        policy: the policy.
-        seed: random seed.
     """
     random = np.random.default_rng(seed)
     shape = (GOLDEN_COUNT, policy.spec.history, OBSERVATION_SIZE)

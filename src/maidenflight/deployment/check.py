@@ -42,12 +42,6 @@ def check_frame(to: str, interface: ControlInterface, drone: Parameters) -> None
 def check_export(to: str, interface: ControlInterface, spec: PolicySpec, drone: Parameters) -> None:
     """Checks before a training that its policies can be exported: exports an untrained one.
 
-    Args:
-        to: a name in `registry.EXPORTERS`.
-        interface: of the policies.
-        spec: of the policies.
-        drone: that they are trained for.
-
     Raises:
         InputError: what is written could not hold them, or not fly the drone.
     """

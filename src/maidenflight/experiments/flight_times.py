@@ -91,8 +91,9 @@ def predict_flight_times(
         on_policy: called with (policies done, policies).
 
     Returns:
-        One row a flight: policy, control, trial, duration [s], end_reason, and by the estimates
-        that guards look at position_error (mean distance from the set-point [m]), largest_tilt
+        One row a flight: policy, control, trial, drone (its number in the ensemble, from 1),
+        duration [s], end_reason, and by the estimates that guards look at position_error (mean
+        distance from the set-point [m]), largest_tilt
         [rad], largest_body_rate [rad/s] and largest_distance [m].
 
     Raises:
@@ -121,11 +122,12 @@ def predict_flight_times(
     for place, (policy, task) in enumerate(zip(policies, flown_tasks, strict=True)):
         kinds.setdefault((policy.interface, policy.spec, task), []).append(place)
     by_policy: dict[int, FlightOutcome] = {}
+    drawn: dict[int, np.ndarray] = {}
     for places in kinds.values():
         kind = [policies[place] for place in places]
         settings = key, trials, limits, start, controller_for
         every = _fly_kind(kind, flown_tasks[places[0]], drones, *settings)
-        for place, one in zip(places, every, strict=True):
+        for place, (one, drawn[place]) in zip(places, every, strict=True):
             by_policy[place] = one
             if on_policy is not None:
                 on_policy(len(by_policy), len(policies))
@@ -137,6 +139,7 @@ def predict_flight_times(
             "policy": np.repeat(names, trials).tolist(),
             "control": np.repeat([policy.interface.name for policy in policies], trials).tolist(),
             "trial": np.tile(np.arange(1, trials + 1), len(policies)),
+            "drone": np.concatenate([drawn[place] + 1 for place in range(len(policies))]),
             "duration": end.steps / GUARD_RATE,
             "end_reason": [END_REASONS[reason] for reason in end.reason],
             "position_error": (np.asarray(distance, np.float64) / end.steps).round(6),
@@ -154,8 +157,8 @@ def _fly_kind(
     limits: guarded.Limits,
     start: Start,
     controller_for: Callable[[ControlInterface], Controller],
-) -> Iterator[FlightOutcome]:
-    """How each policy's flights went, policies of one kind.
+) -> Iterator[tuple[FlightOutcome, np.ndarray]]:
+    """How each policy's flights went, and the places of their drones; policies of one kind.
 
     They fly in portions of one size: the same program flies few and many, in bounded memory.
     """
@@ -205,8 +208,13 @@ def _fly_kind(
         for flights in _landed(starmap(fly, portions))
         for place in range(size)
     )
+    indices = (row for portion in portions for row in portion[2])
     for _ in policies:
-        yield tree.map(lambda *parts: np.concatenate(parts)[:trials], *islice(landed, blocks))
+        flights = islice(landed, blocks)
+        yield (
+            tree.map(lambda *parts: np.concatenate(parts)[:trials], *flights),
+            np.concatenate(list(islice(indices, blocks)))[:trials],
+        )
 
 
 _UNDER_WAY = 8

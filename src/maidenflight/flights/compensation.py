@@ -84,10 +84,9 @@ def thrust_command(
         law: a key of `LAWS`.
     """
     possible = np.where((pwm >= 0) & (pwm <= MOST_COUNTS), pwm, np.nan)
+    wide = np.broadcast_to(volts[:, None], pwm.shape)
     with np.errstate(invalid="ignore"):  # not a number in, not a number out; checking drops it
-        return LAWS[law](possible / MOST_COUNTS, np.broadcast_to(volts[:, None], pwm.shape)).astype(
-            np.float32
-        )
+        return LAWS[law](possible / MOST_COUNTS, wide).astype(np.float32)
 
 
 def reread(
@@ -140,13 +139,8 @@ def law_of(
         volts: battery voltage [V].
         thrust: mean command of the four motors, 0 to 65535 counts; `controller.cmd_thrust`.
     """
-    rows = (
-        np.isfinite(thrust)
-        & np.isfinite(volts)
-        & (thrust > 10000)
-        & (pwm > 0).all(axis=1)
-        & (pwm < 0.99 * MOST_COUNTS).all(axis=1)
-    )
+    rows = np.isfinite(thrust) & np.isfinite(volts) & (thrust > 10000)
+    rows &= ((pwm > 0) & (pwm < 0.99 * MOST_COUNTS)).all(axis=1)
     miss = {
         law: _miss(thrust_command(pwm[rows], volts[rows], law), thrust[rows] / MOST_COUNTS)
         for law in LAWS
@@ -179,10 +173,6 @@ def assumed(pwm: Float[np.ndarray, "N 4"], volts: Float[np.ndarray, "N"]) -> str
 
 def logged_law(head: Mapping[str, str], name: str) -> str | None:
     """Returns the law that a table's head names, if it does.
-
-    Args:
-        head: of the table.
-        name: of the file, for errors.
 
     Raises:
         InputError: it names one that is not known.

@@ -250,9 +250,8 @@ def _expectations(table: Fields) -> dict[str, ExpectedWidths]:
         entry = table.table(name)
         if name not in COMPONENTS:
             raise table.refused(name, "a parameter of a drone as its title")
-        result[name] = ExpectedWidths(
-            *(entry.number(part, 0.0) for part in ("plan", "hover", "plausible"))
-        )
+        widths = (entry.number(part, 0.0) for part in ("plan", "hover", "plausible"))
+        result[name] = ExpectedWidths(*widths)
         entry.end()
     return result
 

@@ -149,11 +149,9 @@ def logged(
         return table
     if battery_law and not kind.compensated:
         raise InputError(_no_law(name))
-    laws = {
-        compensation.LAW_OF_THE_HEAD: battery_law,
-        compensation.LAW_OF_THE_DRONE: law_of_drone,
-    }
-    head = {key: law for key, law in laws.items() if law}
+    keys = compensation.LAW_OF_THE_HEAD, compensation.LAW_OF_THE_DRONE
+    laws = zip(keys, (battery_law, law_of_drone), strict=True)
+    head = {key: law for key, law in laws if law}
     return (
         Logged(name, *_with_notes(part, kind.flights(replace(part, head=part.head | head))))
         for part in itertools.chain([table], parts)
@@ -238,14 +236,10 @@ def _beginning(file: Path) -> bytes:
 
 def _recording(file: Path, names: Iterable[str] = LOG_FORMATS) -> Recording | None:
     head, ending = _beginning(file), file.name.lower()
-    return next(
-        (
-            kind
-            for kind in _formats(Recording, names)
-            if head.startswith(kind.begins) and (not kind.named or ending.endswith(kind.suffixes))
-        ),
-        None,
-    )
+    for kind in _formats(Recording, names):
+        if head.startswith(kind.begins) and (not kind.named or ending.endswith(kind.suffixes)):
+            return kind
+    return None
 
 
 def _format_of(table: Table, names: Iterable[str] = LOG_FORMATS) -> TableFormat | None:

@@ -1,5 +1,6 @@
 """`Flight`, what a drone measured and commanded row by row, and our own file format for it."""
 
+import itertools
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -64,10 +65,9 @@ _DELAYS = {"accelerometer_delay": ACCELEROMETER_DELAY, "gyro_delay": GYRO_DELAY}
 
 _LEGEND = (
     "time s; position m and velocity m/s in the world, z up; roll, pitch, yaw rad (ZYX, positive "
-    "pitch nose down); body_rate rad/s,"
-    " x forward, y left, z up; command = normalised thrust u from 0 of motors 1..4 (front "
-    "right, back right, back left, front"
-    " left), what the battery could give of it; battery V; setpoint m"
+    "pitch nose down); body_rate rad/s, x forward, y left, z up; command = normalised thrust u "
+    "from 0 of motors 1..4 (front right, back right, back left, front left), what the battery "
+    "could give of it; battery V; setpoint m"
 )
 
 
@@ -186,13 +186,8 @@ def thinned(flight: Flight, every: int) -> Flight:
     if every == 1:
         return flight
     arrays = {group: values[::every] for group, values in flight.arrays.items()}
-    return replace(
-        flight,
-        period=flight.period * every,
-        zero_order_hold=False,
-        lead=-(-flight.lead // every),
-        **arrays,
-    )
+    lead = -(-flight.lead // every)
+    return replace(flight, period=flight.period * every, zero_order_hold=False, lead=lead, **arrays)
 
 
 def averaged(flight: Flight, every: int) -> Flight:
@@ -206,14 +201,8 @@ def averaged(flight: Flight, every: int) -> Flight:
     # Averaged in the log's own precision.
     speeds = flight.speed_command[: count * every].astype(flight.command.dtype)
     command = np.square(speeds.reshape(count, every, 4).mean(axis=1)).astype(np.float32)
-    arrays = {group: values[: count * every : every] for group, values in flight.arrays.items()}
-    return replace(
-        flight,
-        period=flight.period * every,
-        zero_order_hold=True,
-        lead=-(-flight.lead // every),
-        **{**arrays, "command": command},
-    )
+    few = thinned(flight.part(0, count * every), every)
+    return replace(few, zero_order_hold=True, command=command)
 
 
 def flight_of(name: str, period: float, **known: Any) -> Flight:
@@ -273,25 +262,15 @@ def from_csv(text: str, name: str) -> Flight:
     return timed(tables.from_text(text, name))[0]
 
 
-def _full_scale_counts(table: Table) -> float:
-    text = table.head.get("full_scale_counts", f"{COUNTS:g}")
+def _number_in_head(
+    table: Table, key: str, usual: float, ends: tuple[float, float], meaning: str
+) -> float:
+    text, (low, high) = table.head.get(key, f"{usual:g}"), ends
     with suppress(ValueError):
-        if 0.0 < float(text) <= MOST_COUNTS:
+        if low <= float(text) <= high:
             return float(text)
     raise InputError(
-        f"{table.name}: full_scale_counts = {text[:20]!r}; expected the counts that u = 1 stands "
-        f"for, above 0 and at most {MOST_COUNTS:g}."
-    )
-
-
-def _delay(table: Table, key: str) -> float:
-    text = table.head.get(key, f"{_DELAYS[key]:g}")
-    with suppress(ValueError):
-        if 0.0 <= float(text) <= LONGEST_DELAY:
-            return float(text)
-    raise InputError(
-        f"{table.name}: {key} = {text[:20]!r}; expected the delay of that sensor's filter "
-        f"[s], 0 to {LONGEST_DELAY:g}."
+        f"{table.name}: {key} = {text[:20]!r}; expected {meaning}, {low:g} to {high:g}."
     )
 
 
@@ -335,9 +314,9 @@ def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
         for group, names in (OPTIONAL | TRUTH).items()
         if set(names) <= set(table.frame.columns)
     }
-    column = tables.numbers(
-        table, [*_COLUMNS, *(name for names in logged.values() for name in names)]
-    )
+    column = tables.numbers(table, [*_COLUMNS, *itertools.chain(*logged.values())])
+    counts = "the counts that u = 1 stands for"
+    delay, possible = "the delay of that sensor's filter [s]", (0.0, LONGEST_DELAY)
     simulated = table.head.get("simulated", "no")
     times = column["time"][np.isfinite(column["time"])]
     arrays: dict[str, Any] = {
@@ -350,8 +329,13 @@ def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
         float(np.round(np.median(np.diff(times)), 6)) if len(times) > 1 else 0.01,
         zero_order_hold=table.head["commands"] == ZERO_ORDER_HOLD,
         simulated="" if simulated == "no" else simulated,
-        full_scale_counts=_full_scale_counts(table),
-        **{key: _delay(table, key) for key in _DELAYS},
+        full_scale_counts=_number_in_head(
+            table, "full_scale_counts", COUNTS, (1.0, MOST_COUNTS), counts
+        ),
+        **{
+            key: _number_in_head(table, key, usual, possible, delay)
+            for key, usual in _DELAYS.items()
+        },
         by_battery_law=table.head.get("by_battery_law", "yes") != "no",
         assumed_law=table.head.get("assumed_law"),
         battery=column["battery"],

@@ -127,18 +127,9 @@ class Manoeuvre:
         return self.kind != MOTORS
 
     def setpoints(self, seconds: float, seed: int) -> Float[np.ndarray, "N 4"]:
-        """Returns the position [m] relative to the point, and yaw [rad], each 10 ms.
-
-        Args:
-            seconds: how long it lasts.
-            seed: of random steps.
-        """
+        """Returns the position [m] relative to the point, and yaw [rad], each 10 ms."""
         time = np.arange(round(seconds * RATE)) / RATE
-        return (
-            self.size
-            * KINDS[self.kind](time, self.period, np.random.default_rng(seed))
-            * (self.kind != MOTORS)
-        )
+        return self.size * KINDS[self.kind](time, self.period, np.random.default_rng(seed))
 
     def checked(self, place: str) -> "Manoeuvre":
         """Returns the manoeuvre.
@@ -146,12 +137,8 @@ class Manoeuvre:
         Raises:
             InputError: no such kind, or size or period out of range.
         """
-        sound = (
-            self.kind in KINDS
-            and 0.0 <= self.size <= LARGEST
-            and SHORTEST <= self.period <= LONGEST
-        )
-        if not sound:
+        sound = 0.0 <= self.size <= LARGEST and SHORTEST <= self.period <= LONGEST
+        if not sound or self.kind not in KINDS:
             raise InputError(
                 f"{place}: manoeuvre {self.kind[:40]!r} of size {self.size:g} and period "
                 f"{self.period:g} s; expected one of {', '.join(KINDS)}, a size up to {LARGEST:g} "

@@ -52,14 +52,8 @@ _MAX_FILES = 1000
 
 def kind_of(head: bytes, name: str) -> Foreign | None:
     """Returns the kind of a file by its first bytes and its name, if it is of one."""
-    return next(
-        (
-            kind
-            for kind in KINDS
-            if head.startswith(kind.begins) and name.lower().endswith(kind.suffix)
-        ),
-        None,
-    )
+    fitting = (kind for kind in KINDS if name.lower().endswith(kind.suffix))
+    return next((kind for kind in fitting if head.startswith(kind.begins)), None)
 
 
 def below(folder: Path) -> tuple[Counter[Foreign], int]:
@@ -88,9 +82,7 @@ def below(folder: Path) -> tuple[Counter[Foreign], int]:
 
 def describe(kinds: Counter[Foreign]) -> str:
     """Returns what files are, such as "2 MATLAB files", and what to do with them."""
-    text = " and ".join(
-        kind.one if count == 1 else f"{count} {kind.several}" for kind, count in kinds.items()
-    )
-    alone = kinds.total() == 1
+    counts = [kind.one if n == 1 else f"{n} {kind.several}" for kind, n in kinds.items()]
+    verb = "is" if kinds.total() == 1 else "are"
     remedies = ". ".join(dict.fromkeys(kind.remedy for kind in kinds))
-    return f"{text}, which {'is' if alone else 'are'} not read. {remedies}."
+    return f"{' and '.join(counts)}, which {verb} not read. {remedies}."

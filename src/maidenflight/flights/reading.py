@@ -51,10 +51,8 @@ class Flights:
     """The check-up of each log, by its name."""
 
     def __repr__(self) -> str:
-        rates = ", ".join(
-            f"{1 / period:g} Hz"
-            for period in sorted({flight.period for flight in self.flights}, reverse=True)
-        )
+        periods = sorted({flight.period for flight in self.flights}, reverse=True)
+        rates = ", ".join(f"{1 / period:g} Hz" for period in periods)
         return (
             f"<{len(self)} pieces of flight, {self.duration:.1f} s at {rates}, of "
             f"{len(self.paths)} files; notes: {len(self.notes)}>"
@@ -140,13 +138,9 @@ def read_flights(
             f"with --faulty skip: {'; '.join(reading.faulty)}"
         )
     if not flights:
-        raise InputError(
-            _nothing(
-                path,
-                len(reading.paths) + len(reading.refused),
-                [*reading.refused, *reading.notes, *reading.others],
-            )
-        )
+        count = len(reading.paths) + len(reading.refused)
+        reasons = [*reading.refused, *reading.notes, *reading.others]
+        raise InputError(_nothing(path, count, reasons))
     loads = {
         name: one.statistic
         for name, results in reading.checks.items()

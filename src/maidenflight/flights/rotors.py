@@ -49,9 +49,7 @@ def rotors(flight: Flight, drone: Parameters) -> Rotors:
     last = np.maximum.accumulate(np.where(is_finite[:, 0], np.arange(len(command)), -1))
     last_command = command[np.where(last < 0, np.argmax(is_finite), last)]
     rows = max(_FEWEST, 1 << (len(last_command) - 1).bit_length())
-    padded = np.concatenate(
-        [last_command, np.repeat(last_command[-1:], rows - len(last_command), axis=0)]
-    )
+    padded = np.pad(last_command, ((0, rows - len(last_command)), (0, 0)), "edge")
     begin = np.sqrt(last_command[: max(1, round(BEGIN_S / flight.period))].clip(0.0)).mean(axis=0)
     steps = max(1, round(flight.period / STEP_S))
     motors = replace(drone, time_step=np.float32(flight.period / steps))

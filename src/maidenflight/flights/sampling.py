@@ -69,9 +69,8 @@ def _share(durations: Float[np.ndarray, "N"], most: float) -> float:
     if durations.sum() <= most:
         return math.inf
     rising = np.sort(durations)
-    shares = (most - np.concatenate([[0.0], np.cumsum(rising)[:-1]])) / np.arange(
-        len(rising), 0, -1
-    )
+    shorter = np.concatenate([[0.0], np.cumsum(rising)[:-1]])
+    shares = (most - shorter) / np.arange(len(rising), 0, -1)
     return float(shares[np.argmax(rising > shares)])
 
 
@@ -82,11 +81,10 @@ def _shortened(parts: list[Flight], number: int, share: float, lead_in: int) -> 
     uncut = parts[0].lead == 0
     if uncut and _duration(parts) <= share:
         return [_copied(parts[0], 0, len(parts[0]), 0)]
-    places = (
-        _places(parts[0], number, lead_in)
-        if uncut
-        else [(part, part.lead, (len(part) - part.lead) // UNIT) for part in parts]
-    )
+    if uncut:
+        places = _places(parts[0], number, lead_in)
+    else:
+        places = [(part, part.lead, (len(part) - part.lead) // UNIT) for part in parts]
     left = max(1, int(share / (UNIT * parts[0].period)))
     pieces = []
     for flight, start, units in places:

@@ -87,10 +87,9 @@ def with_standard_errors(
     trims: Sequence[Trim],
 ) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 4"]]:
     """Returns k_F [-] and torques [N m] of trims whose errors are known, and the errors."""
-    values = np.reshape([[one.thrust_to_weight, *one.torque_bias] for one in trims], (-1, 4))
-    errors = np.reshape(
-        [[one.thrust_to_weight_error, *one.torque_bias_error] for one in trims], (-1, 4)
-    )
+    values = [[one.thrust_to_weight, *one.torque_bias] for one in trims]
+    errors = [[one.thrust_to_weight_error, *one.torque_bias_error] for one in trims]
+    values, errors = np.reshape(values, (-1, 4)), np.reshape(errors, (-1, 4))
     is_finite = np.isfinite(errors).all(axis=1)
     return values[is_finite], errors[is_finite]
 
@@ -100,9 +99,6 @@ def between_flights(trims: Sequence[Trim]) -> Float[np.ndarray, "4"] | None:
 
     Each flight counts alike, however long it was: the next one is one more of them. Counted by
     their rows, those that flew long for the good trim that they had would hide the others.
-
-    Args:
-        trims: of each flight.
 
     Returns:
         In the order of `with_standard_errors`; None for less than `ENOUGH_FLIGHTS`.

@@ -116,9 +116,8 @@ class Run:
 
 def of_transfer(result: Transfer) -> Run:
     """Returns the run of test flights in memory."""
-    return Run(
-        table=run_folder.FLIGHTS.checked(result.table, "transfer"), flights=tuple(result.flights)
-    )
+    table = run_folder.FLIGHTS.checked(result.table, "transfer")
+    return Run(table=table, flights=tuple(result.flights))
 
 
 _TABLES: Mapping[manifest.Kind, Table] = {
@@ -135,10 +134,6 @@ _TABLES: Mapping[manifest.Kind, Table] = {
 def read_run(source: StrPath | None = None, options: FileOptions | None = None) -> Run:
     """Reads a run from its folder, from what its manifest lists, and from files of a user.
 
-    Args:
-        source: see `find_files`.
-        options: see `find_files`.
-
     Raises:
         InputError: see `find_files`; nothing is there, or a file is not what it should be.
     """
@@ -147,9 +142,7 @@ def read_run(source: StrPath | None = None, options: FileOptions | None = None) 
     tables = {kind: table.read(first[kind]) for kind, table in _TABLES.items() if kind in first}
     rows = {kind: rows for kind, (rows, _) in tables.items()}
     drones = {kind: drone_file.read(first[kind]) for kind in ("truth", "drone") if kind in first}
-    records: dict[str, Mapping[str, Any]] = {
-        first[kind].name: drones[kind].record for kind in drones
-    }
+    records = {first[kind].name: drone.record for kind, drone in drones.items()}
     records |= {first[kind].name: record for kind, (_, record) in tables.items()}
     policies = trained.read_policies(files.files.get("policies", ()))
     records |= {_name(path): file.record for path, file in policies.items()}

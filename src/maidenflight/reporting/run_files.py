@@ -140,9 +140,9 @@ def _with_companions(kind: Kind, paths: Sequence[Path]) -> dict[Kind, list[Path]
     path = paths[0]
     files: dict[Kind, list[Path]] = {kind: [path]}
     if kind == "logs":
-        files[kind] = [
-            log for each in paths for log in (reading.log_files(each) if each.is_dir() else [each])
-        ]
+        files[kind] = []
+        for each in paths:
+            files[kind] += reading.log_files(each) if each.is_dir() else [each]
     elif kind == "validation":
         files["windows"] = [run_folder.windows_path(path)]
     elif kind == "flights":

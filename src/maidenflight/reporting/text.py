@@ -66,10 +66,9 @@ def scale(name: str, values: Any) -> tuple[float, str]:
     """Chooses the power of ten of displayed values, and the unit with it."""
     if factor(name) != 1.0:
         return factor(name), unit(name)
-    largest = float(np.max(np.abs(values), initial=0.0))
-    power = (
-        3 * math.floor(math.log10(largest) / 3) if largest > 0 and not 0.05 <= largest < 1e4 else 0
-    )
+    largest, power = float(np.max(np.abs(values), initial=0.0)), 0
+    if largest > 0 and not 0.05 <= largest < 1e4:
+        power = 3 * math.floor(math.log10(largest) / 3)
     power_text = "10" + str(power).translate(_RAISED) if power else ""
     return 10.0**-power, f"{power_text} {unit(name)}".strip()
 

@@ -67,8 +67,8 @@ def _packed(rows: np.ndarray) -> dict[str, Any]:
     middle, step = (low + high) / 2, np.maximum((high - low) / _LEVELS, 1e-9)
     levels = np.rint((columns - middle[:, None]) / step[:, None]).astype("<i2")
     # Seven digits of a step are more than 16 bits need.
-    ends = {
+    return {
         "middle": [round(float(value), 7) for value in middle],
         "step": [float(f"{value:.7g}") for value in step],
+        "rows": base64.b64encode(levels.tobytes()).decode(),
     }
-    return {**ends, "rows": base64.b64encode(levels.tobytes()).decode()}

@@ -71,7 +71,8 @@ class _Clock:
         self.done, self.lost = self.done + 1, self.lost + is_lost
         now = time.monotonic()
         # The first one compiles, for more than half of its time.
-        self._longest = max(self._longest, (now - self._last) * (0.4 if self.done == 1 else 1.0))
+        took = (now - self._last) * (0.4 if self.done == 1 else 1.0)
+        self._longest = max(took, 0.0 if self.done == 2 else self._longest)
         self._last = now
         if self.draws is not None:
             return self.done == self.draws
@@ -180,8 +181,14 @@ def _summarize(summary: list[Row], draws: int) -> list[Table | str]:
 
 
 def _verdict(one: Row) -> str:
+    """Returns what is wrong with the intervals of a parameter, in words."""
     if not one["in_model"]:
         return "not in the model"
-    if not one["enough"]:
-        return "too narrow"
-    return "" if one["uniform"] else "ranks not uniform"
+    remarks = [] if one["enough"] else ["too narrow"]
+    ranks = one["ranks"]
+    if not one["uniform"] and max(ranks) > ranks[len(ranks) // 2]:
+        low, high = sum(ranks[:2]), sum(ranks[-2:])
+        remarks.append("found too high" if low > high else "found too low")
+    elif not one["uniform"]:
+        remarks.append("wider than needed")
+    return ", ".join(remarks)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from maidenflight.experiments.real_controller import FIRMWARE as REAL_FIRMWARE
     from maidenflight.experiments.real_controller import real_controller
     from maidenflight.experiments.transfer import fly_firmware, transfer
+    from maidenflight.experiments.verdict import verdicts
     from maidenflight.flights import flight_plan
     from maidenflight.flights.flight_plan import FlightPlan
     from maidenflight.flights.log import Flight

@@ -82,12 +82,8 @@ class Export(Verb):
         record = self.make_record([self.policy], policy=None, control=interface.name, rotors=rotors)
         if "seed" not in keywords_of(self.to):
             record.pop("seed")
-        options: dict[str, Any] = {
-            "name": self.policy.stem,
-            "hover": file.hover,
-            "seed": self.seed,
-            "record": record,
-        }
+        options: dict[str, Any] = {"name": self.policy.stem, "hover": file.hover}
+        options |= {"seed": self.seed, "record": record}
         propellers = self._propellers(file)
         options |= {"propellers": propellers} if propellers else {}
         written = export(file.policy, output, self.to, **options)

@@ -7,6 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from maidenflight.errors import first_few
 from maidenflight.settings import flag, setting
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row, Verb
@@ -145,9 +146,9 @@ def _count_failing(flights: "core.Flights") -> str:
     if not failing:
         return ""
     return (
-        f"{len(failing)} of {len(flights.checks)} logs contradict physics ({', '.join(failing[:3])}"
-        f"{' ...' if len(failing) > 3 else ''}) and are refused by other commands, with the others "
-        "of their folder. Mend what stands behind each ✗."
+        f"{len(failing)} of {len(flights.checks)} logs contradict physics ({first_few(failing)}) "
+        "and are refused by other commands, with the others of their folder. Mend what stands "
+        "behind each ✗."
     )
 
 
@@ -158,12 +159,11 @@ def _tabulate_information(logs: "Sequence[core.Summary]") -> list[Table | str]:
     ranked = core.rank_logs(logs)
     rows = [{"log": log.name, **shares} for log, shares in ranked[:_MOST_RANKED]]
     columns = {"log": "{log}"} | {name: f"{{{name}:.0%}}" for name in ranked[0][1]}
-    chosen = core.choose_most_telling(ranked)
+    chosen = [log.name for log in core.choose_most_telling(ranked)]
     return [
         Table("Shares of what all logs tell", columns, rows),
         f"{len(chosen)} of {len(logs)} logs hold 80 % of each, the most telling first: "
-        f"{', '.join(log.name for log in chosen[:_MOST_RANKED])}"
-        f"{' ...' if len(chosen) > _MOST_RANKED else ''}.",
+        f"{first_few(chosen, most=_MOST_RANKED)}.",
     ]
 
 

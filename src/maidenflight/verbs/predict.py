@@ -89,6 +89,10 @@ class Predict(FliesPolicies):
         quantiles = {f"{one / 100:g}": f"quantile_{one}" for one in core.flight_times.QUANTILES}
         outlives = core.flight_times.outlives(prediction)
         against_best = outlives[:, max(range(len(rows)), key=lambda place: rows[place]["mean"])]
+        verdicts = []
+        if randomization == names.POSTERIOR:
+            known = core.drones.read_drone(self.drone, self.accept_bounds)
+            verdicts = core.verdicts(prediction, known, self.longest(tasks[0], self.duration))
         policies = [
             {
                 "file": str(path),
@@ -105,8 +109,8 @@ class Predict(FliesPolicies):
             )
         ]
         return self.conclude(
-            {"policies": policies},
-            [_tabulate(rows, ends, against_best.tolist())],
+            {"policies": policies, "verdicts": verdicts},
+            [*verdicts, _tabulate(rows, ends, against_best.tolist())],
             prediction,
             output,
             written={"prediction": [output]},

@@ -67,9 +67,8 @@ class Record(Verb):
         settled: dict[str, Any] = {"reality": drone.name, "flights": count}
         if plan is not None:
             settled |= {"duration": seconds, "controller": None, "excitation": None}
-            recorded = core.recording.record_plan(
-                drone, plan, self.key, count, self.rate, self.firmware
-            )
+            how = self.key, count, self.rate, self.firmware
+            recorded = core.recording.record_plan(drone, plan, *how)
         else:
             recorded = core.recording.record(
                 *(drone, self.key, count, seconds, self.excitation),

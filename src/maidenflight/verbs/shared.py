@@ -218,11 +218,6 @@ def must_exist(drone: Any) -> None:
 def must_be_default(verb: Verb, settled: Sequence[str], reason: str) -> None:
     """Refuses settings that something else settles.
 
-    Args:
-        verb: that has them.
-        settled: their fields.
-        reason: what settles them.
-
     Raises:
         InputError: one of them is not as by default.
     """

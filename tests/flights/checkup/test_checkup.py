@@ -219,7 +219,7 @@ def test_copies_of_a_flight_are_found(copy: Callable[[Flight], Flight]) -> None:
 def test_logs_of_other_loads_are_told_apart() -> None:
     assert one_drone.compare_loads({"a": 2.42, "b": 2.40, "c": 2.45}) == []
     (said,) = one_drone.compare_loads({"a": 2.42, "b": 2.07, "c": 2.43})
-    assert "2.07 times the weight in b and 2.42 times in a, c" in said
+    assert "2.07 times the weight in b, and 2.42 times in a, c" in said
 
 
 def test_a_folder_with_a_faulty_log_is_refused_unless_told(tmp_path) -> None:

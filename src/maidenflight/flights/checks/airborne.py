@@ -47,15 +47,13 @@ def faults(flight: Flight) -> dict[str, Bool[np.ndarray, "N"]]:
     hit = _impacts(flight)
     with np.errstate(invalid="ignore"):  # what is not finite is a fault already
         stands = _stands(flight) & ~off
+    beside = _rows_near(ground | stands, flight.period)
+    about_hit = np.ones(2 * max(1, round(IMPACT_MARGIN / flight.period)) + 1)
     return {
         f"motors off for {LONGEST_CUT:g} s or longer": ground,
         "standing with running motors": stands,
-        f"take-off or landing, {TAKE_OFF:g} s after and {LANDING:g} s before standing": _rows_near(
-            ground | stands, flight.period
-        ),
-        f"impact, a peak of {IMPACT_M_S2:g} m/s2 from the side": binary_dilation(
-            hit, np.ones(2 * max(1, round(IMPACT_MARGIN / flight.period)) + 1)
-        ),
+        f"take-off or landing, {TAKE_OFF:g} s after and {LANDING:g} s before standing": beside,
+        f"impact, a peak of {IMPACT_M_S2:g} m/s2 from the side": binary_dilation(hit, about_hit),
     }
 
 

@@ -283,9 +283,8 @@ def _without_constants(pieces: list[Flight], name: str) -> tuple[list[Flight], l
         first = getattr(pieces[0], group)[0]
         if not all((getattr(piece, group) == first).all() for piece in pieces):
             continue
-        note = (
-            f"{name}: {', '.join(_COLUMNS[group])} never change in {sum(map(len, pieces))} rows; "
-        )
+        rows = sum(map(len, pieces))
+        note = f"{name}: {', '.join(_COLUMNS[group])} never change in {rows} rows; "
         alone = not np.isfinite(pieces[0].position).any()
         if group not in OPTIONAL or (group == "accelerometer" and alone):
             raise InputError(f"{note}nothing was measured. Leave it out.")

@@ -107,10 +107,9 @@ def push(
     """
     roll, pitch, yaw = change(piece.attitude.astype(np.float64).T)
     forward, left = np.tan(pitch), -np.tan(roll) / np.cos(pitch)
-    pushed = GRAVITY * np.stack(
-        [np.cos(yaw) * forward - np.sin(yaw) * left, np.sin(yaw) * forward + np.cos(yaw) * left],
-        axis=1,
-    )
+    along_x = np.cos(yaw) * forward - np.sin(yaw) * left
+    along_y = np.sin(yaw) * forward + np.cos(yaw) * left
+    pushed = GRAVITY * np.stack([along_x, along_y], axis=1)
     gained = (piece.velocity[rows:, :2] - piece.velocity[:-rows, :2]).astype(np.float64)
     return gained / (rows * piece.period), span_mean(pushed, rows)
 
@@ -194,13 +193,10 @@ def _blame(frames: list[CheckResult]) -> list[CheckResult]:
 
 def _read_axes(samples: Sequence[Samples]) -> dict[str, list[Samples]]:
     """Returns samples of the first signal as logged, and with its axes read in other ways."""
-    return {
-        "": [*samples],
-        **{
-            name: [(first @ axes.T, second) for first, second in samples]
-            for name, axes in AXES.items()
-        },
-    }
+    readings = {"": [*samples]}
+    for name, axes in AXES.items():
+        readings[name] = [(first @ axes.T, second) for first, second in samples]
+    return readings
 
 
 def _check_reading(

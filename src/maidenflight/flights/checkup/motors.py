@@ -119,15 +119,20 @@ def best_fits(answer: Responses) -> dict[tuple[int, ...], Fit]:
     fits = {}
     for order in ORDERS:
         torques = TORQUES[np.argsort(order)]
-        scores = sum(answer.correlation(axis, torques[:, axis]) for axis in (0, 1))
-        scores = np.asarray(scores)
+        roll, pitch = (answer.correlation(axis, torques[:, axis]) for axis in (0, 1))
+        scores = roll + pitch
         if order != ORDERS[0]:
             scores = np.where(possible, scores, -2.0)
-        lag, delay = np.unravel_index(int(np.argmax(scores)), scores.shape)
-        fits[order] = Fit(
-            order, float(scores[lag, delay]), float(LAGS_S[lag]), float(DELAYS_S[delay])
-        )
+        lag, delay = _place_of_largest(scores)
+        score = float(scores[lag, delay])
+        fits[order] = Fit(order, score, float(LAGS_S[lag]), float(DELAYS_S[delay]))
     return fits
+
+
+def _place_of_largest(scores: Float[np.ndarray, "T D"]) -> tuple[int, int]:
+    """By lag and delay."""
+    lag, delay = np.unravel_index(int(np.argmax(scores)), scores.shape)
+    return int(lag), int(delay)
 
 
 def _within(low: float, high: float) -> Bool[np.ndarray, "D"]:
@@ -200,9 +205,8 @@ def _decide_by_yaw(motion: Spectra, best: Fit) -> str:
     if np.array_equal(torques[:, 2], TORQUES[:, 2]):
         return " Yaw is alike in both: compare the order with the firmware's."
     for_order, against = yaw_correlations(motion, best, torques[:, 2])
-    if max(for_order, against) < YAW or max(for_order, against) < YAW_DOMINATES * min(
-        for_order, against
-    ):
+    low, high = sorted((for_order, against))
+    if high < YAW or high < YAW_DOMINATES * low:
         return " Yaw does not tell which."
     if for_order > against:
         return " Yaw follows that order of the motors."
@@ -236,12 +240,11 @@ def _check_yaw(motion: Spectra, logged: Fit, yaw_is_right: bool) -> CheckResult:
     along, against = yaw_correlations(motion, logged, TORQUES[:, 2])
     threshold = f"{YAW:g} or more"
     if against > YAW and against > YAW_DOMINATES * max(along, 0.0):
-        cause = (
-            "the rotors turn the other way (props out), since attitude and velocity confirm yaw"
-            if yaw_is_right
-            else "the rotors turn the other way (props out), or yaw and body_rate_z have the "
-            "opposite sign: look at your drone"
-        )
+        cause = "the rotors turn the other way (props out), "
+        if yaw_is_right:
+            cause += "since attitude and velocity confirm yaw"
+        else:
+            cause += "or yaw and body_rate_z have the opposite sign: look at your drone"
         sentence = (
             f"yaw answers its command the wrong way round (correlation -{against:.2f}): {cause}. "
             "With props out begin with --start mine.toml, a drone of rotor_direction = "
@@ -261,8 +264,8 @@ def _check_delay(logged: Fit, answer: Responses) -> CheckResult:
     if logged.score < DRIVEN or (answer.segments < FEWEST and logged.score < 2 * DRIVEN):
         return unknown(name, "too little shows when commands act", late)
     text = f"motion follows commands by {late:.0f} ms and a lag of {1e3 * logged.lag:.0f} ms"
-    force = np.asarray(answer.correlation(FORCE, np.ones(4)))
-    lag, delay = np.unravel_index(int(np.argmax(force)), force.shape)
+    force = answer.correlation(FORCE, np.ones(4))
+    lag, delay = _place_of_largest(force)
     force_is_clear = float(force[lag, delay]) > 0.8 and answer.segments >= FEWEST
     difference = logged.lag + logged.delay - float(LAGS_S[lag] + DELAYS_S[delay])
     if force_is_clear and difference > LATE_GYRO_S:
@@ -291,7 +294,7 @@ def _check_delay(logged: Fit, answer: Responses) -> CheckResult:
 def _check_curve(pieces: Sequence[Flight], answer: Responses, logged: Fit) -> CheckResult:
     name = "thrust curve"
     matches = answer.correlation(FORCE, np.ones(4))[:, _within(EARLIEST_S, LATEST_S)]
-    lag, delay = np.unravel_index(int(np.argmax(matches)), matches.shape)
+    lag, delay = _place_of_largest(matches)
     match = float(matches[lag, delay])
     command = np.concatenate([piece.mean_command for piece in pieces]).mean(dtype=np.float64)
     force = np.concatenate([np.asarray(piece.accelerometer)[:, 2] for piece in pieces])
@@ -300,10 +303,9 @@ def _check_curve(pieces: Sequence[Flight], answer: Responses, logged: Fit) -> Ch
     place = int(np.flatnonzero(_within(EARLIEST_S, LATEST_S))[delay])
     difference = float(LAGS_S[lag] + DELAYS_S[place]) - logged.lag - logged.delay
     if abs(difference) > CABLE_S:
-        text = (
-            f"the force along z follows the commands {1e3 * difference:.0f} ms after roll and pitch"
-        )
-        return unknown(name, f"{text}, as with a load on a cable", difference)
+        late = f"{1e3 * difference:.0f} ms after roll and pitch"
+        text = f"the force along z follows the commands {late}, as with a load on a cable"
+        return unknown(name, text, difference)
     product = answer.products[FORCE, lag, place].sum()
     gain = 4 * product / answer.power[FORCE, lag].sum()
     share = float(gain * command / max(float(force.mean(dtype=np.float64)), 0.1 * GRAVITY))

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Float, UInt64
 
+from maidenflight.errors import first_few
 from maidenflight.flights.checkup.motors import load_factor
 from maidenflight.flights.checkup.relations import block_mean
 from maidenflight.flights.checkup.result import PASSES, WARNS, CheckResult, unknown
@@ -98,9 +99,8 @@ def compare_loads(ratios: Mapping[str, float]) -> list[str]:
         return []
     return [
         f"flights of two drones or loads: full thrust is {low:.2f} times the weight in "
-        f"{', '.join(names[:cut][:3])}{' ...' if cut > 3 else ''} and {high:.2f} times in "
-        f"{', '.join(names[cut:][:3])}{' ...' if len(names) - cut > 3 else ''}. Identify each by "
-        "itself."
+        f"{first_few(names[:cut])}, and {high:.2f} times in {first_few(names[cut:])}. Identify "
+        "each by itself."
     ]
 
 

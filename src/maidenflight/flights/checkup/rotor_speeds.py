@@ -34,16 +34,13 @@ def check_rotor_speeds(pieces: Sequence[Flight]) -> list[CheckResult]:
         return []
     speed = np.concatenate([np.asarray(piece.rotor_speed) for piece in pieces])
     command = np.concatenate([piece.command for piece in pieces])
+    on = command > 0.03
     with np.errstate(invalid="ignore"):
-        stopped = [
-            float(np.mean(speed[on, motor] <= 0.0)) if (on := command[:, motor] > 0.03).any()
-            else 0.0
-            for motor in range(4)
-        ]  # fmt: skip
+        stopped = ((speed <= 0.0) & on).sum(axis=0) / np.maximum(on.sum(axis=0), 1)
     silent = [place for place, share in zip(_PLACES, stopped, strict=True) if share > STOPPED]
     if silent:
         rotors = "all four read" if len(silent) == 4 else f"{', '.join(silent)} reads"
-        return [_pass_over(f"{rotors} 0 while commanded to turn", max(stopped))]
+        return [_pass_over(f"{rotors} 0 while commanded to turn", float(stopped.max()))]
     follows = _follow(pieces)
     if follows is None:
         return [unknown(NAME, "no piece lasts 4 s")]

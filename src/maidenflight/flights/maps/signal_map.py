@@ -118,8 +118,6 @@ def flight(
         signals.get("battery"),
     )
     flight_rows, time, more = joining.flight(name, joined, remedy)
-    thrust = THRUSTS[0] if scale.square else THRUSTS[1]
-    motor_note = (
-        f"{name}: thrust by the {thrust} law of motors between {scale.low:g} and {scale.high:g}"
-    )
+    law = f"{THRUSTS[0] if scale.square else THRUSTS[1]} law"
+    motor_note = f"{name}: thrust by the {law} of motors between {scale.low:g} and {scale.high:g}"
     return flight_rows, time, [*state_notes, motor_note, *more]

@@ -64,11 +64,10 @@ def state(name: str, place: Stream, quaternion: Stream) -> tuple[Stream | None, 
     is_finite = np.isfinite(angles).all(axis=1)
     angle_stream = Stream(quaternion.time[is_finite], np.unwrap(angles[is_finite], axis=0))
     if min(place.rate, angle_stream.rate) < 0.97 * rates.LEAST_HZ:
-        return None, [
-            f"{name}: position logged at {place.rate:.3g} Hz and attitude at "
-            f"{angle_stream.rate:.3g} Hz, "
-            f"below {rates.LEAST_HZ:g} Hz: {ALONE}"
-        ]
+        logged = (
+            f"position logged at {place.rate:.3g} Hz and attitude at {angle_stream.rate:.3g} Hz"
+        )
+        return None, [f"{name}: {logged}, below {rates.LEAST_HZ:g} Hz: {ALONE}"]
     at = place.time if place.step >= angle_stream.step else angle_stream.time
     rows = np.concatenate([streams.between(at, place), streams.between(at, angle_stream)], axis=1)
     return Stream(at, rows), []
@@ -129,11 +128,8 @@ def flight(
         groups["rotor_speed"] = streams.between(at, turns)
         notes = [*notes, f"{name}: measured rotor speeds, {turns.rate:.0f} Hz"]
     elif turns is not None:
-        notes = [
-            *notes,
-            f"{name}: rotor speeds at {turns.rate:.3g} Hz are too rare for rows at "
-            f"{1 / streams.period(at):.4g} Hz and passed over",
-        ]
+        rare = f"too rare for rows at {1 / streams.period(at):.4g} Hz"
+        notes = [*notes, f"{name}: rotor speeds at {turns.rate:.3g} Hz are {rare} and passed over"]
     volts = np.full(len(at), np.nan)
     if signals.battery is not None:
         volts = streams.hold_last(at, signals.battery)[:, 0]

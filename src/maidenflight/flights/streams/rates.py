@@ -53,13 +53,9 @@ def refuse_too_slow(
             f"{NEEDED[signal]} cannot be identified"
             for signal, rate in slow.items()
         )
-        logged_rates = ", ".join(
-            f"{signal} {rate:.3g} Hz" for signal, rate in (logged or {}).items()
-        )
-        raise InputError(
-            f"{name}: {slow_signals}; {LEAST_HZ:g} Hz are needed. {remedy}"
-            + (f" It holds {logged_rates}." if logged_rates else "")
-        )
+        held = ", ".join(f"{signal} {rate:.3g} Hz" for signal, rate in (logged or {}).items())
+        held = f" It holds {held}." if held else ""
+        raise InputError(f"{name}: {slow_signals}; {LEAST_HZ:g} Hz are needed. {remedy}{held}")
 
 
 def notes(name: str, rates: Mapping[str, float], remedy: str) -> list[str]:

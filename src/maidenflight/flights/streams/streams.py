@@ -82,21 +82,20 @@ def mean_until_next(at: Float[np.ndarray, "N"], signal: Stream) -> Float[np.ndar
     if len(signal.time) < 2 or len(at) < 2:
         return np.full((len(at), signal.values.shape[1]), np.nan)
     step = np.diff(signal.time)[:, None]
-    integral = np.concatenate(
-        [np.zeros((1, signal.values.shape[1])), np.cumsum(signal.values[:-1] * step, axis=0)]
-    )
+    summed = np.cumsum(signal.values[:-1] * step, axis=0)
+    integral = np.concatenate([np.zeros((1, summed.shape[1])), summed])
     steps = np.diff(at)
     usual = np.median(steps)
     # After a gap of the rows it is the mean over a usual step, not over the gap.
     ends = at + np.minimum(np.append(steps, usual), 1.5 * usual)
     ends = np.minimum(ends, signal.time[-1])
-    summed = [
+    first, last = (
         np.stack([np.interp(instants, signal.time, row) for row in integral.T], axis=1)
         for instants in (at, ends)
-    ]
+    )
     width = (ends - at)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
-        mean = (summed[1] - summed[0]) / width
+        mean = (last - first) / width
     is_known = _near(at, signal)[:, None] & (width > 0)
     return np.where(is_known, mean, np.nan)
 

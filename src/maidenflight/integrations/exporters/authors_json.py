@@ -29,9 +29,6 @@ def to_authors_json(policy: Policy) -> str:
     which may be one rounding of float32 off once `EPSILON` is added. The file does not hold the
     control structure: begin its name with that.
 
-    Args:
-        policy: the policy.
-
     Raises:
         InputError: the policy makes no sense, or is one that the authors' tools would take for
             another: by its interface, its form, its history or its deviations; or it has more

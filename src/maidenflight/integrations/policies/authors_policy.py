@@ -9,7 +9,7 @@ Source: github SvenGronauer/phoenix-drone-simulation c5d6907, described from rea
 
 import math
 from collections.abc import Mapping
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -88,9 +88,8 @@ def _network(content: Mapping[str, Any], place: str) -> Network:
         layers = [content[str(number)] for number in range(sum(key.isdecimal() for key in content))]
         if any(layer["type"] != "standard" for layer in layers):
             raise ValueError("expected layers of type 'standard'")
-        weights, biases = (
-            [_numbers(layer[name]) for layer in layers] for name in ("weights", "biases")
-        )
+        weights = [_numbers(layer["weights"]) for layer in layers]
+        biases = [_numbers(layer["biases"]) for layer in layers]
         mean, deviation = _numbers(content["scaling_parameters"])
         expected = float(content["check_sum"])
         _verify(weights, biases, expected, place)
@@ -109,25 +108,18 @@ def interface_of(control: str) -> ControlInterface:
 def control_of(path: Path) -> str | None:
     """Finds the control structure that the name of a file or of its folder begins with."""
     names = path.stem.lower(), path.absolute().parent.name.lower()
-    longest = sorted(CONTROLS, key=len, reverse=True)
-    return next(
-        (
-            control
-            for name in names
-            for control in longest
-            if name == control or name.startswith(f"{control}_")
-        ),
-        None,
-    )
+    for name, control in product(names, sorted(CONTROLS, key=len, reverse=True)):
+        if name == control or name.startswith(f"{control}_"):
+            return control
+    return None
 
 
 def _numbers(nested: Any) -> np.ndarray:
     array = inputs.numbers(nested)
     if array.dtype.kind not in "fi" or array.ndim < 1:
         raise ValueError("expected lists of numbers")
-    with np.errstate(
-        over="ignore"
-    ):  # what float32 cannot hold is infinite, and so is its check sum
+    # What float32 cannot hold is infinite, and so is its check sum.
+    with np.errstate(over="ignore"):
         return array.astype(np.float32)
 
 
@@ -155,10 +147,9 @@ def check_sum(weights: list[np.ndarray], biases: list[np.ndarray]) -> tuple[floa
     size = 0.0
     for number, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
         values = np.maximum(values, 0.0) if number > 0 else values
-        size = float(
-            np.abs(weight.astype(np.float64)).sum(axis=0) @ np.abs(values) + np.abs(bias).sum()
-        )
-        values = weight.astype(np.float64) @ values + bias
+        weight = weight.astype(np.float64)
+        size = float(np.abs(weight).sum(axis=0) @ np.abs(values) + np.abs(bias).sum())
+        values = weight @ values + bias
     return float(values.sum()), size
 
 

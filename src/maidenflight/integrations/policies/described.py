@@ -83,14 +83,7 @@ class DescribedPolicy:
     def __init__(
         self, name: str, place: str, description: Mapping[str, Any], network: Network
     ) -> None:
-        """Puts them together.
-
-        Args:
-            name: what tables call it.
-            place: the file that messages name.
-            description: what `checked` gives.
-            network: the network.
-        """
+        """Puts them together."""
         self.name, self._place = name, place
         self.rate = self.command_rate = description["rate"]
         self._parts = [INPUTS[name] for name in description["inputs"]]
@@ -175,9 +168,8 @@ def of_own_environment(path: StrPath) -> DescribedPolicy:
     scaling = Path(path).parent / stable_baselines.SCALING
     model = stable_baselines.read_model(path, scaling if scaling.is_file() else None)
     name = Path(path).stem + (f"+{scaling.stem}" if scaling.is_file() else "")
-    description = complete_description(
-        path, {"network": Path(path).name, **stable_baselines.layout(path, model)}
-    )
+    content = {"network": Path(path).name, **stable_baselines.layout(path, model)}
+    description = complete_description(path, content)
     return DescribedPolicy(name, str(path), description, model.act)
 
 
@@ -214,29 +206,25 @@ def complete_description(path: StrPath, content: Mapping[str, Any]) -> dict[str,
     unknown = [name for name in description["inputs"] if name not in INPUTS]
     size = sum(map(len, known))
     description = {"mean": [0.0] * size, "std": [1.0] * size} | description
+    mean, std = description["mean"], description["std"]
     wrong = {
         f"inputs {unknown}, of {', '.join(INPUTS)}": bool(unknown),
         "rate, a divisor of 500": not _whole(description["rate"]) or 500 % description["rate"] != 0,
         "range, two growing numbers": not _growing(description["range"]),
         "commands, thrust or rotor_speed": description["commands"] not in ("thrust", "rotor_speed"),
         "motors, 1 to 4 in any order": sorted(map(str, description["motors"])) != list("1234"),
-        f"mean and std, {size} numbers": {len(description["mean"]), len(description["std"])}
-        != {size},
-        "mean, numbers": not all(map(inputs.is_number, description["mean"])),
-        "std, positive numbers": not all(
-            inputs.is_number(one) and one > 0 for one in description["std"]
-        ),
+        f"mean and std, {size} numbers": {len(mean), len(std)} != {size},
+        "mean, numbers": not all(map(inputs.is_number, mean)),
+        "std, positive numbers": not all(inputs.is_number(one) and one > 0 for one in std),
     }
     if problems := [problem for problem, is_wrong in wrong.items() if is_wrong]:
         raise InputError(f"{path}: expected {'; '.join(problems)}.")
+    observed = {name: description[name] for name in OBSERVED if name in description}
     try:
-        spec = PolicySpec.from_dict(
-            {name: description[name] for name in OBSERVED if name in description}
-        )
+        spec = PolicySpec.from_dict(observed)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    arrays = {name: np.array(description[name]) for name in ("mean", "std")}
-    return description | arrays | {"spec": spec}
+    return description | {"mean": np.array(mean), "std": np.array(std), "spec": spec}
 
 
 _EXAMPLE = Instant._make(

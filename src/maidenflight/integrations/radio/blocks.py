@@ -36,12 +36,10 @@ class Block(NamedTuple):
 
 
 _XYZ = ("x", "y", "z")
+_ESTIMATES = (*_XYZ, "vx", "vy", "vz", "rateRoll", "ratePitch", "rateYaw")
 STATE = Block(
     "state",
-    {
-        f"stateEstimateZ.{name}": "int16_t"
-        for name in (*_XYZ, "vx", "vy", "vz", "rateRoll", "ratePitch", "rateYaw")
-    }
+    {f"stateEstimateZ.{name}": "int16_t" for name in _ESTIMATES}
     | {f"stateEstimate.q{name}": "FP16" for name in (*_XYZ, "w")},
 )
 MOTORS = Block(
@@ -156,17 +154,15 @@ class Reading(NamedTuple):
     @property
     def finite(self) -> bool:
         """Whether every number of the estimate is one."""
-        return all(
-            map(math.isfinite, (*self.position, *self.velocity, *self.quaternion, *self.body_rates))
-        )
+        numbers = *self.position, *self.velocity, *self.quaternion, *self.body_rates
+        return all(map(math.isfinite, numbers))
 
     @property
     def tilt(self) -> float:
         """Angle between the body's and the world's upward axis [rad]; NaN if not known."""
         x, y, z, w = self.quaternion
-        return math.acos(
-            min(max(1 - 2 * (x * x + y * y) / max(x * x + y * y + z * z + w * w, 1e-9), -1.0), 1.0)
-        )
+        upright = 1 - 2 * (x * x + y * y) / max(x * x + y * y + z * z + w * w, 1e-9)
+        return math.acos(min(max(upright, -1.0), 1.0))
 
 
 def reading(values: Mapping[str, float], received: float) -> Reading:
@@ -176,10 +172,7 @@ def reading(values: Mapping[str, float], received: float) -> Reading:
         values: log variables in the firmware's units.
         received: when the last state came [s].
     """
-    state = [
-        values[f"stateEstimateZ.{name}"] / 1000
-        for name in (*_XYZ, "vx", "vy", "vz", "rateRoll", "ratePitch", "rateYaw")
-    ]
+    state = [values[f"stateEstimateZ.{name}"] / 1000 for name in _ESTIMATES]
     x, y, z, vx, vy, vz, roll_rate, pitch_rate, yaw_rate = state
     qx, qy, qz, qw = (values[f"stateEstimate.q{name}"] for name in (*_XYZ, "w"))
     m1, m2, m3, m4 = (values[f"motor.m{number}"] for number in (1, 2, 3, 4))

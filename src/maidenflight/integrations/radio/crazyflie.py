@@ -8,7 +8,8 @@ import logging
 import math
 import threading
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -107,12 +108,10 @@ class Crazyflie:
         self._cf.link_statistics.start = lambda: None
         self._open(patience)
         try:
-            self.simulated = (
-                uri.partition("://")[0] if not uri.startswith(("radio://", "usb://")) else ""
-            )
-            self.has_policy = (
-                self._has_log(ACTIVE) and self._has_log(WHY) and self.parameter(ENABLE) is not None
-            )
+            kind = uri.partition("://")[0]
+            self.simulated = "" if kind in ("radio", "usb") else kind
+            tells = self._has_log(ACTIVE) and self._has_log(WHY)
+            self.has_policy = tells and self.parameter(ENABLE) is not None
             self.has_look_ahead = self.parameter(AHEAD) is not None
             self._cf.param.add_update_callback(
                 "mf", cb=lambda name, value: self._echoes.update({name: float(value)})
@@ -127,12 +126,15 @@ class Crazyflie:
     def _open(self, patience: float) -> None:
         ready, reasons = threading.Event(), []
 
+        def reason_in(message: str) -> str:
+            return next(iter(message.strip().splitlines()), "no reason")
+
         def failed(_: str, message: str) -> None:
-            reasons.append(message.strip().splitlines()[0] if message.strip() else "no reason")
+            reasons.append(reason_in(message))
             ready.set()
 
         def lost(_: str, message: str) -> None:
-            self.lost = message.strip().splitlines()[0] if message.strip() else "no reason"
+            self.lost = reason_in(message)
             failed(_, message)
 
         self._cf.fully_connected.add_callback(lambda _: ready.set())
@@ -146,10 +148,10 @@ class Crazyflie:
             raise
         if reasons or not answered:
             self.close()
+            reason = reasons[0] if reasons else f"no answer in {patience:g} s"
             raise InputError(
-                f"{self.uri}: no connection "
-                f"({reasons[0] if reasons else f'no answer in {patience:g} s'}). Is the drone on, "
-                "the radio plugged in, the address right? cfclient finds drones near you."
+                f"{self.uri}: no connection ({reason}). Is the drone on, the radio plugged in, the "
+                "address right? cfclient finds drones near you."
             )
 
     def _has_log(self, name: str) -> bool:
@@ -158,12 +160,8 @@ class Crazyflie:
 
     def _start_blocks(self) -> None:
         """Starts the blocks, and the motors' again until both tell the same instant."""
-        missing = [
-            name
-            for block in (*self.blocks, VARIANCE)
-            for name in block.variables
-            if not self._has_log(name)
-        ]
+        names = chain(*(block.variables for block in (*self.blocks, VARIANCE)))
+        missing = [name for name in names if not self._has_log(name)]
         if missing:
             raise InputError(
                 f"{self.uri}: the firmware has no log variable {', '.join(missing[:3])}. Flash a "
@@ -173,13 +171,13 @@ class Crazyflie:
         for block in (state, motors, variance):
             block.start()
         for tries in range(_TRIES):
-            stamps = dict(self._stamps)
-            self._wait(
-                lambda stamps=stamps: all(
-                    self._stamps.get(block.name) not in (None, stamps.get(block.name))
-                    for block in self.blocks
-                )
-            )
+            before = dict(self._stamps)
+
+            def both_came(before: Mapping[str, int] = before) -> bool:
+                stamps = ((self._stamps.get(one.name), before.get(one.name)) for one in self.blocks)
+                return all(now not in (None, earlier) for now, earlier in stamps)
+
+            self._wait(both_came)
             late = (self._stamps[MOTORS.name] - self._stamps[STATE.name]) % 10
             if late in (9, 0, 1) or tries == _TRIES - 1:
                 return
@@ -192,9 +190,9 @@ class Crazyflie:
         until = self.clock.now() + _ANSWER
         while not done():
             if self.lost or self.clock.now() > until:
+                reason = self.lost or f"none in {_ANSWER:g} s"
                 raise InputError(
-                    f"{self.uri}: connected, but rows do not come "
-                    f"({self.lost or f'none in {_ANSWER:g} s'}). Try again, nearer."
+                    f"{self.uri}: connected, but rows do not come ({reason}). Try again, nearer."
                 )
             self.clock.sleep(0.01)
 
@@ -247,18 +245,13 @@ class Crazyflie:
         """
         words = [self.parameter(f"cpu.id{number}") for number in range(3)]
         commit = [self.parameter(f"firmware.revision{number}") for number in (0, 1)]
-        hashed, propellers = self.parameter(HASH), self.parameter(PROPELLERS)
+        hashed, number = self.parameter(HASH), self.parameter(PROPELLERS)
+        propellers = {None: "", **dict(enumerate(names.PROPELLERS))}
         return {
-            "drone": "".join(f"{int(word):08x}" for word in words if word is not None),
-            "firmware": "".join(
-                f"{int(part):0{digits}x}"
-                for part, digits in zip(commit, (8, 4), strict=True)
-                if part is not None
-            ),
-            "on_board": "" if hashed is None else f"{int(hashed):08x}",
-            "propellers": ""
-            if propellers is None
-            else dict(enumerate(names.PROPELLERS)).get(int(propellers), "unknown"),
+            "drone": _hexadecimal(words, (8, 8, 8)),
+            "firmware": _hexadecimal(commit, (8, 4)),
+            "on_board": _hexadecimal([hashed], (8,)),
+            "propellers": propellers.get(number, "unknown"),
         }
 
     def count_rows(self) -> None:
@@ -271,9 +264,8 @@ class Crazyflie:
         sequence = sorted(self._seen)
         if len(sequence) < 2:
             return 0.0
-        return min(
-            len(sequence) / (1 + (sequence[-1] - sequence[0]) % (1 << 24) / (1000 * PERIOD)), 1.0
-        )
+        expected = 1 + (sequence[-1] - sequence[0]) % (1 << 24) / (1000 * PERIOD)
+        return min(len(sequence) / expected, 1.0)
 
     def confirm(self, values: Mapping[str, float]) -> None:
         """Sets parameters of the app and asks for them; `unconfirmed` tells what came back."""
@@ -297,11 +289,8 @@ class Crazyflie:
         # A lost link has taken the table with it.
         if element is not None:
             kind = element.ctype
-            self._cf.param.set_value_raw(
-                name,
-                self._types[kind],
-                value if kind in ("float", "FP16", "double") else int(value),
-            )
+            number = value if kind in ("float", "FP16", "double") else int(value)
+            self._cf.param.set_value_raw(name, self._types[kind], number)
 
     def go_to(self, place: Vector, yaw: float = 0.0) -> None:
         """Asks the firmware's PID for a position [m] and a yaw [rad].
@@ -329,3 +318,9 @@ class Crazyflie:
             self._closed = True
             self._cf.incoming.stop()
             self._cf.close_link()
+
+
+def _hexadecimal(parts: Sequence[float | None], digits: Sequence[int]) -> str:
+    """Whole numbers in so many hexadecimal digits each; nothing of those that are not known."""
+    known = zip(parts, digits, strict=True)
+    return "".join(f"{int(part):0{count}x}" for part, count in known if part is not None)

@@ -183,11 +183,8 @@ class _Flight:
             clock.sleep(PERIOD)
             assert drone.latest is not None
             broken = str(self.rows.error.strerror) if self.rows.error else ""
-            now = clock.now()
-            status = FlightStatus(
-                now, drone.latest, place, ground, drone.lost, broken, self.stops()
-            )
-            if trip := watch.trip(status):
+            seen = clock.now(), drone.latest, place, ground
+            if trip := watch.trip(FlightStatus(*seen, drone.lost, broken, self.stops())):
                 raise _BrokenOff(*trip)
             return drone.latest
 
@@ -207,10 +204,8 @@ class _Flight:
         began = resting = clock.now()
         while clock.now() - resting < HOVER:
             reading = step(start)
-            there = (
-                np.linalg.norm(np.subtract(reading.position, start)) < NEAR
-                and np.linalg.norm(reading.velocity) < SLOW
-            )
+            there = np.linalg.norm(np.subtract(reading.position, start)) < NEAR
+            there &= np.linalg.norm(reading.velocity) < SLOW
             resting = resting if there else clock.now()
             if clock.now() - began > LONGEST_APPROACH:
                 raise _BrokenOff(f"no rest at the reference's start in {LONGEST_APPROACH:g} s")

@@ -141,12 +141,10 @@ class Fly(Verb):
         if self.policy is None:
             return Expected(), {}
         file = core.policy_file.read_policy(self.policy)
-        digest = core.digest(file.policy)
-        own = file.identity
+        digest, own = core.digest(file.policy), file.identity
         if self.drone is not None:
-            core.identity.check_same_drone(
-                str(self.policy), own, core.identity.identity_of(core.drone_file.read(self.drone))
-            )
+            flies = core.identity.identity_of(core.drone_file.read(self.drone))
+            core.identity.check_same_drone(str(self.policy), own, flies)
         recorded = {"file": self.policy.name, "sha256": digest, "drone": own}
         return Expected(code=digest[:8], propellers=core.identity.propellers_of(own)), recorded
 
@@ -181,23 +179,16 @@ class Fly(Verb):
         if self.plan is not None:
             course = core.flight_plan.read(self.plan)
         count = self.flights or (4 if pid and self.plan is None else 1)
-        session_result = record(
-            self.uri or "", output, course, count, self.seed, say=_say, care=care
-        )
+        uri = self.uri or ""
+        session_result = record(uri, output, course, count, self.seed, say=_say, care=care)
         complete = [one.ending.reason for one in session_result] == [COMPLETE] * count
+        flown = [
+            {"flight": one.name, "ended": one.ending.reason, "packets": one.rows}
+            | {"log": str(one.log) if one.log else None}
+            for one in session_result
+        ]
         return Result(
-            content={
-                "flights": [
-                    {
-                        "flight": one.name,
-                        "ended": one.ending.reason,
-                        "packets": one.rows,
-                        "log": str(one.log) if one.log else None,
-                    }
-                    for one in session_result
-                ],
-                "simulated": not real,
-            },
+            content={"flights": flown, "simulated": not real},
             summary=[f"{len(session_result)} flights in {output}/"],
             notes=[note for one in session_result for note in one.notes],
             next=("identify", output),

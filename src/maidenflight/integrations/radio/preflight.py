@@ -198,11 +198,9 @@ def settled(variance: Sequence[Vector], change: float = 0.001, fewest: int = 10)
     Source: cflib 0.1.34, utils/reset_estimator.py.
     """
     last = np.array(variance[-fewest:])
-    return (
-        len(last) >= fewest
-        and bool(np.isfinite(last).all())
-        and float(np.ptp(last, axis=0).max()) < change
-    )
+    if len(last) < fewest or not np.isfinite(last).all():
+        return False
+    return float(np.ptp(last, axis=0).max()) < change
 
 
 def examine(
@@ -247,9 +245,8 @@ def examine(
     drone.count_rows()
     wait(SETTLING, lambda: settled(drone.variance) and not drone.unconfirmed(wanted))
     if drone.lost or drone.latest is None:
-        return [
-            Finding("link", "down", f"the link is down ({drone.lost or 'no rows'}); connect again")
-        ]
+        down = f"the link is down ({drone.lost or 'no rows'}); connect again"
+        return [Finding("link", "down", down)]
     standing = PreflightState(
         reading=drone.latest,
         decks=drone.decks,

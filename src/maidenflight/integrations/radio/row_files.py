@@ -163,9 +163,8 @@ def to_flight(path: Path) -> tuple[Flight, dict[str, Any], tuple[str, ...]]:
     for name in MOTORS.variables:
         series = read[name][motors]
         after = series[np.minimum(before + 1, len(series) - 1)]
-        values[name] = np.where(
-            weight > 0, (1 - weight) * series[before] + weight * after, series[before]
-        )
+        between = (1 - weight) * series[before] + weight * after
+        values[name] = np.where(weight > 0, between, series[before])
     if len(at) == 0:
         raise InputError(f"{table.name}: no instant at which both blocks were received.")
     frame = polars.DataFrame({"timestamp": stamps[state][at], **values})
@@ -201,13 +200,11 @@ def recover(folder: Path) -> tuple[list[Path], list[str]]:
     Returns:
         The logs made, and why others could not be.
     """
-    recovered, refused = [], []
+    recovered, refused, ended = [], [], "unknown: the program ended before the flight did"
     for path in sorted(folder.glob(f"*{SUFFIX}")):
         if not path.with_suffix(".csv").exists():
             try:
-                recovered.append(
-                    write_flight(path, ended="unknown: the program ended before the flight did")[0]
-                )
+                recovered.append(write_flight(path, ended=ended)[0])
             except InputError as error:
                 refused.append(str(error))
     return recovered, refused

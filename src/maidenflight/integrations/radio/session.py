@@ -162,11 +162,8 @@ def of_flight_plan(plan: FlightPlan) -> Plan:
 
 def within(room: tuple[float, float, float], limits: Limits) -> Limits:
     """Returns the limits, narrowed to a room."""
-    return replace(
-        limits,
-        fence=min(limits.fence, room[0] / 2, room[1] / 2),
-        ceiling=min(limits.ceiling, room[2]),
-    )
+    fence, ceiling = min(limits.fence, room[0] / 2, room[1] / 2), min(limits.ceiling, room[2])
+    return replace(limits, fence=fence, ceiling=ceiling)
 
 
 def checked_plan(plan: Plan, limits: Limits) -> Plan:
@@ -180,9 +177,8 @@ def checked_plan(plan: Plan, limits: Limits) -> Plan:
     if low[2] < 0.3 or high[2] > limits.ceiling - 0.2 or reach > limits.fence - 0.2:
         raise InputError(
             f"the reference goes from {low[2]:.2f} to {high[2]:.2f} m in height and {reach:.2f} m "
-            "far from the take-off; expected 0.3 to"
-            f" {limits.ceiling - 0.2:.1f} m, and at most {limits.fence - 0.2:.1f} m. Choose "
-            "another height or smaller steps."
+            f"far from the take-off; expected 0.3 to {limits.ceiling - 0.2:.1f} m, and at most "
+            f"{limits.fence - 0.2:.1f} m. Choose another height or smaller steps."
         )
     return plan
 
@@ -200,9 +196,8 @@ def stop_requests() -> Iterator[Callable[[], int]]:
         nonlocal count_so_far
         count_so_far += 1
 
-    wanted = [
-        getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
-    ]
+    names = "SIGINT", "SIGTERM", "SIGHUP"
+    wanted = [getattr(signal, name) for name in names if hasattr(signal, name)]
     before = {number: signal.signal(number, count) for number in wanted}
     try:
         yield lambda: count_so_far
@@ -247,9 +242,8 @@ def flights(
         expected = None
         if plan.policy:
             expected = care.expected._replace(limits=plan.on_board or LIMITS)
-        table = examine(
-            drone, limits, clock, stops, expected, care.test_propellers and not results_so_far
-        )
+        tests = care.test_propellers and not results_so_far
+        table = examine(drone, limits, clock, stops, expected, tests)
         against = [finding.problem for finding in table if finding.problem]
         if stops():
             say("no further flight: stopped by hand")
@@ -269,9 +263,8 @@ def flights(
         own = {"flight": number + 1, "deck": ", ".join(drone.decks)}
         own |= {what: value for what, value in drone.identity.items() if value}
         flight_record = {**record, "settings": {**record["settings"], **own}}
-        file = row_files.RowFile(
-            folder / f"{name}{row_files.SUFFIX}", drone.blocks, drone.simulated, flight_record
-        )
+        path = folder / f"{name}{row_files.SUFFIX}"
+        file = row_files.RowFile(path, drone.blocks, drone.simulated, flight_record)
         say(f"{name}: battery {drone.latest.battery if drone.latest else float('nan'):.2f} V")
         drone.write_to(file)
         try:
@@ -348,10 +341,9 @@ def _next_name(folder: Path) -> str:
 
 
 def _filed(folder: Path, name: str, ending: Ending, count: int) -> FlightResult:
+    rows = folder / f"{name}{row_files.SUFFIX}"
     try:
-        path, notes = row_files.write_flight(
-            folder / f"{name}{row_files.SUFFIX}", ended=ending.reason
-        )
+        path, notes = row_files.write_flight(rows, ended=ending.reason)
     except InputError as error:
         return FlightResult(name, ending, count, None, (str(error),))
     return FlightResult(name, ending, count, path, notes)

@@ -10,12 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from maidenflight.integrations.radio.blocks import (
-    ARMED,
-    AUTO_ARMED,
-    FAULTS,
-    Reading,
-)
+from maidenflight.integrations.radio.blocks import ARMED, AUTO_ARMED, FAULTS, Reading
 
 Vector = tuple[float, float, float]
 
@@ -99,11 +94,8 @@ def _steep(status: FlightStatus, limits: Limits) -> str:
 
 
 def _disarmed(status: FlightStatus, limits: Limits) -> str:
-    return (
-        ""
-        if status.reading.supervisor & (ARMED | AUTO_ARMED)
-        else "the firmware has disarmed itself"
-    )
+    is_armed = status.reading.supervisor & (ARMED | AUTO_ARMED)
+    return "" if is_armed else "the firmware has disarmed itself"
 
 
 def _stopped(status: FlightStatus, limits: Limits) -> str:
@@ -116,11 +108,8 @@ def _silent(status: FlightStatus, limits: Limits) -> str:
 
 
 def _empty(status: FlightStatus, limits: Limits) -> str:
-    return (
-        f"battery at {status.reading.battery:.2f} V"
-        if status.reading.battery < limits.empty
-        else ""
-    )
+    volts = status.reading.battery
+    return f"battery at {volts:.2f} V" if volts < limits.empty else ""
 
 
 def _astray(status: FlightStatus, limits: Limits) -> str:

@@ -147,10 +147,6 @@ def example(policy: Policy, seed: int) -> tuple[Numbers, Numbers]:
 
     The last action is the output before, and zero at first. Outputs are summed in float64.
 
-    Args:
-        policy: a policy of RAPTOR's form.
-        seed: random seed.
-
     Raises:
         InputError: an output is too large for float32.
     """

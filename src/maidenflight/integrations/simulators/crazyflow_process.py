@@ -84,9 +84,8 @@ def _serve(simulation: Any, requests: BinaryIO, answers: BinaryIO) -> None:
             simulation.step()
         states = simulation.data.states
         parts = (states.pos, states.vel, states.quat, states.ang_vel)
-        answers.write(
-            np.concatenate([np.ravel(part) for part in parts]).astype(np.float64).tobytes()
-        )
+        answer = np.concatenate([np.ravel(part) for part in parts]).astype(np.float64)
+        answers.write(answer.tobytes())
         answers.flush()
 
 

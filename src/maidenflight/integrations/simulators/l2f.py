@@ -72,12 +72,11 @@ class Body:
         """Returns what l2f's JSON says of it."""
         drone = self.parameters()
         inverse = np.diag(1.0 / np.array(self.inertia))
+        turns = np.asarray(drone.rotor_direction).tolist()
         return {
             "rotor_positions": rotors(drone).tolist(),
             "rotor_thrust_directions": [[0.0, 0.0, 1.0]] * 4,
-            "rotor_torque_directions": [
-                [0.0, 0.0, float(turn)] for turn in np.asarray(drone.rotor_direction)
-            ],
+            "rotor_torque_directions": [[0.0, 0.0, turn] for turn in turns],
             "rotor_thrust_coefficients": [list(self.thrust)] * 4,
             "rotor_torque_constants": [self.torque_to_thrust] * 4,
             "rotor_time_constants_rising": [self.lag[0]] * 4,
