@@ -356,7 +356,7 @@ def test_a_late_estimator_shows_the_state_of_the_period_before():
 
 @pytest.mark.slow
 def test_practice_begins_anew_with_the_next_prepared_drone_after_each_end():
-    fresh = jax.vmap(partial(randomized_reset, WORLD, relative_box(PAPER)))(
+    fresh = jax.jit(jax.vmap(partial(randomized_reset, WORLD, relative_box(PAPER))))(
         jax.random.split(KEY, 7)
     )
 

@@ -85,7 +85,9 @@ def fly_action(controller, level):
 
 
 def attitude_of(state):
-    return np.degrees(jax.vmap(jax.vmap(rotations.to_attitude))(jnp.asarray(state.quaternion)))
+    return np.degrees(
+        jax.jit(jax.vmap(jax.vmap(rotations.to_attitude)))(jnp.asarray(state.quaternion))
+    )
 
 
 @given(st.tuples(*[st.floats(-3, 3, width=16)] * 4).map(float32))
@@ -294,7 +296,9 @@ def test_rate_pids_of_entries_are_those_of_arrays(firmware, mixer):
     def ticked(form):
         memory = jax.tree.map(jnp.asarray, controller.init())
         memory = vectors.entries(memory) if form is Entries else memory
-        attitudes = jax.vmap(rotations.from_attitude)(yaw[:, :3] * jnp.array([[0.3, 0.3, 3.0]]))
+        attitudes = jax.jit(jax.vmap(rotations.from_attitude))(
+            yaw[:, :3] * jnp.array([[0.3, 0.3, 3.0]])
+        )
         return jax.lax.scan(
             partial(tick, form=form), memory, (action, 2.0 * rates[:, :3], attitudes)
         )

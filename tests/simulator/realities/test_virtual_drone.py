@@ -170,7 +170,9 @@ def test_the_firmwares_pid_flies_the_circle_on_every_virtual_drone():
     tilt = np.degrees(
         np.arccos(
             np.asarray(
-                jax.vmap(jax.vmap(lambda q: 1 - 2 * (q[0] ** 2 + q[1] ** 2)))(state.quaternion)
+                jax.jit(jax.vmap(jax.vmap(lambda q: 1 - 2 * (q[0] ** 2 + q[1] ** 2))))(
+                    state.quaternion
+                )
             )
         )
     )

@@ -74,7 +74,7 @@ def test_in_flight_it_is_relative_to_what_is_measured_and_stays_at_a_trajectory_
     first = environment.reset(env, drone, KEY)
     fly = jax.jit(lambda key: rollout(env, lambda seen: jnp.full(4, 0.15), first, drone, key, 12))
     _, (states, _) = fly(KEY)
-    seen = np.asarray(jax.vmap(partial(environment.observation, env))(states))
+    seen = np.asarray(jax.jit(jax.vmap(partial(environment.observation, env)))(states))
     assert seen.shape == (12, 3 * 20 + 9)
     np.testing.assert_array_equal(seen[:, :60], np.asarray(states.history).reshape(12, 60))
     points = expected(line_at, states.time, states.measurement.position)

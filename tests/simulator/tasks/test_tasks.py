@@ -118,8 +118,8 @@ def starts(task, parameters=PAPER):
     state, time = jax.jit(jax.vmap(task.reset, (None, 0)))(
         parameters, jax.random.split(jax.random.key(0), 1000)
     )
-    away_from = state.position - jax.vmap(task.reference)(time)
-    return state, time, away_from, jax.vmap(rotations.to_attitude)(state.quaternion)
+    away_from = state.position - jax.jit(jax.vmap(task.reference))(time)
+    return state, time, away_from, jax.jit(jax.vmap(rotations.to_attitude))(state.quaternion)
 
 
 def fills(values, half_width):
@@ -171,7 +171,7 @@ def test_hover_starts_anywhere_near_and_facing_anywhere():
     assert fills(state.body_rates, np.radians([200, 200, 20]))
     np.testing.assert_array_equal(time, 0)
     np.testing.assert_allclose(np.std(state.rotor_speed, axis=0), 0.02, rtol=0.1)
-    assert not np.any(jax.vmap(HOVER.failure)(state, jnp.zeros((1000, 3)))), (
+    assert not np.any(jax.jit(jax.vmap(HOVER.failure))(state, jnp.zeros((1000, 3)))), (
         "no start has failed already"
     )
 
@@ -183,7 +183,9 @@ def test_a_take_off_starts_at_rest_on_the_ground_with_motors_off():
     assert fills(attitude, [0, 0, np.pi])
     for resting in (state.velocity, state.body_rates, state.rotor_speed, time):
         np.testing.assert_array_equal(resting, 0)
-    assert not np.any(jax.vmap(TAKE_OFF.failure)(state, jax.vmap(TAKE_OFF.reference)(time)))
+    assert not np.any(
+        jax.jit(jax.vmap(TAKE_OFF.failure))(state, jax.jit(jax.vmap(TAKE_OFF.reference))(time))
+    )
     assert float(TAKE_OFF.first_command(PAPER)) == 0
     np.testing.assert_allclose(TAKE_OFF.reference(jnp.float32(1.5)), [0, 0, 1], atol=1e-6)
 
@@ -198,7 +200,7 @@ def test_tracking_starts_near_its_reference_and_as_fast_as_it():
     assert fills(time - 2.0, 2.0)
     assert fills(position, [0.05] * 3)
     assert fills(attitude, np.radians([20, 20, 18]))
-    ahead, behind = (jax.vmap(EIGHT)(time + shift) for shift in (0.01, -0.01))
+    ahead, behind = (jax.jit(jax.vmap(EIGHT))(time + shift) for shift in (0.01, -0.01))
     assert float(jnp.abs(state.velocity).max()) > 1, "the reference is fast"
     np.testing.assert_array_less(np.abs(state.velocity - (ahead - behind) / 0.02), 0.105)
 
@@ -313,7 +315,7 @@ def test_rewards_have_finite_slopes_where_nothing_is_wrong(task):
 
 def test_the_circle_runs_clockwise_seen_from_above_and_starts_at_the_origin():
     time = jnp.linspace(0.0, 3.0, 301)
-    points = np.asarray(jax.vmap(CIRCLE.reference)(time))
+    points = np.asarray(jax.jit(jax.vmap(CIRCLE.reference))(time))
     np.testing.assert_allclose(points[0], [0, 0, 1], atol=1e-6)
     np.testing.assert_allclose(points[-1], points[0], atol=1e-5)
     arm = points[:, :2] - [0.25, 0]
@@ -406,15 +408,15 @@ def test_the_failure_margin_is_positive_only_while_safe_and_has_a_finite_gradien
     wild = dynamics.State(
         position=jnp.asarray(SETPOINT + draws[:, :3]),
         velocity=jnp.asarray(draws[:, :3]),
-        quaternion=jax.vmap(rotations.from_attitude)(draws[:, 3:6]),
+        quaternion=jax.jit(jax.vmap(rotations.from_attitude))(draws[:, 3:6]),
         body_rates=jnp.asarray(draws[:, 6:]),
         rotor_speed=jnp.ones((2000, 4)),
     )
     calm = jax.tree.map(lambda leaf: leaf[None], dynamics.at_hover(SETPOINT, PAPER))
     states = jax.tree.map(lambda *parts: jnp.concatenate(parts), calm, wild)
     margin_of = jax.value_and_grad(lambda state: task.failure_margin(state, SETPOINT))
-    margin, slope = jax.vmap(margin_of)(states)
-    failed = np.asarray(jax.vmap(lambda state: task.failure(state, SETPOINT))(states)) > 0
+    margin, slope = jax.jit(jax.vmap(margin_of))(states)
+    failed = np.asarray(jax.jit(jax.vmap(lambda state: task.failure(state, SETPOINT)))(states)) > 0
     # Whoever stays on the ground fails by that alone, wherever the set-point is.
     failed &= np.asarray(states.position[:, 2] >= failures.AIRBORNE_HEIGHT_M) | (
         task is not TAKE_OFF
