@@ -5,10 +5,11 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from maidenflight import terminal
-from maidenflight.identification import identify, methods
+from maidenflight import run_folder, terminal
+from maidenflight.identification import drone_file, identify, methods
 from maidenflight.training import defaults
 from maidenflight.verb import Progress, Result
 from maidenflight.verbs.demo import Demo, Stages
@@ -16,6 +17,7 @@ from maidenflight.verbs.identify import Identify
 from maidenflight.verbs.record import Record
 from maidenflight.verbs.train import Train
 from maidenflight.verbs.transfer import Transfer
+from maidenflight.verbs.validate import Validate
 from quick import QUICK
 from run_listing import entries, unlisted
 
@@ -136,3 +138,21 @@ def test_the_page_shows_the_truth_beside_what_was_identified(
     runs: list[tuple[Path, Result]],
 ) -> None:
     assert "truth" in (runs[0][0] / "report.html").read_text().lower()
+
+
+def test_its_drone_is_calibrated_by_flights_of_its_posterior(
+    runs: list[tuple[Path, Result]], tmp_path: Path
+) -> None:
+    folder, _ = runs[0]
+    drone = folder / "drone.toml"
+    verb = Validate(drone=str(drone), logs=folder / "recorded", calibration=True, draws=2)
+    result = verb.run(tmp_path / "calibration.csv")
+    posterior = drone_file.read(drone).posterior
+    table, _ = run_folder.CALIBRATION.read(tmp_path / "calibration.csv")
+    assert set(posterior) <= set(table["parameter"])
+    for row in table.iter_rows(named=True):
+        if row["parameter"] in posterior:
+            assert np.isclose(posterior[row["parameter"]], row["truth"], rtol=1e-6).any()
+        if np.isfinite(row["rank"]):
+            assert row["low"] < row["high"]
+    assert {row["draws"] for row in result.rows} == {2}

@@ -173,7 +173,7 @@ def _summarize(summary: list[Row], draws: int) -> list[Table | str]:
     return [
         f"intervals that hold the truth too rarely: {', '.join(narrow)}"
         if narrow
-        else "intervals hold the truth as often as they should",
+        else f"no interval holds the truth too rarely, as far as {draws} drones tell",
         Table(f"{draws} drones of the posterior, identified again", columns, rows),
         f"ranks: of the truth among the posterior samples, from lowest to highest; of {draws} "
         f"uniform ones a bin holds {low} to {high} (99 %)",
