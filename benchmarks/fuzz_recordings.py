@@ -57,7 +57,10 @@ def recordings() -> dict[str, tuple[str, list[bytes]]]:
         ),
         "micro-SD": (
             "",
-            [cards.written(cards.EVENTS, cards.hovering(ROWS)), cards.flight_of_2019(flight)],
+            [
+                cards.written(cards.EVENTS, cards.hovering(ROWS, step=10_000)),
+                cards.flight_of_2019(flight),
+            ],
         ),
         "MCAP": (".mcap", bag(".mcap")),
         "rosbag2": (".db3", bag(".db3")),
