@@ -49,8 +49,8 @@ class Silence(NamedTuple):
     code: int
 
 
-def listen(arguments: list[str], folder: Path) -> Silence:
-    """Runs a verb on a terminal of its own, and notes when it writes."""
+def listen(arguments: list[str], folder: Path, most: float) -> Silence:
+    """Runs a verb on a terminal of its own, for some seconds at most, and notes when it writes."""
     terminal, its_end = pty.openpty()
     command = ["nice", "-n", "19", sys.executable, "-m", "maidenflight", *arguments]
     start = last = time.monotonic()
@@ -63,8 +63,10 @@ def listen(arguments: list[str], folder: Path) -> Silence:
         if ready:
             with contextlib.suppress(OSError):
                 text = os.read(terminal, 65536)
-        ended = process.poll() is not None
         now = time.monotonic()
+        if now - start > most:
+            process.kill()
+        ended = process.poll() is not None
         if text:
             if now - last > longest and first:
                 longest, before = now - last, words
@@ -73,7 +75,8 @@ def listen(arguments: list[str], folder: Path) -> Silence:
         if ended and not text:
             break
     os.close(terminal)
-    return Silence(first, longest, str(before)[-70:], time.monotonic() - start, process.wait())
+    seconds, code = time.monotonic() - start, process.wait()
+    return Silence(first, longest, str(before)[-70:], seconds, 0 if seconds > most else code)
 
 
 @contextlib.contextmanager
@@ -93,6 +96,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--loops", type=int, default=os.cpu_count() or 1, help="busy loops beside")
     parser.add_argument("--verbs", nargs="*", default=list(VERBS), help="of " + ", ".join(VERBS))
+    parser.add_argument("--most", type=float, default=3600.0, help="seconds of each verb at most")
     parser.add_argument("--folder", type=Path, help="where earlier verbs have run, and files stay")
     options = parser.parse_args()
     broken = 0
@@ -102,7 +106,7 @@ def main() -> None:
         folder = options.folder or Path(temporary)
         folder.mkdir(exist_ok=True)
         for name in options.verbs:
-            one = listen(VERBS[name], folder)
+            one = listen(VERBS[name], folder, options.most)
             kept = one.first <= FIRST_S and one.longest <= BETWEEN_S and one.code == 0
             broken += not kept
             sign = "" if kept else " **"
