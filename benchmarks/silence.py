@@ -66,6 +66,7 @@ def listen(arguments: list[str], folder: Path, most: float) -> Silence:
         now = time.monotonic()
         if now - start > most:
             process.kill()
+            longest = max(longest, now - last)
         ended = process.poll() is not None
         if text:
             if now - last > longest and first:
