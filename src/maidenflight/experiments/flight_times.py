@@ -127,8 +127,8 @@ def predict_flight_times(
         kind = [policies[place] for place in places]
         settings = key, trials, limits, start, controller_for
         every = _fly_kind(kind, flown_tasks[places[0]], drones, *settings)
-        for place, (one, drawn[place]) in zip(places, every, strict=True):
-            by_policy[place] = one
+        for place, (outcome, indices) in zip(places, every, strict=True):
+            by_policy[place], drawn[place] = outcome, indices
             if on_policy is not None:
                 on_policy(len(by_policy), len(policies))
     end, largest, distance = tree.map(

@@ -183,8 +183,10 @@ class _Flight:
             clock.sleep(PERIOD)
             assert drone.latest is not None
             broken = str(self.rows.error.strerror) if self.rows.error else ""
-            seen = clock.now(), drone.latest, place, ground
-            if trip := watch.trip(FlightStatus(*seen, drone.lost, broken, self.stops())):
+            status = FlightStatus(
+                clock.now(), drone.latest, place, ground, drone.lost, broken, self.stops()
+            )
+            if trip := watch.trip(status):
                 raise _BrokenOff(*trip)
             return drone.latest
 
