@@ -62,8 +62,10 @@ def _read(reader: Any) -> tuple[Messages, dict[str, float]]:
         if kind == "PARM":
             parameters[str(message.Name)] = float(message.Value)
             continue
-        known = [one for one in ardupilot.MESSAGES[kind] if one in message.get_fieldnames()]
         numbers = [int(getattr(message, one)) for one in _NUMBERS if hasattr(message, one)]
+        if kind == "IMU" and any(numbers):
+            continue  # The first is read, and others are as many rows again.
+        known = [one for one in ardupilot.MESSAGES[kind] if one in message.get_fieldnames()]
         key = kind + (_SUFFIX.format(numbers[0]) if numbers else "")
         if fields.setdefault(key, known) == known:
             rows.setdefault(key, []).append([float(getattr(message, one)) for one in known])
