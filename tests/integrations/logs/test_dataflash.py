@@ -44,6 +44,17 @@ def test_a_factor_of_thin_air_follows_from_the_logged_motors(tmp_path: Path) -> 
     assert any("factor of 1.2" in note for note in logs.notes)
 
 
+def test_rotors_that_turn_the_other_way_are_a_note_and_yaw_is_mixed_so(tmp_path: Path) -> None:
+    """H numbers as X does, and its rotors turn the other way."""
+    flight = sensed()
+    (rates_, *others), form = made.messages_of(flight), {"FRAME_TYPE": 3.0}
+    name, fields, letters, rows = rates_
+    turned = [(*row[:9], -row[9], *row[10:]) for row in rows]
+    logs = read(tmp_path, [(name, fields, letters, turned), *others], **form)
+    assert_allclose(logs.flights[0].command, flight.command[:-1], atol=2e-3)
+    assert any("FRAME_TYPE 3" in note and "yaw" in note for note in logs.notes)
+
+
 def test_channels_follow_their_functions_and_dshot_its_bounds(tmp_path: Path) -> None:
     flight = sensed()
     *others, (name, fields, letters, rows), battery, _ = made.messages_of(flight, rare=1)

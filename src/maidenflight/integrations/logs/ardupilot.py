@@ -159,11 +159,7 @@ def _frame(name: str, parameters: Parameters) -> tuple[Frame, list[str]]:
     order = ", ".join(str(number + 1) for number in frame.order)
     notes = [f"{name}: quadrotor in X (FRAME_TYPE {form}), ArduPilot's motors {order}"]
     if not frame.turns_as_ours:
-        notes.append(
-            f"{name}: its rotors turn the other way (FRAME_TYPE {form}): torque_to_thrust and "
-            "inertia_z found are worth nothing, and a policy for it would control yaw the wrong "
-            "way round"
-        )
+        notes.append(joining.note_reversed_rotors(name, f"FRAME_TYPE {form}"))
     return frame, notes
 
 
