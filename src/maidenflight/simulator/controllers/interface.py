@@ -186,7 +186,7 @@ def pwm(
 
     Source: Gronauer et al. 2022, sec. Motor Model and sec. Control Structures.
     """
-    half = (most / 2.0,) * 4
+    half: Four = (most / 2.0, most / 2.0, most / 2.0, most / 2.0)
     return ControlInterface("pwm", half, half, UNITS["pwm"], action_rate, full_scale_counts)
 
 
