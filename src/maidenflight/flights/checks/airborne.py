@@ -45,19 +45,30 @@ _FAR = 1 << 40
 
 def faults(flight: Flight) -> dict[str, Bool[np.ndarray, "N"]]:
     """Returns rows in which a drone without a state estimate does not fly freely, by the reason."""
-    off = flight.command.max(axis=1) <= 0.0
-    ground = _lasting(off, LONGEST_CUT, flight.period)
+    off = _off(flight)
+    cut = motors_off(flight)
+    (ground,) = cut.values()
     hit = _impacts(flight)
     with np.errstate(invalid="ignore"):  # what is not finite is a fault already
         stands = _stands(flight) & ~off
     beside = _rows_near(ground | stands, flight.period)
     about_hit = np.ones(2 * max(1, round(IMPACT_MARGIN / flight.period)) + 1)
     return {
-        f"motors off for {LONGEST_CUT:g} s or longer": ground,
+        **cut,
         "standing with running motors": stands,
         f"take-off or landing, {TAKE_OFF:g} s after and {LANDING:g} s before standing": beside,
         f"impact, a peak of {IMPACT_M_S2:g} m/s2 from the side": binary_dilation(hit, about_hit),
     }
+
+
+def motors_off(flight: Flight) -> dict[str, Bool[np.ndarray, "N"]]:
+    """Returns rows in which motors are off for longer than in a flight, by the reason."""
+    rows = _lasting(_off(flight), LONGEST_CUT, flight.period)
+    return {f"motors off for {LONGEST_CUT:g} s or longer": rows}
+
+
+def _off(flight: Flight) -> Bool[np.ndarray, "N"]:
+    return flight.command.max(axis=1) <= 0.0
 
 
 def leave_out_ground(
