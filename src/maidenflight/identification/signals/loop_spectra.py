@@ -48,6 +48,12 @@ _STARTS = (0.03, 0.07)
 """Lags from which an optimum is looked for [s]."""
 _SEARCH = {"gtol": 2e-2, "maxiter": 40}
 """When a search for an optimum ends [nats a unit of the parameters]."""
+_NODES = 1e-3 * np.array([0.0, 2.0, 4.0, 5.0, 6.0, 7.0, 8.5, 10.0, 12.0, 14.0, 16.0, 19.0, 24.0])
+"""Delays over the least one that are tried [s]."""
+_FIRST = (4, 8)
+"""Nodes at which optima are looked for."""
+_GROWTH = 0.04
+"""Damping ratio below zero down to which an oscillation may be a limit cycle."""
 _REACH = 15.0
 """Loss over the least one beyond which further delays are not tried [nats]."""
 
@@ -223,6 +229,13 @@ class _Model:
         by_lag = np.sum(np.real(weighted_slope * -s * lag / (1 + s * lag)))
         return value, np.array([by_lag, np.sum(np.real(weighted_slope)), *controller_slopes])
 
+    def slope_by_delay(self, x: Float[np.ndarray, "d"]) -> float:
+        """Returns by how much the loss rises with the delay [nats/s], the parameters fixed."""
+        step = 1e-5
+        later = _Model(self.spectra, self.delay + step, closed=self.closed)
+        later.unit = self.unit
+        return (later(x)[0] - self(x)[0]) / step
+
     def is_stable(self, x: Float[np.ndarray, "d"]) -> bool:
         """Tests whether no oscillation of these frequencies grows, by Pade's approximation."""
         if not self.closed:
@@ -239,7 +252,7 @@ class _Model:
         )
         roots = polynomial.polyroots(loop) * _CENTRE / (2 * np.pi)
         near = (np.abs(roots) > 1.6 * LOWEST) & (np.abs(roots) < 1.5 * HIGHEST)
-        return not bool((near & (roots.real > 0)).any())
+        return not bool((near & (roots.real > _GROWTH * np.abs(roots))).any())
 
     def minimize(
         self, start: Float[np.ndarray, "d"], fixed: tuple[float, ...] = ()
@@ -280,33 +293,55 @@ def lag_by_delay(
 
     Args:
         spectra: spectra of a command and of what follows it.
-        delays: from the command to the signal, the sensor's own included [s].
+        delays: from the command to the signal, the sensor's own included [s], over 24 ms.
         closed: whether a controller answers the signal.
     """
     if min(spectra.drive.min(), spectra.motion.min()) <= 0.0:
         return None
-    count, first = len(delays), len(delays) // 3
-    loss, lags, errors = np.full(count, np.inf), np.zeros(count), np.ones(count)
-    model = _Model(spectra, float(delays[first]), closed=closed)
-    starts = []
-    for lag in _STARTS:
-        value, x = model.minimize(model.start(lag))
-        if model.is_valid(value, x):
-            starts.append((value, x, model.unit))
+    nodes, starts = delays[0] + _NODES, []
+    for place in _FIRST:
+        model = _Model(spectra, float(nodes[place]), closed=closed)
+        for lag in _STARTS:
+            value, x = model.minimize(model.start(lag))
+            if model.is_valid(value, x):
+                starts.append((value, place, x, model.unit))
     if not starts:
         return None
-    best = min(starts, key=lambda one: one[0])
-    for places in (range(first, count), range(first - 1, -1, -1)):
-        x = best[1]
+    _, first, start, unit = min(starts, key=lambda one: one[0])
+    found: dict[int, tuple[float, float, float, float]] = {}
+    least = np.inf
+    for places in (range(first, len(nodes)), range(first - 1, -1, -1)):
+        x = start
         for place in places:
-            model = _Model(spectra, float(delays[place]), closed=closed)
-            model.unit = best[2]
-            value, optimum = best[:2] if place == first else model.minimize(x)
-            if not model.is_valid(value, optimum):
+            model = _Model(spectra, float(nodes[place]), closed=closed)
+            model.unit = unit
+            value, optimum = model.minimize(x)
+            if not np.isfinite(value) or value > least + _REACH:
                 break
-            x = optimum
-            loss[place], lags[place] = value, optimum[0]
-            errors[place] = model.deviation(value, optimum)
-            if value > loss.min() + _REACH:
-                break
-    return LagByDelay(loss - loss.min(), lags, errors)
+            if model.is_valid(value, optimum):
+                x, least = optimum, min(least, value)
+                # The error is smooth in the delay, and costs two searches.
+                error = np.nan if place % 2 else model.deviation(value, x)
+                found[place] = value, model.slope_by_delay(x), x[0], error
+    return _interpolated(nodes, found, delays)
+
+
+def _interpolated(
+    nodes: Float[np.ndarray, "K"],
+    found: dict[int, tuple[float, float, float, float]],
+    delays: Float[np.ndarray, "D"],
+) -> LagByDelay | None:
+    """Returns the lag for each delay from loss, its slope, lag and error at some of the nodes."""
+    if not found:
+        return None
+    at = nodes[sorted(found)]
+    value, slope, log_lag, error = np.array([found[place] for place in sorted(found)]).T
+    loss = np.full(len(delays), np.inf)
+    if len(at) == 1:
+        loss[np.argmin(np.abs(delays - at))] = 0.0
+    else:
+        inside = (delays > at[0] - 1e-9) & (delays < at[-1] + 1e-9)
+        loss[inside] = scipy.interpolate.CubicHermiteSpline(at, value, slope)(delays[inside])
+    known = np.isfinite(error)
+    deviation = np.exp(np.interp(delays, at[known], np.log(error[known])))
+    return LagByDelay(loss - loss.min(), np.interp(delays, at, log_lag), deviation)

@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.flights.log import Flight, by_log
+from maidenflight.identification.outcome.plausible import ARRIVAL
 from maidenflight.identification.signals.loop_spectra import (
     LagByDelay,
     Spectra,
@@ -30,7 +31,7 @@ from maidenflight.identification.signals.loop_spectra import (
 )
 from maidenflight.parameters import Parameters, levers
 
-LATENCIES = 1e-3 * np.array([-4.0, -2.0, 0.0, 1.0, 2.0, 3.0, 4.5, 6.0, 8.0, 11.0, 15.0, 20.0])
+LATENCIES = 1e-3 * np.arange(-4.0, 20.01, 0.25)
 """Latencies that are tried [s]; below zero are differences of time stamps."""
 LAG_BOUNDS = (0.01, 0.25)
 """Lags that these signals show [s]."""
@@ -129,7 +130,7 @@ class _Joined(NamedTuple):
         """Returns samples of lag and latency [s]."""
         place = generator.choice(len(self.weight), DRAWS, p=self.weight)
         total = self.log_total[place] + self.error[place] * generator.normal(size=DRAWS)
-        jitter = np.gradient(LATENCIES)[place] * generator.uniform(-0.5, 0.5, DRAWS)
+        jitter = ARRIVAL * generator.normal(size=DRAWS)
         latency = np.maximum(LATENCIES[place] + jitter, 0.0)
         lag = np.maximum(np.exp(total) - latency, LAG_BOUNDS[0] / 2)
         return lag, latency
