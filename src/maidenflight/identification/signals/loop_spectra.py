@@ -75,6 +75,8 @@ class Spectra(NamedTuple):
     """Independent stretches in these sums."""
     clear: float
     """Times by which the command is stronger than near half the log's rate, up to `SLOW`."""
+    scale: float
+    """Motion of that unit of the command, over the command."""
 
     def means(self, power: Float[np.ndarray, "F"]) -> Float[np.ndarray, "B"]:
         """Returns the mean of a power in each band."""
@@ -97,6 +99,10 @@ class LagByDelay(NamedTuple):
     """Logarithm of the best lag [s]."""
     deviation: Float[np.ndarray, "D"]
     """Its standard error."""
+    log_gain: Float[np.ndarray, "D"]
+    """Logarithm of the steady motion over the command."""
+    gain_slope: Float[np.ndarray, "D"]
+    """By how much that rises with the logarithm of the lag."""
 
 
 def spectra(
@@ -143,7 +149,7 @@ def spectra(
     slow = np.bincount(band, drives / noise)[: band[frequencies[in_band] < SLOW][-1]]
     clear = slow / np.bincount(band)[: len(slow)]
     cross = np.sum(y * u.conj(), axis=0)
-    return Spectra(s, drives, moves, cross, band, averages, float(clear.min()))
+    return Spectra(s, drives, moves, cross, band, averages, float(clear.min()), float(scale))
 
 
 class _Model:
@@ -275,15 +281,20 @@ class _Model:
         in_range = is_finite and _SEARCHED[0] < np.exp(x[0]) < _SEARCHED[1] and abs(x[1]) < 4.5
         return bool(in_range and self.is_stable(x))
 
-    def deviation(self, value: float, x: Float[np.ndarray, "d"]) -> float:
-        """Returns the standard error of the logarithm of the lag, from the loss of two others."""
-        rises = []
+    def deviation(self, value: float, x: Float[np.ndarray, "d"]) -> tuple[float, float]:
+        """Returns the standard error of the logarithm of the lag, from the loss of two others.
+
+        And the slope of the gain's logarithm with it.
+        """
+        rises, slopes = [], []
         for change in (-_STEP, _STEP):
             perturbed = x + change * (np.arange(len(x)) == 0)
             nearby, there = self.minimize(perturbed, (perturbed[0],))
             known = np.isfinite(nearby) and np.isfinite(there).all() and self.is_stable(there)
             rises.append(max(nearby - value, 0.0) if known else _REACH)
-        return float(1 / np.sqrt(2 * np.mean(rises) / _STEP**2 + 1.0))
+            slopes += [(there[1] - x[1]) / change] if known else []
+        error = 1 / np.sqrt(2 * np.mean(rises) / _STEP**2 + 1.0)
+        return float(error), float(np.clip(np.mean(slopes), 0.0, 1.0)) if slopes else 1.0
 
 
 def lag_by_delay(
@@ -308,7 +319,7 @@ def lag_by_delay(
     if not starts:
         return None
     _, first, start, unit = min(starts, key=lambda one: one[0])
-    found: dict[int, tuple[float, float, float, float]] = {}
+    found: dict[int, tuple[float, ...]] = {}
     least = np.inf
     for places in (range(first, len(nodes)), range(first - 1, -1, -1)):
         x = start
@@ -321,21 +332,27 @@ def lag_by_delay(
             if model.is_valid(value, optimum):
                 x, least = optimum, min(least, value)
                 # The error is smooth in the delay, and costs two searches.
-                error = np.nan if place % 2 else model.deviation(value, x)
-                found[place] = value, model.slope_by_delay(x), x[0], error
+                errors = (np.nan, np.nan) if place % 2 else model.deviation(value, x)
+                gain = x[1] + np.log(spectra.scale)
+                found[place] = value, model.slope_by_delay(x), x[0], gain, *errors
     return _interpolated(nodes, found, delays)
 
 
 def _interpolated(
     nodes: Float[np.ndarray, "K"],
-    found: dict[int, tuple[float, float, float, float]],
+    found: dict[int, tuple[float, ...]],
     delays: Float[np.ndarray, "D"],
 ) -> LagByDelay | None:
-    """Returns the lag for each delay from loss, its slope, lag and error at some of the nodes."""
+    """Returns the lag for each delay from what was found at some of the nodes.
+
+    That is the loss, its slope, the logarithms of lag and gain, and where known the error of the
+    lag and the slope of the gain.
+    """
     if not found:
         return None
     at = nodes[sorted(found)]
-    value, slope, log_lag, error = np.array([found[place] for place in sorted(found)]).T
+    columns = np.array([found[place] for place in sorted(found)]).T
+    value, slope, log_lag, gain, error, gain_slope = columns
     loss = np.full(len(delays), np.inf)
     if len(at) == 1:
         loss[np.argmin(np.abs(delays - at))] = 0.0
@@ -344,4 +361,10 @@ def _interpolated(
         loss[inside] = scipy.interpolate.CubicHermiteSpline(at, value, slope)(delays[inside])
     known = np.isfinite(error)
     deviation = np.exp(np.interp(delays, at[known], np.log(error[known])))
-    return LagByDelay(loss - loss.min(), np.interp(delays, at, log_lag), deviation)
+    return LagByDelay(
+        loss - loss.min(),
+        np.interp(delays, at, log_lag),
+        deviation,
+        np.interp(delays, at, gain),
+        np.interp(delays, at[known], gain_slope[known]),
+    )
