@@ -4,6 +4,7 @@
 can tell of it.
 """
 
+import itertools
 from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace as replace_
@@ -54,6 +55,8 @@ from maidenflight.identification.signals.motor_response import (
 )
 from maidenflight.parameters import Parameters, check, replace
 
+Samples = Mapping[str, Float[np.ndarray, "N"]]
+"""Of a posterior, by parameter, SI units."""
 _TURNING = (*selection.FIRST, "spin_down_ratio", "inertia_x", "inertia_y")
 """What decides, together, how fast the drone answers a command."""
 _LATENCIES = (0.002, 0.02)
@@ -82,22 +85,22 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     if motors:
         problem = replace_(problem, flights=[undo_filter_delay(one) for one in problem.flights])
         coarse = _coarse(problem, settings)
-    flights = problem.flights
+    flights, measured = problem.flights, _measured(problem, coarse, motors)
     fine = one_step_objective(flights, settings, settings.physics_step)
-    expected = _expected_intervals(problem, coarse, motors)
+    expected = _expected_intervals(problem, coarse, measured)
     problem.reporter.expected(expected)
     unidentifiable = {name: one.prior for name, one in expected.items() if not one.identifiable}
     decided = set[str]()
     while True:
-        question = _question(problem, settings, (coarse, fine), motors, unidentifiable)
+        question = _question(problem, settings, (coarse, fine), measured, unidentifiable)
         fit_result = answer_question(problem, settings, question)
         box, draws = fit_result.best.box, fit_result.samples
-        searched = [name for name in box.names if not (motors and name in DELAYS)]
-        groups = _groups(problem, motors)
+        searched = [name for name in box.names if name not in measured]
+        groups = _groups(problem, measured)
         needed = _surely_needed(fit_result.gains, groups)
         wide = _too_wide(draws, [name for name in searched if name not in needed], expected, groups)
         identifiable = _find_identifiable(
-            problem, coarse, motors, fit_result.best.drone, unidentifiable.keys() - decided
+            problem, coarse, measured, fit_result.best.drone, unidentifiable.keys() - decided
         )
         decided |= {*wide, *identifiable}
         if not wide and not identifiable:
@@ -160,7 +163,8 @@ def expected_intervals(problem: Problem, settings: Likelihood) -> dict[str, Expe
     motors = _motors(problem)
     if motors:
         problem = replace_(problem, flights=[undo_filter_delay(one) for one in problem.flights])
-    return _expected_intervals(problem, _coarse(problem, settings), motors, is_truth=True)
+    coarse = _coarse(problem, settings)
+    return _expected_intervals(problem, coarse, _measured(problem, coarse, motors), is_truth=True)
 
 
 def _coarse(problem: Problem, settings: Likelihood) -> OneStep:
@@ -171,7 +175,7 @@ def _coarse(problem: Problem, settings: Likelihood) -> OneStep:
 def _find_identifiable(
     problem: Problem,
     coarse: OneStep,
-    motors: MotorResponse | None,
+    measured: Samples,
     drone: Parameters,
     names: Collection[str],
 ) -> dict[str, ExpectedInterval]:
@@ -179,14 +183,14 @@ def _find_identifiable(
 
     About a start that is far away noise seems large, and hides them.
     """
-    expected = _expected_intervals(problem, coarse, motors, drone) if names else {}
+    expected = _expected_intervals(problem, coarse, measured, drone) if names else {}
     return {name: one for name, one in expected.items() if one.identifiable and name in names}
 
 
 def _expected_intervals(
     problem: Problem,
     coarse: OneStep,
-    motors: MotorResponse | None,
+    measured: Samples,
     drone: Parameters | None = None,
     *,
     is_truth: bool = False,
@@ -194,32 +198,39 @@ def _expected_intervals(
     """What flights tell about a drone, or about the start."""
     names, parameter_groups = problem.over, problem.over
     if names is None or parameter_groups is None:
-        every = selection.WITH_KNOWN_LAG if motors else selection.GROUPS
+        every = selection.WITH_KNOWN_LAG if measured else selection.GROUPS
         names, parameter_groups = (
-            (*selection.FIRST, *(name for group in some.values() for name in group))
-            for some in (every, _groups(problem, motors))
+            tuple(dict.fromkeys([*selection.FIRST, *measured, *itertools.chain(*some.values())]))
+            for some in (every, _groups(problem, measured))
         )
     priors = prior_ranges(problem.start, box_of(problem, names).limits)
     fit_result = information.expected_intervals(
         *(coarse, problem.start if drone is None else drone, names, priors),
-        _measured_delays(motors),
+        measured,
         is_truth=is_truth,
     )
     # What is not even looked for in such flights cannot be told by them either.
-    # Of a lag that is seen its own width decides, not what is plausible about some start.
-    measured_delays = {} if motors is None else {LAG: motors.is_identifiable, "latency": True}
+    # Of what signals show by themselves its own width decides, not the range about some start.
+    known = {name: _is_clear(samples) for name, samples in measured.items() if name not in DELAYS}
+    if measured:
+        known |= {LAG: _is_clear(measured[LAG] + measured["latency"]), "latency": True}
     return {
         name: replace_(
             one,
-            identifiable=measured_delays.get(name, one.identifiable) and name in parameter_groups,
+            identifiable=known.get(name, one.identifiable) and name in parameter_groups,
         )
         for name, one in fit_result.items()
     }
 
 
-def _groups(problem: Problem, motors: MotorResponse | None) -> Mapping[str, Sequence[str]]:
+def _groups(problem: Problem, measured: Collection[str]) -> Mapping[str, Sequence[str]]:
     """Parameters that may be chosen."""
-    return selection.groups(problem.flights, has_measured_lag=motors is not None)
+    every = selection.groups(problem.flights, has_measured_lag=bool(measured))
+    left = {
+        group: tuple(name for name in names if name not in measured)
+        for group, names in every.items()
+    }
+    return {group: names for group, names in left.items() if names}
 
 
 def _surely_needed(gains: Sequence[GroupGain], groups: Mapping[str, Sequence[str]]) -> set[str]:
@@ -265,7 +276,7 @@ def _question(
     problem: Problem,
     settings: Likelihood,
     models: tuple[OneStep, OneStep],
-    motors: MotorResponse | None,
+    measured: Samples,
     unidentifiable: Ranges,
 ) -> Question:
     """Returns the question about what may be identifiable.
@@ -274,17 +285,17 @@ def _question(
         InputError: no requested parameter is identifiable.
     """
     (coarse, fine), start, parts = models, problem.start, None
-    request = selection.FIRST if problem.over is None else problem.over
+    request = problem.over or tuple(dict.fromkeys([*selection.FIRST, *measured]))
     names = tuple(name for name in request if name not in unidentifiable)
     if problem.over is None:
         parts = _parts(problem.flights, settings)
-        if not motors:
+        if not measured:
             start = _optimum_near(problem, settings, parts.sample, unidentifiable)
     else:
         must_tell(names, unidentifiable)
     left = {
         group: tuple(name for name in names if name not in unidentifiable)
-        for group, names in _groups(problem, motors).items()
+        for group, names in _groups(problem, measured).items()
     }
     return Question(
         Models(_pilot(problem.flights, settings, coarse), coarse, fine),
@@ -292,10 +303,10 @@ def _question(
         start,
         parts,
         {group: names for group, names in left.items() if names},
-        _measured_delays(motors),
+        measured,
         partial(Others.from_ranges, unidentifiable, generator=problem.generator),
         partial(other_ways.ways_of_states, problem.flights, settings),
-        partial(other_ways.doubt_of_states, measured=motors is not None),
+        partial(other_ways.doubt_of_states, measured=bool(measured)),
     )
 
 
@@ -312,9 +323,22 @@ def _motors(problem: Problem) -> MotorResponse | None:
     return estimate_motor_response(problem.flights, problem.generator, problem.start, report_stage)
 
 
-def _measured_delays(motors: MotorResponse | None) -> dict[str, Float[np.ndarray, "N"]]:
-    """Samples of the parameters that are not searched for but seen, those of thrust apart."""
-    return {} if motors is None else dict(zip(DELAYS, (motors.lag, motors.latency), strict=True))
+def _measured(problem: Problem, coarse: OneStep, motors: MotorResponse | None) -> Samples:
+    """Samples of the parameters that are not searched for but seen, those of thrust apart.
+
+    Lag and gain of a loop belong together: an inertia found by the likelihood beside that lag has
+    two optima on short logs of brushless motors, a factor of two apart.
+    """
+    if motors is None:
+        return {}
+    delays = dict(zip(DELAYS, (motors.lag, motors.latency), strict=True))
+    thrust = coarse.hovering(problem.start)[0] if motors.turning else 0.0
+    return delays | {name: thrust * samples for name, samples in motors.turning.items()}
+
+
+def _is_clear(samples: Float[np.ndarray, "N"]) -> bool:
+    """Returns whether 95 % of samples lie within a factor of two up and down."""
+    return bool(np.std(np.log(samples)) < np.log(2) / 1.96)
 
 
 def _parts(flights: Sequence[Flight], settings: Likelihood) -> Parts:

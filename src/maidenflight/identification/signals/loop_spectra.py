@@ -48,6 +48,12 @@ _STARTS = (0.03, 0.07)
 """Lags from which an optimum is looked for [s]."""
 _SEARCH = {"gtol": 2e-2, "maxiter": 40}
 """When a search for an optimum ends [nats a unit of the parameters]."""
+_NODES = 1e-3 * np.array([0.0, 2.0, 4.0, 5.0, 6.0, 7.0, 8.5, 10.0, 12.0, 14.0, 16.0, 19.0, 24.0])
+"""Delays over the least one that are tried [s]."""
+_FIRST = (4, 8)
+"""Nodes at which optima are looked for."""
+_GROWTH = 0.04
+"""Damping ratio below zero down to which an oscillation may be a limit cycle."""
 _REACH = 15.0
 """Loss over the least one beyond which further delays are not tried [nats]."""
 
@@ -69,6 +75,8 @@ class Spectra(NamedTuple):
     """Independent stretches in these sums."""
     clear: float
     """Times by which the command is stronger than near half the log's rate, up to `SLOW`."""
+    scale: float
+    """Motion of that unit of the command, over the command."""
 
     def means(self, power: Float[np.ndarray, "F"]) -> Float[np.ndarray, "B"]:
         """Returns the mean of a power in each band."""
@@ -91,6 +99,10 @@ class LagByDelay(NamedTuple):
     """Logarithm of the best lag [s]."""
     deviation: Float[np.ndarray, "D"]
     """Its standard error."""
+    log_gain: Float[np.ndarray, "D"]
+    """Logarithm of the steady motion over the command."""
+    gain_slope: Float[np.ndarray, "D"]
+    """By how much that rises with the logarithm of the lag."""
 
 
 def spectra(
@@ -137,7 +149,7 @@ def spectra(
     slow = np.bincount(band, drives / noise)[: band[frequencies[in_band] < SLOW][-1]]
     clear = slow / np.bincount(band)[: len(slow)]
     cross = np.sum(y * u.conj(), axis=0)
-    return Spectra(s, drives, moves, cross, band, averages, float(clear.min()))
+    return Spectra(s, drives, moves, cross, band, averages, float(clear.min()), float(scale))
 
 
 class _Model:
@@ -223,6 +235,13 @@ class _Model:
         by_lag = np.sum(np.real(weighted_slope * -s * lag / (1 + s * lag)))
         return value, np.array([by_lag, np.sum(np.real(weighted_slope)), *controller_slopes])
 
+    def slope_by_delay(self, x: Float[np.ndarray, "d"]) -> float:
+        """Returns by how much the loss rises with the delay [nats/s], the parameters fixed."""
+        step = 1e-5
+        later = _Model(self.spectra, self.delay + step, closed=self.closed)
+        later.unit = self.unit
+        return (later(x)[0] - self(x)[0]) / step
+
     def is_stable(self, x: Float[np.ndarray, "d"]) -> bool:
         """Tests whether no oscillation of these frequencies grows, by Pade's approximation."""
         if not self.closed:
@@ -239,7 +258,7 @@ class _Model:
         )
         roots = polynomial.polyroots(loop) * _CENTRE / (2 * np.pi)
         near = (np.abs(roots) > 1.6 * LOWEST) & (np.abs(roots) < 1.5 * HIGHEST)
-        return not bool((near & (roots.real > 0)).any())
+        return not bool((near & (roots.real > _GROWTH * np.abs(roots))).any())
 
     def minimize(
         self, start: Float[np.ndarray, "d"], fixed: tuple[float, ...] = ()
@@ -262,15 +281,20 @@ class _Model:
         in_range = is_finite and _SEARCHED[0] < np.exp(x[0]) < _SEARCHED[1] and abs(x[1]) < 4.5
         return bool(in_range and self.is_stable(x))
 
-    def deviation(self, value: float, x: Float[np.ndarray, "d"]) -> float:
-        """Returns the standard error of the logarithm of the lag, from the loss of two others."""
-        rises = []
+    def deviation(self, value: float, x: Float[np.ndarray, "d"]) -> tuple[float, float]:
+        """Returns the standard error of the logarithm of the lag, from the loss of two others.
+
+        And the slope of the gain's logarithm with it.
+        """
+        rises, slopes = [], []
         for change in (-_STEP, _STEP):
             perturbed = x + change * (np.arange(len(x)) == 0)
             nearby, there = self.minimize(perturbed, (perturbed[0],))
             known = np.isfinite(nearby) and np.isfinite(there).all() and self.is_stable(there)
             rises.append(max(nearby - value, 0.0) if known else _REACH)
-        return float(1 / np.sqrt(2 * np.mean(rises) / _STEP**2 + 1.0))
+            slopes += [(there[1] - x[1]) / change] if known else []
+        error = 1 / np.sqrt(2 * np.mean(rises) / _STEP**2 + 1.0)
+        return float(error), float(np.clip(np.mean(slopes), 0.0, 1.0)) if slopes else 1.0
 
 
 def lag_by_delay(
@@ -280,33 +304,67 @@ def lag_by_delay(
 
     Args:
         spectra: spectra of a command and of what follows it.
-        delays: from the command to the signal, the sensor's own included [s].
+        delays: from the command to the signal, the sensor's own included [s], over 24 ms.
         closed: whether a controller answers the signal.
     """
     if min(spectra.drive.min(), spectra.motion.min()) <= 0.0:
         return None
-    count, first = len(delays), len(delays) // 3
-    loss, lags, errors = np.full(count, np.inf), np.zeros(count), np.ones(count)
-    model = _Model(spectra, float(delays[first]), closed=closed)
-    starts = []
-    for lag in _STARTS:
-        value, x = model.minimize(model.start(lag))
-        if model.is_valid(value, x):
-            starts.append((value, x, model.unit))
+    nodes, starts = delays[0] + _NODES, []
+    for place in _FIRST:
+        model = _Model(spectra, float(nodes[place]), closed=closed)
+        for lag in _STARTS:
+            value, x = model.minimize(model.start(lag))
+            if model.is_valid(value, x):
+                starts.append((value, place, x, model.unit))
     if not starts:
         return None
-    best = min(starts, key=lambda one: one[0])
-    for places in (range(first, count), range(first - 1, -1, -1)):
-        x = best[1]
+    _, first, start, unit = min(starts, key=lambda one: one[0])
+    found: dict[int, tuple[float, ...]] = {}
+    least = np.inf
+    for places in (range(first, len(nodes)), range(first - 1, -1, -1)):
+        x = start
         for place in places:
-            model = _Model(spectra, float(delays[place]), closed=closed)
-            model.unit = best[2]
-            value, optimum = best[:2] if place == first else model.minimize(x)
-            if not model.is_valid(value, optimum):
+            model = _Model(spectra, float(nodes[place]), closed=closed)
+            model.unit = unit
+            value, optimum = model.minimize(x)
+            if not np.isfinite(value) or value > least + _REACH:
                 break
-            x = optimum
-            loss[place], lags[place] = value, optimum[0]
-            errors[place] = model.deviation(value, optimum)
-            if value > loss.min() + _REACH:
-                break
-    return LagByDelay(loss - loss.min(), lags, errors)
+            if model.is_valid(value, optimum):
+                x, least = optimum, min(least, value)
+                # The error is smooth in the delay, and costs two searches.
+                errors = (np.nan, np.nan) if place % 2 else model.deviation(value, x)
+                gain = x[1] + np.log(spectra.scale)
+                found[place] = value, model.slope_by_delay(x), x[0], gain, *errors
+    return _interpolated(nodes, found, delays)
+
+
+def _interpolated(
+    nodes: Float[np.ndarray, "K"],
+    found: dict[int, tuple[float, ...]],
+    delays: Float[np.ndarray, "D"],
+) -> LagByDelay | None:
+    """Returns the lag for each delay from what was found at some of the nodes.
+
+    That is the loss, its slope, the logarithms of lag and gain, and where known the error of the
+    lag and the slope of the gain.
+    """
+    if not found:
+        return None
+    at = nodes[sorted(found)]
+    columns = np.array([found[place] for place in sorted(found)]).T
+    value, slope, log_lag, gain, error, gain_slope = columns
+    loss = np.full(len(delays), np.inf)
+    if len(at) == 1:
+        loss[np.argmin(np.abs(delays - at))] = 0.0
+    else:
+        inside = (delays > at[0] - 1e-9) & (delays < at[-1] + 1e-9)
+        loss[inside] = scipy.interpolate.CubicHermiteSpline(at, value, slope)(delays[inside])
+    known = np.isfinite(error)
+    deviation = np.exp(np.interp(delays, at[known], np.log(error[known])))
+    return LagByDelay(
+        loss - loss.min(),
+        np.interp(delays, at, log_lag),
+        deviation,
+        np.interp(delays, at, gain),
+        np.interp(delays, at[known], gain_slope[known]),
+    )

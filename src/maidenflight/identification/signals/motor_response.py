@@ -19,9 +19,10 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from maidenflight.flights.log import Flight, by_log
+from maidenflight.identification.outcome.plausible import ARRIVAL
 from maidenflight.identification.signals.loop_spectra import (
     LagByDelay,
     Spectra,
@@ -30,7 +31,7 @@ from maidenflight.identification.signals.loop_spectra import (
 )
 from maidenflight.parameters import Parameters, levers
 
-LATENCIES = 1e-3 * np.array([-4.0, -2.0, 0.0, 1.0, 2.0, 3.0, 4.5, 6.0, 8.0, 11.0, 15.0, 20.0])
+LATENCIES = 1e-3 * np.arange(-4.0, 20.01, 0.25)
 """Latencies that are tried [s]; below zero are differences of time stamps."""
 LAG_BOUNDS = (0.01, 0.25)
 """Lags that these signals show [s]."""
@@ -53,7 +54,7 @@ _CLEARLY = 10.0
 """Most by which one stretch may vote against a latency [nats]."""
 DRAWS = 500
 """Samples of the posterior."""
-_GYRO = ("gyro x", "gyro y")
+_GYRO = {"gyro x": "inertia_x", "gyro y": "inertia_y"}
 _ROTORS = "rotor speed"
 _OF_SPEEDS = 4e-4
 """Standard deviation of the latency where speeds are measured [s]: 0.3 to 0.5 ms in three folders
@@ -85,6 +86,9 @@ class MotorResponse:
     notes: tuple[str, ...]
     per_flight: Mapping[str, tuple[float, float]]
     """Mean and variance of the logarithm of lag and latency together [s], by flight."""
+    turning: Mapping[str, Float[np.ndarray, "N"]] = field(default_factory=dict)
+    """Samples of inertia over thrust-to-weight ratio [kg m2], each with one of the lag, by
+    parameter; none where no gyro tells it."""
     expected_deviations: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Standard deviations to expect of that logarithm and of the latency [s], by what is done
     next."""
@@ -125,14 +129,14 @@ class _Joined(NamedTuple):
 
     def draw(
         self, generator: np.random.Generator
-    ) -> tuple[Float[np.ndarray, "N"], Float[np.ndarray, "N"]]:
-        """Returns samples of lag and latency [s]."""
+    ) -> tuple[Int[np.ndarray, "N"], Float[np.ndarray, "N"], Float[np.ndarray, "N"]]:
+        """Returns samples of places in `LATENCIES`, and of lag and latency [s]."""
         place = generator.choice(len(self.weight), DRAWS, p=self.weight)
         total = self.log_total[place] + self.error[place] * generator.normal(size=DRAWS)
-        jitter = np.gradient(LATENCIES)[place] * generator.uniform(-0.5, 0.5, DRAWS)
+        jitter = ARRIVAL * generator.normal(size=DRAWS)
         latency = np.maximum(LATENCIES[place] + jitter, 0.0)
         lag = np.maximum(np.exp(total) - latency, LAG_BOUNDS[0] / 2)
-        return lag, latency
+        return place, lag, latency
 
 
 def estimate_motor_response(
@@ -168,7 +172,7 @@ def estimate_motor_response(
         return None
     before = _before(flights)
     joined = _joined(stretches, before)
-    lag, latency = joined.draw(generator)
+    place, lag, latency = joined.draw(generator)
     names = dict.fromkeys(one.flight for one in stretches)
     left_out = [name for name in groups if name not in names]
     note = (
@@ -187,8 +191,43 @@ def estimate_motor_response(
         tuple(joined_by("signal", one).delay_estimate(one) for one in signals),
         (note,) if left_out else (),
         {one: joined_by("flight", one).moments for one in names},
+        {
+            name: _inertia_per_thrust(
+                [one for one in stretches if one.signal == signal], place, lag, generator
+            )
+            * float(drone.mass * drone.gravity / 4 * np.abs(levers(drone)[:, axis]).max())
+            for axis, (signal, name) in enumerate(_GYRO.items())
+            if signal in signals
+        },
         _expect(joined, stretches, latency),
     )
+
+
+def _inertia_per_thrust(
+    stretches: Sequence[_Stretch],
+    places: Int[np.ndarray, "N"],
+    lag: Float[np.ndarray, "N"],
+    generator: np.random.Generator,
+) -> Float[np.ndarray, "N"]:
+    """Returns samples of a command over the angular acceleration that it leads to.
+
+    Stretches are joined at one lag: which has too much of that has too much of the gain too.
+    """
+    samples, log_lag = np.ones(len(lag)), np.log(lag)
+    for place in np.unique(places):
+        here = [one.profile for one in stretches if np.isfinite(one.profile.loss[place])]
+        here = here or [one.profile for one in stretches]
+        columns = [(one.log_gain, one.gain_slope, one.log_lag, one.deviation) for one in here]
+        gain, slope, own_lag, deviation = np.array(columns)[:, :, place].T
+        chosen = places == place
+        middle = float(np.mean(log_lag[chosen]))
+        joined, error = _random_effects(
+            gain + slope * (middle - own_lag), np.hypot(deviation, _OWN) ** 2
+        )
+        moved = np.mean(slope) * (log_lag[chosen] - middle)
+        noise = np.hypot(error, _LIKE) * generator.normal(size=chosen.sum())
+        samples[chosen] = np.exp(-(joined + moved + noise))
+    return samples
 
 
 def _expect(
