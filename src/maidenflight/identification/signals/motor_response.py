@@ -86,12 +86,12 @@ class MotorResponse:
     notes: tuple[str, ...]
     per_flight: Mapping[str, tuple[float, float]]
     """Mean and variance of the logarithm of lag and latency together [s], by flight."""
-    turning: Mapping[str, Float[np.ndarray, "N"]] = field(default_factory=dict)
-    """Samples of inertia over thrust-to-weight ratio [kg m2], each with one of the lag, by
-    parameter; none where no gyro tells it."""
     expected_deviations: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Standard deviations to expect of that logarithm and of the latency [s], by what is done
     next."""
+    turning: Mapping[str, Float[np.ndarray, "N"]] = field(default_factory=dict)
+    """Samples of inertia over thrust-to-weight ratio [kg m2], each with one of the lag, by
+    parameter; none where no gyro tells it."""
 
     @property
     def is_identifiable(self) -> bool:
@@ -191,6 +191,7 @@ def estimate_motor_response(
         tuple(joined_by("signal", one).delay_estimate(one) for one in signals),
         (note,) if left_out else (),
         {one: joined_by("flight", one).moments for one in names},
+        _expect(joined, stretches, latency),
         {
             name: _inertia_per_thrust(
                 [one for one in stretches if one.signal == signal], place, lag, generator
@@ -199,7 +200,6 @@ def estimate_motor_response(
             for axis, (signal, name) in enumerate(_GYRO.items())
             if signal in signals
         },
-        _expect(joined, stretches, latency),
     )
 
 
