@@ -24,6 +24,7 @@ def recordings() -> dict[str, tuple[str, list[bytes]]]:
     """Good logs by their format, with the ending of their files."""
     flights, ulogs = made("made_flights"), made("made_ulogs")
     blackbox, bags, cards = made("made_blackbox"), made("made_bags"), made("test_usddeck")
+    dataflash = made("made_dataflash")
     force = np.random.default_rng(1).normal([0.0, 0.0, 9.81], 0.3, (ROWS, 3)).astype(np.float32)
     flight = dataclasses.replace(flights.driven(ROWS), accelerometer=force)
 
@@ -46,6 +47,13 @@ def recordings() -> dict[str, tuple[str, list[bytes]]]:
                     ulogs.topics_of(flight),
                     ulogs.by_default_profile(ulogs.topics_of(flight, state=False)),
                 )
+            ],
+        ),
+        "DataFlash": (
+            ".bin",
+            [
+                dataflash.dataflash(dataflash.messages_of(flight, rare=rare), dataflash.PARAMETERS)
+                for rare in (1, 10)
             ],
         ),
         "blackbox": (

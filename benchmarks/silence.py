@@ -1,7 +1,7 @@
 """Measures how long a person waits for a first word of each verb, and between words, under load.
 
-Each verb runs on a terminal, at the lowest priority beside a busy loop for every core. A redrawn
-bar counts as a word: its clock and share move.
+Each verb runs on a terminal beside a busy loop for every core, at the lowest priority unless
+`--nice` says otherwise. A redrawn bar counts as a word: its clock and share move.
 """
 
 import argparse
@@ -49,10 +49,10 @@ class Silence(NamedTuple):
     code: int
 
 
-def listen(arguments: list[str], folder: Path, most: float) -> Silence:
+def listen(arguments: list[str], folder: Path, nice: int, most: float) -> Silence:
     """Runs a verb on a terminal of its own, for some seconds at most, and notes when it writes."""
     terminal, its_end = pty.openpty()
-    command = ["nice", "-n", "19", sys.executable, "-m", "maidenflight", *arguments]
+    command = ["nice", "-n", str(nice), sys.executable, "-m", "maidenflight", *arguments]
     start = last = time.monotonic()
     process = subprocess.Popen(command, cwd=folder, stdout=its_end, stderr=its_end, stdin=its_end)
     os.close(its_end)
@@ -97,6 +97,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--loops", type=int, default=os.cpu_count() or 1, help="busy loops beside")
     parser.add_argument("--verbs", nargs="*", default=list(VERBS), help="of " + ", ".join(VERBS))
+    parser.add_argument("--nice", type=int, default=19, help="priority of the verbs, 0 to 19")
     parser.add_argument("--most", type=float, default=3600.0, help="seconds of each verb at most")
     parser.add_argument("--folder", type=Path, help="where earlier verbs have run, and files stay")
     options = parser.parse_args()
@@ -107,7 +108,7 @@ def main() -> None:
         folder = options.folder or Path(temporary)
         folder.mkdir(exist_ok=True)
         for name in options.verbs:
-            one = listen(VERBS[name], folder, options.most)
+            one = listen(VERBS[name], folder, options.nice, options.most)
             kept = one.first <= FIRST_S and one.longest <= BETWEEN_S and one.code == 0
             broken += not kept
             sign = "" if kept else " **"

@@ -22,6 +22,7 @@ from maidenflight.experiments.drones import possible_drones
 from maidenflight.experiments.transfer import Transfer, firmware_pilot
 from maidenflight.identification import drone_file
 from maidenflight.names import CONTROLLERS, POSTERIOR
+from maidenflight.simulator.physics.battery import law_for
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone
 from maidenflight.verbs.identify import Identify
 from maidenflight.verbs.train import Train
@@ -69,13 +70,16 @@ def make(name: str, data: Path, output: Path) -> tuple[Path, Path]:
 
 def drones_of(drone: Path) -> list[VirtualDrone]:
     """Returns drones of the posterior."""
-    every = possible_drones(drone_file.read(drone), POSTERIOR, seed=0)
+    file = drone_file.read(drone)
+    every, law = possible_drones(file, POSTERIOR, seed=0), law_for(file.full_scale_counts)
     # Which divides the 2 ms between two commands of the firmware.
     every = dataclasses.replace(every, time_step=np.full_like(every.time_step, 0.002))
     count = len(np.asarray(every.mass))
     chosen = np.linspace(0, count - 1, min(DRAWN, count)).astype(int)
     return [
-        VirtualDrone(f"posterior-{index}", jax.tree.map(lambda part, i=index: part[i], every))
+        VirtualDrone(
+            f"posterior-{index}", jax.tree.map(lambda part, i=index: part[i], every), thrust_law=law
+        )
         for index in chosen
     ]
 

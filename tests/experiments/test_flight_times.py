@@ -161,6 +161,18 @@ def test_yaw_rate_is_the_rate_pids_own_set_point() -> None:
     )
 
 
+def test_no_thrust_stops_all_motors_and_empties_the_rate_pids() -> None:
+    flown = real_controller.real_controller(interface.attitude_rate())
+    level = Measurement(jnp.zeros(3), jnp.zeros(3), jnp.array([0.0, 0.0, 0.0, 1.0]), jnp.zeros(3))
+    turns = jnp.array([0.0, 0.5, -0.5, 1.0])
+    memory, begun = flown.command(flown.init(), turns, level, jnp.zeros(3))
+    memory, stopped = flown.command(memory, turns.at[0].set(-1.0), level, jnp.zeros(3))
+    assert np.abs(begun - 0.5).min() > 0.1
+    assert (np.asarray(stopped) == 0.0).all()
+    _, again = flown.command(memory, turns, level, jnp.zeros(3))
+    np.testing.assert_array_equal(again, begun)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("look_ahead", [NONE, LookAhead(3, 0.2)])
 def test_policies_see_the_history_and_hold_the_actions_of_their_own_rate(

@@ -12,7 +12,7 @@ from made_flights import calm
 from maidenflight.errors import InputError
 from maidenflight.experiments.drones import find_reality
 from maidenflight.integrations.exporters.onnx import export_onnx
-from maidenflight.integrations.logs import blackbox, rosbag, ulog
+from maidenflight.integrations.logs import blackbox, dataflash, rosbag, ulog
 from maidenflight.integrations.monitoring import live
 from maidenflight.integrations.raptor.export import export_raptor
 from maidenflight.policy import untrained_policy
@@ -33,6 +33,10 @@ def log_by(name: str, folder: Path) -> None:
 
 NEEDS: dict[str, tuple[str, Callable[[Path], Any]]] = {
     "pyulog": ("ulog", lambda folder: ulog.flights(folder / "a.ulg", "a.ulg")),
+    "pymavlink.DFReader": (
+        "ardupilot",
+        lambda folder: dataflash.flights(folder / "a.bin", "a.bin"),
+    ),
     "orangebox": ("blackbox", lambda folder: blackbox.flights(folder / "a.bbl", "a.bbl")),
     "rosbags.rosbag2": ("rosbag", lambda folder: rosbag.flights(folder / "a.mcap", "a.mcap")),
     "pybullet": ("pybullet", lambda _: find_reality("pybullet:7")),

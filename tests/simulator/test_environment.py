@@ -520,6 +520,22 @@ def test_an_episode_tells_its_error_and_why_it_ends():
     assert failures.END_REASONS[int(over.end_reason)] == "time limit"
 
 
+def test_an_episode_of_a_drone_whose_estimates_drift_is_judged_by_them():
+    """Nothing tells such a drone where it truly is."""
+    drone = replace(QUIET, position_walk=0.5, height_walk=0.2, velocity_walk=0.5)
+    first = start(WORLD, drone, KEY)
+    after, told = step(WORLD, first, jnp.full(4, 0.16), drone, KEY)
+    drift = np.asarray(after.measurement.position - after.state.position)
+    assert np.linalg.norm(drift) > 0.01
+    error = float(jnp.linalg.norm(told.setpoint - after.measurement.position))
+    assert float(told.position_error) == pytest.approx(error, abs=1e-6)
+    truly = float(jnp.linalg.norm(told.setpoint - after.state.position))
+    assert abs(float(told.reward) + error) < 0.1 * abs(error - truly)
+    away = after._replace(drift=after.drift.at[0].set(0.3))
+    _, told = step(WORLD, away, jnp.full(4, 0.16), drone, KEY)
+    assert failures.END_REASONS[int(told.end_reason)] == "position error"
+
+
 def test_an_action_that_is_not_a_number_ends_the_episode():
     _, step_result = step(WORLD, start(WORLD, QUIET, KEY), jnp.full(4, jnp.nan), QUIET, KEY)
     assert bool(step_result.terminated)

@@ -147,8 +147,7 @@ def test_an_ensemble_draws_each_of_its_drones_whole_and_as_often():
 
 @pytest.mark.parametrize("structure", list(WIDTHS))
 def test_a_wide_box_holds_the_drone_with_all_its_trims_and_what_published_drones_have(structure):
-    walking = {"position_walk": 0.08, "velocity_walk": 0.09}
-    drone, trims = replace(PAPER, torque_bias=(1e-5, -2e-5, 5e-5), **walking), (3e-5, 1e-4, 4e-5)
+    drone, trims = replace(PAPER, torque_bias=(1e-5, -2e-5, 5e-5)), (3e-5, 1e-4, 4e-5)
     drawn = many(wide_box(drone, structure, trims), KEYS)
     away = np.abs(np.asarray(drawn.torque_bias) - drone.torque_bias) / trims
     assert np.all(away < 2.0 + 1e-4)

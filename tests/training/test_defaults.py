@@ -70,6 +70,18 @@ def test_attitude_control_is_trained_about_hovering_unless_the_papers_scales_are
     )
 
 
+def test_pwm_reaches_beyond_full_scale_where_a_weak_drone_needs_it_and_its_battery_has_it() -> None:
+    weak, usual = (replace(crazyflie(), thrust_to_weight=ratio) for ratio in (1.1, 1.49))
+    most = {
+        (drone is weak, counts): 2.0 * choose("pwm", drone, counts).interface.span[0]
+        for choose in [defaults.choose_controller]
+        for drone in (weak, usual)
+        for counts in (60000.0, 65535.0)
+    }
+    ones = {(True, 60000.0): 1.0, (False, 60000.0): 1.0, (False, 65535.0): 1.0}
+    assert most == pytest.approx(ones | {(True, 65535.0): 1.35})
+
+
 def test_attitude_rate_fits_a_crazyflie_with_four_instants() -> None:
     _, spec = chosen(control="attitude_rate", history=4)
     assert (spec.history, spec.hidden) == (4, (75, 75))

@@ -40,6 +40,7 @@ from maidenflight.simulator.controllers import control
 from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.controllers.interface import ControlInterface
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.physics import battery
 from maidenflight.simulator.tasks import failures, tasks
 from maidenflight.simulator.tasks.failures import END_REASONS
 from maidenflight.simulator.tasks.tasks import Task
@@ -171,8 +172,15 @@ def _fly_kind(
     )
     nominal = tree.map(lambda leaf: leaf[0], drones)
     memory = _MEMORY if late else 0
+    # Of PIDs that ask for more than u = 1 the motors give what the battery allows.
+    law = battery.law_for(structure.interface.full_scale_counts)
     env = Environment.matching(
-        nominal, task, structure, estimator_memory=memory, spec=policies[0].spec
+        nominal,
+        task,
+        structure,
+        estimator_memory=memory,
+        spec=policies[0].spec,
+        thrust_law=law,
     )
     laid = NamedSharding(guarded.mesh(), PartitionSpec(guarded.POLICIES))
     size = laid.mesh.size * AT_ONCE.get(jax.default_backend(), AT_ONCE_ELSEWHERE)

@@ -7,6 +7,7 @@ from functools import cache
 
 import jax.numpy as jnp
 import numpy as np
+from jax import tree
 from jaxtyping import Array, Float
 
 from maidenflight.simulator.controllers import control, firmware
@@ -54,10 +55,13 @@ def _attitude_rate(interface: ControlInterface) -> Controller:
         setpoint: Float[Array, "3"],
     ) -> tuple[PIDMemory, Float[Array, "4"]]:
         scaled_action = interface.command(action, control.firmware_units(interface))
-        memory, torque = pid(
+        after, torque = pid(
             memory, scaled_action[1:], jnp.degrees(measurement.body_rates), RATE_GAINS, FIRMWARE
         )
-        motors = firmware.mix(scaled_action[0], firmware.cut(torque), FIRMWARE)
+        stopped = scaled_action[0] == 0.0
+        memory = tree.map(lambda value: jnp.where(stopped, 0.0, value), after)
+        torque = jnp.where(stopped, 0.0, firmware.cut(torque))
+        motors = firmware.mix(scaled_action[0], torque, FIRMWARE)
         return memory, motors / interface.full_scale_counts
 
     def taking_over(hovers: Float[Array, "4"], measurement: Measurement) -> PIDMemory:

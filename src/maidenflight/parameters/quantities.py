@@ -211,7 +211,7 @@ class Parameters:
         "b",
         "N m",
         (-1.0, 1.0),
-        "constant torque, as of an off-centre battery or unequal motors",
+        "torque at hover, as of an off-centre battery or unequal motors; grows with the thrust",
         "measured from flights",
         3,
     )

@@ -159,6 +159,11 @@ class EnvState(NamedTuple):
     elapsed: Float[Array, ""]
     """Time since the episode began [s]."""
 
+    @property
+    def judged(self) -> State:
+        """The true state, but where the estimates say: of their drift nothing tells a drone."""
+        return self.state._replace(position=self.state.position + self.drift[:3])
+
 
 def observe(
     measurement: Measurement, setpoint: Float[Array, "3"], action: Float[Array, "4"]

@@ -204,11 +204,7 @@ def uniform_box(nominal: Parameters, **ranges: tuple[float, float]) -> UniformBo
     return UniformBox(lower, upper)
 
 
-_LOOSE = {"position_walk": (0.5, 0.5), "velocity_walk": (0.5, 0.5)}
-"""Half the random-walk drift of the estimates: with all of it policies hold their position so
-weakly that they lose it on drones unlike theirs."""
 _LIKE = {
-    **_LOOSE,
     "motor_time_constant": (0.8, 1.6),
     "inertia": (0.9, 1.2),
     "mass": (0.9, 1.1),

@@ -31,7 +31,7 @@ class StepResult(NamedTuple):
     setpoint: Float[Array, "3"]
     """[m], at the end of the step."""
     position_error: Float[Array, ""]
-    """Distance from the set-point at the end of the step [m]."""
+    """Distance from the set-point at the end of the step, by estimates without noise [m]."""
     end_reason: Int[Array, ""]
     """Which of `failures.END_REASONS` ends the episode; 0: it goes on."""
 
@@ -138,18 +138,18 @@ def step(
         after, _ = lax.scan(again, env_state, drawn)
 
     time, elapsed = env_state.time + period, env_state.elapsed + period
-    setpoint = environment.task.reference(time)
-    failure = environment.task.failure(after.state, setpoint)
-    finite = jnp.isfinite(vectors.norm(after.state.position)) & jnp.isfinite(vectors.norm(action))
+    setpoint, judged = environment.task.reference(time), after.judged
+    failure = environment.task.failure(judged, setpoint)
+    finite = jnp.isfinite(vectors.norm(judged.position)) & jnp.isfinite(vectors.norm(action))
     failure = jnp.where(finite, failure, failures.NOT_FINITE)
     terminated = failure > 0
     truncated = ~terminated & (elapsed > environment.task.duration - period / 2)
     step_result = StepResult(
-        reward=environment.task.reward(after.state, setpoint, action, env_state.action),
+        reward=environment.task.reward(judged, setpoint, action, env_state.action),
         terminated=terminated,
         truncated=truncated,
         setpoint=setpoint,
-        position_error=vectors.norm(setpoint - after.state.position),
+        position_error=vectors.norm(setpoint - judged.position),
         end_reason=jnp.where(truncated, failures.TIME_LIMIT, failure),
     )
     instant = observe(after.measurement, setpoint, action)

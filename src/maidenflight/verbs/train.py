@@ -83,7 +83,7 @@ class Train(Verb):
     paper_scales: bool = setting(
         flag(),
         False,
-        "In attitude control, scale thrust as the paper does, from 7/12 to 11/12 of full thrust, "
+        "Scale thrust as the paper does, in attitude control from 7/12 to 11/12 of full thrust, "
         "instead of about hovering.",
         rare=True,
     )
@@ -263,8 +263,8 @@ class Train(Verb):
 
     @property
     def _has_paper_scales(self) -> bool:
-        """Returns whether actions are scaled as the paper does, which the authors' format needs."""
-        return self.paper_scales or self.target == "authors"
+        """Returns whether actions are scaled as the paper does, as other formats and forms need."""
+        return self.paper_scales or self.target == "authors" or self.form != "instants"
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Trains; writes a JSON a policy, `training.csv` with their scores, and a checkpoint."""

@@ -52,7 +52,6 @@ FAULTS = [
     ("attitude", 1, -1.06, "tilt above 60 deg"),
     ("body_rates", 2, -25.5, "body rate above 25 rad/s"),
     ("position", 2, 0.09, "below 0.1 m"),
-    ("command", slice(None), 0.0, "motors off"),
 ]
 
 
@@ -72,6 +71,7 @@ BOLD = [
     ("body_rates", 0, 24.5, SOME),
     ("position", 2, 0.11, ALL),
     ("command", 1, 0.0, SOME),
+    ("command", ALL, 0.0, SOME),
     ("command", 1, 1.6, SOME),
     ("battery", ..., np.nan, ALL),
     ("setpoint", ..., np.nan, ALL),
@@ -104,13 +104,13 @@ def test_a_row_with_two_faults_is_counted_once():
 
 def test_faults_at_both_ends_leave_the_middle():
     flight = spoilt(
-        "position", 2, 0.02, slice(0, 30), spoilt("command", slice(None), 0.0, slice(180, 200))
+        "position", 2, 0.02, slice(0, 30), spoilt("command", slice(None), 0.0, slice(140, 200))
     )
     kept, notes = checking.pieces(flight)
-    assert [len(piece) for piece in kept] == [150]
+    assert [len(piece) for piece in kept] == [110]
     assert notes == [
         "calm: 30 rows dropped: below 0.1 m (first: row 1)",
-        "calm: 20 rows dropped: motors off (first: row 181)",
+        "calm: 60 rows dropped: motors off for 0.5 s or longer (first: row 141)",
     ]
 
 

@@ -106,7 +106,8 @@ def piloted(drone: Parameters, seconds: float, seed: int) -> Flight:
         p, q, r = rates
         gyroscopic = np.diff(inertia[[1, 2, 0, 1]]) * [q * r, r * p, p * q]
         turns[row] = rates
-        rates = rates + period * (arms * (signs[1:] @ thrust) + bias - gyroscopic) / inertia
+        trim = bias * thrust.sum() / 9.81
+        rates = rates + period * (arms * (signs[1:] @ thrust) + trim - gyroscopic) / inertia
         climb = 0.9999 * climb + period * (forces[row, 2] - 9.81)
     force = forces + 0.3 * generator.normal(size=forces.shape)
     measured = turns + 0.02 * generator.normal(size=turns.shape)

@@ -25,7 +25,7 @@ STRICT = (
 )
 COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name)]
 ABSOLUTE, VELOCITY = firmware.ABSOLUTE, firmware.VELOCITY
-LEGACY, FORCE = 0, 2
+LEGACY, FORCE_TORQUE, FORCE = 0, 1, 2
 HOVER_THRUST = 35_000.0
 START = (0.5, -0.25)
 GIVEN = np.dtype(

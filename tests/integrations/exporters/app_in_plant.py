@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from app_in_firmware import FORCE, App, built, hovering
+from app_in_firmware import LEGACY, App, built, hovering
 from jax.flatten_util import ravel_pytree
 
 from flying_policy import flying_policy
@@ -106,8 +106,8 @@ class Loop:
         self.volts += 0.01 * (float(seen[16]) - self.volts)  # firmware, stabilizer.c
         (found,) = self.app.fly(row)
         counts = self.motors
-        if found["mode"] == FORCE:
-            counts = 65535.0 * np.clip(found["forces"], 0.0, 1.0)
+        if found["mode"] != LEGACY:
+            counts = 65535.0 * np.maximum(found["forces"], 0.0)
         share = counts.astype(np.float32) / np.float32(65535.0)
         ratio = battery.motor_ratio(share, np.array(self.volts, np.float32), SUPPLY)
         self.plant.step(65535.0 * ratio + 1.0)

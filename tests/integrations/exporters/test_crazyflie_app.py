@@ -23,6 +23,7 @@ from app_in_firmware import (
     ABSOLUTE,
     COMPILERS,
     FORCE,
+    FORCE_TORQUE,
     HERE,
     HOVER_THRUST,
     LEGACY,
@@ -90,10 +91,12 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-AHEAD = "pwm_looking_ahead"
+AHEAD, STRONG = "pwm_looking_ahead", "pwm_beyond_full_scale"
 
 
 def policy_of(structure: str) -> Policy:
+    if structure == STRONG:
+        return restless(PolicySpec(hidden=(8,)), interface.pwm(most=1.2))
     if structure == AHEAD:
         return restless(PolicySpec(look_ahead=LookAhead(3, 0.2), hidden=(8,)))
     return restless(PolicySpec(hidden=(8,)), CONTROLLERS[structure]().interface)
@@ -330,19 +333,20 @@ def asked_in_flight(app: App, given: np.ndarray) -> np.ndarray:
     return found
 
 
+@pytest.mark.parametrize("structure", ["pwm", STRONG])
 def test_motors_are_commanded_as_by_python_s_policy(
-    load: Load, flight: tuple[Measurement, np.ndarray]
+    load: Load, flight: tuple[Measurement, np.ndarray], structure: str
 ) -> None:
-    policy, (measured, setpoints) = policy_of("pwm"), flight
-    found = asked_in_flight(load("pwm"), milliseconds(measured, 10))
+    policy, (measured, setpoints) = policy_of(structure), flight
+    found = asked_in_flight(load(structure), milliseconds(measured, 10))
     actions = actions_in_python(policy, measured, setpoints, HOVER_THRUST / 60000)
-    _, commands = jax.vmap(
-        lambda action: control.pwm().command(None, action, measured, jnp.zeros(3))
-    )(jnp.asarray(actions))
-    assert (found["mode"] == FORCE).all()
-    np.testing.assert_allclose(
-        found["forces"] * (65535 / 60000), np.repeat(commands, 10, axis=0), rtol=0, atol=1e-5
-    )
+    commands = np.repeat(jax.vmap(policy.interface.command)(jnp.asarray(actions)), 10, axis=0)
+    forces = commands * (60000 / 65535)
+    np.testing.assert_allclose(found["forces"], forces, rtol=0, atol=1e-5)
+    # The firmware cuts off single forces above 1, and takes their sum and torques as they are.
+    modes = np.where(forces.max(axis=1) > 1.0, FORCE_TORQUE, FORCE)
+    assert np.array_equal(found["mode"], modes)
+    assert set(modes) == ({FORCE} if structure == "pwm" else {FORCE, FORCE_TORQUE})
     # The PID forgets when the policy takes over, and then has nothing to do.
     assert found["calls"].tolist() == [1] + [0] * (len(found) - 1)
     assert np.std(actions, axis=0).min() > 0.05

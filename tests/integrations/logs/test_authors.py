@@ -65,9 +65,11 @@ def test_commands_are_held_even_where_a_weak_battery_saturates_most_motors():
     assert one(weak).zero_order_hold
 
 
-def test_commands_of_a_cascade_below_the_network_are_samples():
-    commanded = np.random.default_rng(1).uniform(0.3, 0.9, (400, 4))
-    assert not one(authors_columns(commanded=commanded)).zero_order_hold
+def test_commands_of_a_cascade_below_the_network_are_samples_up_to_full_pwm():
+    commanded = np.random.default_rng(1).uniform(0.3, 65535 / 60000, (400, 4))
+    flight = one(authors_columns(commanded=commanded))
+    assert not flight.zero_order_hold
+    assert 1.08 < flight.command.max() <= np.float32(65535 / 60000)
 
 
 def test_columns_keep_their_meaning():

@@ -106,6 +106,7 @@ class FakeDrone:
         self.tilt, self.refuses = 0.0, False
         self.why = 0
         self.active, self.policy_stiffness, self.late, self._held = 0, 1.4, 0, []
+        self.motions = []
         self.faults, self.off_at, self.sent, self.heard, self.said = [], 0.0, [], [], []
         self.parameters = {"deck.bcFlow2": int(deck), "kalman.resetEstimation": 0} | (
             {"mf.enable": 0, "mf.task": 1, "mf.x": 9.0, "mf.y": 9.0, "mf.full": 60000.0}
@@ -423,8 +424,12 @@ class FakeDrone:
     def _on_setpoint(self, channel, data):
         if channel == 0 and data[0] == 0:
             self.plant.mode = OFF
-        elif channel == 0 and data[0] == 7:
-            x, y, z, yaw = struct.unpack("<ffff", data[1:17])
+        elif channel == 0 and data[0] in (6, 7):
+            if data[0] == 7:
+                x, y, z, yaw = struct.unpack("<ffff", data[1:17])
+            else:  # in mm; the turn that follows is upright at zero
+                (x, y, z, *motion), yaw = (v / 1000 for v in struct.unpack("<9h", data[1:19])), 0.0
+                self.motions.append(motion)
             self.plant.setpoint, self.plant.mode, self._last = (
                 (x, y, z, math.radians(yaw)),
                 POSITION,

@@ -124,9 +124,9 @@ def test_a_flight_plan_is_flown_with_its_yaw(tmp_path, monkeypatch):
     asked = []
     go_to = Crazyflie.go_to
 
-    def noted(self, place, yaw=0.0):
+    def noted(self, place, yaw=0.0, motion=None):
         asked.append((*place, yaw))
-        go_to(self, place, yaw)
+        go_to(self, place, yaw, motion)
 
     monkeypatch.setattr(Crazyflie, "go_to", noted)
     (flight,) = flown(FakeDrone(), tmp_path, session.of_flight_plan(BY_SETPOINTS))
@@ -178,7 +178,6 @@ def test_the_log_holds_what_was_commanded(tmp_path):
         ({"spoiled": ("stateEstimate.qx",)}, "not a number"),
         ({"tilted": True}, "tilted by 23 deg"),
         ({"policy": False}, "no policy on board"),
-        ({"policy": True, "ahead": True}, "the policy on board looks ahead"),
         ({"policy": True, "deaf": ("mf.tilt",)}, r"does not confirm mf\.tilt"),
         ({"policy": True, "code": "12345678"}, "policy deadbeef is on board, not 12345678"),
         ({"policy": True, "propellers": "legacy"}, "built for propellers 2.1\\+.* with legacy"),
@@ -199,14 +198,28 @@ def test_an_unfit_drone_does_not_take_off(fake, why, tmp_path):
         setattr(made, name, fake.get(name, getattr(made, name)))
     if "tilted" in fake:
         made.tilt = 0.4
-    if "ahead" in fake:
-        made.parameters["mf.ahead"] = 5
     expected = Expected(code=fake.get("code", ""), propellers=fake.get("propellers", ""))
     care = session.Care(expected, test_propellers="unbalanced" in fake)
     with pytest.raises(InputError, match=why):
         flown(made, tmp_path, plan(policy="policy" in fake), care=care)
     assert made.off_at == 0.0
     assert not list(tmp_path.iterdir())
+
+
+def test_a_policy_that_looks_ahead_is_given_the_motion_of_its_set_points(tmp_path):
+    fake = FakeDrone(policy=True)
+    fake.parameters["mf.ahead"] = 5
+    (flight,) = flown(fake, tmp_path, plan(2.0, policy=True))
+    assert flight.ending.reason == "complete"
+    motions = np.array(fake.motions)
+    assert len(motions) == pytest.approx(200, abs=2)
+    # On a circle of 0.25 m in 3 s, in whole millimetres a second.
+    turn = 2.0 * np.pi / 3.0
+    velocity, acceleration = np.split(motions[2:-2], 2, axis=1)
+    np.testing.assert_allclose(np.linalg.norm(velocity, axis=1), 0.25 * turn, atol=0.003)
+    np.testing.assert_allclose(np.linalg.norm(acceleration, axis=1), 0.25 * turn**2, atol=0.02)
+    inwards = np.cross(velocity, acceleration)[:, 2]
+    np.testing.assert_allclose(np.abs(inwards), 0.0625 * turn**3, atol=0.02)
 
 
 def test_a_drone_that_does_not_arm_stays_on_the_ground(tmp_path):

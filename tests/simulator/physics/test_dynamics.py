@@ -33,7 +33,14 @@ Crazyflie."""
 angular_acceleration = jax.jit(dynamics.angular_acceleration)
 linear_acceleration = jax.jit(dynamics.linear_acceleration)
 torque = jax.jit(dynamics.torque)
-further_torque = jax.jit(dynamics.further_torque)
+HOVER_FORCES = np.full(4, float(PAPER.mass * PAPER.gravity) / 4, np.float32)
+
+
+@jax.jit
+def further_torque(state, change, parameters, forces=HOVER_FORCES):
+    return dynamics.further_torque(state, forces, change, parameters)
+
+
 spin_up = jax.jit(dynamics.spin_up)
 motor_derivative = jax.jit(dynamics.motor_derivative)
 from_attitude = jax.jit(rotations.from_attitude)
@@ -366,17 +373,23 @@ def test_damping_opposes_roll_and_pitch_rate_only(attitude, velocity, rates):
 
 
 @given(attitudes, vectors, vectors, st.tuples(*[st.floats(-10, 10, width=16)] * 4).map(float32))
-def test_a_torque_bias_is_the_same_in_every_state_of_flight(attitude, velocity, rates, change):
+def test_a_torque_bias_grows_with_the_thrust_in_every_state_of_flight(
+    attitude, velocity, rates, change
+):
     state = drone(velocity=velocity, attitude=attitude, body_rates=rates)
-    found = further_torque(state, change, replace(PAPER, torque_bias=(2e-5, -3e-5, 1e-5)))
-    np.testing.assert_allclose(found, [2e-5, -3e-5, 1e-5], rtol=1e-6)
+    biased = replace(PAPER, torque_bias=(2e-5, -3e-5, 1e-5))
+    for share in (0.0, 1.0, 1.5):
+        found = further_torque(state, change, biased, np.float32(share) * HOVER_FORCES)
+        np.testing.assert_allclose(found, share * np.array([2e-5, -3e-5, 1e-5]), rtol=1e-5)
 
 
 def test_a_torque_bias_alone_spins_the_body_up_by_its_share_of_inertia():
-    """A tenth of a second of roll by b t / I."""
+    """A tenth of a second of roll by b t / I at hover, none without thrust."""
     parameters = replace(PAPER, torque_bias=(2e-5, 0.0, 0.0))
-    end = fly(dynamics.midpoint, drone(), OFF, parameters, 20)
-    np.testing.assert_allclose(end.body_rates, [0.1 * 2e-5 / 1.33e-5, 0, 0], rtol=1e-4, atol=1e-7)
+    hover = dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), parameters)
+    for start, expected in ((hover, 0.1 * 2e-5 / 1.33e-5), (drone(), 0.0)):
+        end = fly(dynamics.midpoint, start, start.rotor_speed, parameters, 20)
+        np.testing.assert_allclose(end.body_rates, [expected, 0, 0], rtol=1e-3, atol=1e-6)
 
 
 @pytest.mark.parametrize("steps", [1, 7, 18, 60])

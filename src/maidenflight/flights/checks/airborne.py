@@ -9,7 +9,7 @@ the side: drag may exceed 1 g for seconds, a crash lasts a tenth of one.
 """
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from scipy.ndimage import binary_dilation, binary_opening, median_filter, uniform_filter1d
 
 from maidenflight.flights.log import GRAVITY, Flight
@@ -36,25 +36,64 @@ VIBRATION = 0.03
 """Time over which the force from the side is averaged first [s]: some turns of a propeller."""
 IMPACT_MARGIN = 0.3
 """Time before and after an impact that is left out [s]."""
+LANDED = 1.0
+"""Time by which autopilots say that they have landed later than they have [s]: PX4's
+LNDMC_TRIG_TIME, ArduPilot's LAND_DETECTOR_TRIGGER_SEC."""
 _FAR = 1 << 40
 """Rows to ground that is nowhere."""
 
 
 def faults(flight: Flight) -> dict[str, Bool[np.ndarray, "N"]]:
     """Returns rows in which a drone without a state estimate does not fly freely, by the reason."""
-    off = flight.command.max(axis=1) <= 0.0
-    ground = _lasting(off, LONGEST_CUT, flight.period)
+    off = _off(flight)
+    cut = motors_off(flight)
+    (ground,) = cut.values()
     hit = _impacts(flight)
     with np.errstate(invalid="ignore"):  # what is not finite is a fault already
         stands = _stands(flight) & ~off
     beside = _rows_near(ground | stands, flight.period)
     about_hit = np.ones(2 * max(1, round(IMPACT_MARGIN / flight.period)) + 1)
     return {
-        f"motors off for {LONGEST_CUT:g} s or longer": ground,
+        **cut,
         "standing with running motors": stands,
         f"take-off or landing, {TAKE_OFF:g} s after and {LANDING:g} s before standing": beside,
         f"impact, a peak of {IMPACT_M_S2:g} m/s2 from the side": binary_dilation(hit, about_hit),
     }
+
+
+def motors_off(flight: Flight) -> dict[str, Bool[np.ndarray, "N"]]:
+    """Returns rows in which motors are off for longer than in a flight, by the reason."""
+    rows = _lasting(_off(flight), LONGEST_CUT, flight.period)
+    return {f"motors off for {LONGEST_CUT:g} s or longer": rows}
+
+
+def _off(flight: Flight) -> Bool[np.ndarray, "N"]:
+    return flight.command.max(axis=1) <= 0.0
+
+
+def leave_out_ground(
+    name: str, at: Float[np.ndarray, "N"], ground: Bool[np.ndarray, "N"]
+) -> tuple[Bool[np.ndarray, "N"], list[str]]:
+    """Returns rows in which an autopilot flies, without those beside the ground, and notes.
+
+    Args:
+        name: of the file, for notes.
+        at: times of the rows [s].
+        ground: rows in which it is disarmed or has landed, as it says.
+    """
+    if not ground.any():
+        return ~ground, []
+    on = at[ground]
+    following = np.searchsorted(on, at)
+    since = at - on[np.clip(following - 1, 0, None)]
+    until = on[np.clip(following, None, len(on) - 1)] - at
+    near = (since >= 0) & (since < TAKE_OFF)
+    near |= (until >= 0) & (until < LANDED + LANDING)
+    left = ground | near
+    return ~left, [
+        f"{name}: {int(left.sum())} of {len(at)} rows left out: disarmed or landed, "
+        f"{TAKE_OFF:g} s after and {LANDED + LANDING:g} s before"
+    ]
 
 
 def _lasting(rows: Bool[np.ndarray, "N"], seconds: float, period: float) -> Bool[np.ndarray, "N"]:

@@ -45,6 +45,20 @@ class Signals:
     """[s]."""
 
 
+def note_reversed_rotors(name: str, setting: str) -> str:
+    """Returns a note on rotors that turn the other way than the simulated ones.
+
+    Args:
+        name: of the file.
+        setting: of the autopilot that says so.
+    """
+    return (
+        f"{name}: its rotors do not turn as the simulated ones, of which front right and back left "
+        f"turn counter-clockwise ({setting}): torque_to_thrust and inertia_z are worth nothing, "
+        "and a policy for it would control yaw the wrong way round"
+    )
+
+
 def everywhere(at: Float[np.ndarray, "N"]) -> tuple[Bool[np.ndarray, "N"], list[str]]:
     """Returns all rows, and no notes."""
     return np.ones(len(at), bool), []

@@ -60,9 +60,10 @@ class GyroErrors(SensorErrors):
         thrust, arms, rates = _thrust(drone, rotors), levers(drone), self.signals.body_rates
         turned = arms * [1.0, 1.0, float(drone.torque_to_thrust)]
         inertia, bias = np.asarray(drone.inertia, float), np.asarray(drone.torque_bias, float)
+        lift = thrust.sum(axis=-1) / float(drone.gravity)
         parts = []
         for axis, one, other in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-            torque = bias[axis] + float(drone.mass) * (thrust @ turned[:, axis])
+            torque = bias[axis] * lift + float(drone.mass) * (thrust @ turned[:, axis])
             if axis == 2:
                 spin_up = rotors.change @ arms[:, axis] / self.signals.step
                 torque += float(drone.rotor_momentum) * spin_up

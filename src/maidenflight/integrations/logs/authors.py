@@ -91,11 +91,14 @@ def _flight(table: dict[str, np.ndarray], name: str) -> Flight:
     voltage = table["bat"].astype(np.float32)
     ratio = columns("mot0", "mot1", "mot2", "mot3") / np.float32(65536.0)
     with np.errstate(invalid="ignore"):  # checking drops what is not a number
-        command = np.minimum(battery.thrust_command(ratio, voltage[:, None], battery.AUTHORS), 1.0)
+        command = battery.thrust_command(ratio, voltage[:, None], battery.AUTHORS)
     # Where the network commanded the motors, its own command equals that of the motors.
     wanted = (np.clip(columns("n0", "n1", "n2", "n3"), -1.0, 1.0) + 1.0) / 2.0
     free = np.isfinite(command) & (ratio < _SATURATED)
     zero_order_hold = bool(free.any() and np.median(np.abs(command - wanted)[free]) < 0.02)
+    # A network commands up to u = 1, the firmware's mixer up to full PWM.
+    largest = 1.0 if zero_order_hold else battery.MOST_COUNTS / battery.COUNTS
+    command = np.minimum(command, np.float32(largest))
     clock = (np.round(table["time"][0] / PERIOD) + np.arange(len(voltage))) * PERIOD
     angle, height = 2 * np.pi * clock / 3.0, np.ones_like(clock)
     setpoint = np.stack([0.25 * (1 - np.cos(angle)), 0.25 * np.sin(angle), height], axis=-1)

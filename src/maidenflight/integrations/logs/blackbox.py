@@ -26,7 +26,7 @@ from jaxtyping import Float
 from maidenflight.errors import InputError, optional
 from maidenflight.flights.formats import LoggedFlights, Recording
 from maidenflight.flights.log import GRAVITY, LONGEST_DELAY, Flight, flight_of
-from maidenflight.flights.streams import rates, streams
+from maidenflight.flights.streams import joining, rates, streams
 from maidenflight.integrations.logs import blackbox_header
 
 DSHOT_ZERO, DSHOT_MOST = 48, 2047
@@ -253,11 +253,7 @@ def _command(
             f"{name}: thrust_linear {linear:g} % acts before what is logged and needs no inversion"
         )
     if headers.get("yaw_motors_reversed") == 1:
-        notes.append(
-            f"{name}: its rotors turn the other way (yaw_motors_reversed): torque_to_thrust and "
-            "inertia_z found are worth nothing, and a policy for it would control yaw the wrong "
-            "way round"
-        )
+        notes.append(joining.note_reversed_rotors(name, "yaw_motors_reversed"))
     return share**2, notes
 
 

@@ -40,8 +40,6 @@ TOPICS = (
 """Topics that are read."""
 FULL_RATE = 0.8
 """Share of the control loop's rate from which a log holds every command."""
-LANDED = 1.0
-"""Time by which PX4 says that it has landed later than it has, LNDMC_TRIG_TIME [s]."""
 GYRO_CUTOFF, ACCELEROMETER_CUTOFF = 40.0, 30.0
 """PX4's usual low-pass filters, IMU_GYRO_CUTOFF and IMU_ACCEL_CUTOFF [Hz]."""
 _TURN = np.array([1.0, -1.0, -1.0])
@@ -165,19 +163,7 @@ def _in_the_air(
     if status is not None:
         state = streams.hold_last(at, streams.stream(*status))[:, 0]
         ground |= np.isfinite(state) & (state != 2)
-    if not ground.any():
-        return ~ground, []
-    on = at[ground]
-    following = np.searchsorted(on, at)
-    since = at - on[np.clip(following - 1, 0, None)]
-    until = on[np.clip(following, None, len(on) - 1)] - at
-    near = (since >= 0) & (since < airborne.TAKE_OFF)
-    near |= (until >= 0) & (until < LANDED + airborne.LANDING)
-    left = ground | near
-    return ~left, [
-        f"{name}: {int(left.sum())} of {len(at)} rows left out: disarmed or landed, "
-        f"{airborne.TAKE_OFF:g} s after and {LANDED + airborne.LANDING:g} s before"
-    ]
+    return airborne.leave_out_ground(name, at, ground)
 
 
 def _battery(topics: Topics) -> Stream | None:

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from maidenflight.errors import InputError
-from maidenflight.flights.streams import streams
+from maidenflight.flights.streams import joining, streams
 from maidenflight.flights.streams.streams import Stream
 from maidenflight.integrations.logs import px4_setpoints
 from maidenflight.integrations.logs.px4_topics import Parameters, Topics, columns, vector
@@ -115,11 +115,7 @@ def rotors(name: str, parameters: Parameters) -> Rotors:
     notes = [f"{name}: rotors at {text} m forward, left; PX4's motors {_numbered(order)}"]
     turns = [parameters.get(f"CA_ROTOR{number}_KM", 0.0) for number in order]
     if all(turns) and [np.sign(turn) for turn in turns] != [1, -1, 1, -1]:
-        notes.append(
-            f"{name}: its rotors do not turn as the simulated ones, of which front right and back "
-            "left turn counter-clockwise (CA_ROTORn_KM): torque_to_thrust and inertia_z are "
-            "worth nothing, and a policy for it would control yaw the wrong way round"
-        )
+        notes.append(joining.note_reversed_rotors(name, "CA_ROTORn_KM"))
     return Rotors(order, tuple(notes))
 
 

@@ -9,10 +9,9 @@ src/lib/mixer/MultirotorMixer/geometries/quad_x.toml.
 """
 
 import numpy as np
-from jaxtyping import Float
 
 from maidenflight.errors import InputError
-from maidenflight.flights.streams import rates, streams
+from maidenflight.flights.streams import agreement, rates, streams
 from maidenflight.flights.streams.streams import Stream
 from maidenflight.integrations.logs import px4_allocation
 from maidenflight.integrations.logs.px4_allocation import Rotor
@@ -22,8 +21,6 @@ TOPICS = ("vehicle_torque_setpoint", "vehicle_thrust_setpoint", "actuator_contro
 LEAST_SHARE = 0.95
 """Share of the variance of logged motors, of their mean and of their differences, below which what
 is rebuilt is refused: 1.0000 in all logs seen, those of real drones too."""
-_LEAST_ROWS = 10
-"""Logged rows of motors that a check needs."""
 _TOGETHER = 1e-3
 """Time within which a set-point and motors belong together [s]."""
 _QUAD_X = (
@@ -110,34 +107,13 @@ def _rotors(parameters: Parameters) -> tuple[Rotor, ...] | None:
 
 
 def _explained(logged: Stream, rebuilt: Stream) -> float | None:
-    """Share of the variance of logged motors that turn, in their mean and in their differences.
-
-    The lesser of both; none where too few rows are to compare.
-    """
+    """Share of the variance of logged motors that turn; none where too few are to compare."""
     if not len(logged.time):
         return None
     near = np.searchsorted(rebuilt.time, logged.time - _TOGETHER)
     near = np.minimum(near, len(rebuilt.time) - 1)
     is_comparable = np.abs(rebuilt.time[near] - logged.time) <= _TOGETHER
     is_comparable &= (np.isfinite(logged.values) & (logged.values > 0)).all(axis=1)
-    if is_comparable.sum() < _LEAST_ROWS:
-        return None
-    logged_rows, rebuilt_rows = logged.values[is_comparable], rebuilt.values[near[is_comparable]]
-    logged_mean, rebuilt_mean = _mean(logged_rows), _mean(rebuilt_rows)
-    shares = [
-        _share(logged_mean, rebuilt_mean),
-        _share(logged_rows - logged_mean, rebuilt_rows - rebuilt_mean),
-    ]
-    return min((one for one in shares if one is not None), default=None)
-
-
-def _mean(rows: Float[np.ndarray, "N M"]) -> Float[np.ndarray, "N 1"]:
-    return rows.mean(axis=1, keepdims=True)
-
-
-def _share(logged_rows: np.ndarray, rebuilt_rows: np.ndarray) -> float | None:
-    """Share of variance that is explained; none of what does not change."""
-    spread = np.sum((logged_rows - logged_rows.mean(axis=0)) ** 2)
-    if spread <= 1e-6:
-        return None
-    return float(1.0 - np.sum((logged_rows - rebuilt_rows) ** 2) / spread)
+    return agreement.share_explained(
+        logged.values[is_comparable], rebuilt.values[near[is_comparable]]
+    )

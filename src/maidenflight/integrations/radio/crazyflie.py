@@ -35,7 +35,7 @@ from maidenflight.integrations.radio.blocks import (
 )
 from maidenflight.integrations.radio.clock import Clock
 from maidenflight.integrations.radio.row_files import RowFile
-from maidenflight.integrations.radio.watch import DECKS, Vector
+from maidenflight.integrations.radio.watch import DECKS, Motion, Vector
 
 CONNECTION_TIMEOUT_S = 60.0
 """Longest wait for a connection with all its tables [s]."""
@@ -292,12 +292,16 @@ class Crazyflie:
             number = value if kind in ("float", "FP16", "double") else int(value)
             self._cf.param.set_value_raw(name, self._types[kind], number)
 
-    def go_to(self, place: Vector, yaw: float = 0.0) -> None:
-        """Asks the firmware's PID for a position [m] and a yaw [rad].
+    def go_to(self, place: Vector, yaw: float = 0.0, motion: Motion | None = None) -> None:
+        """Asks for a position [m] and a yaw [rad]; with a motion, for full states of the commander.
 
         To be repeated, for 0.5 s later the drone only levels itself.
         """
-        self._cf.commander.send_position_setpoint(*place, math.degrees(yaw))
+        if motion is None:
+            self._cf.commander.send_position_setpoint(*place, math.degrees(yaw))
+            return
+        turned = (0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0))
+        self._cf.commander.send_full_state_setpoint(place, *motion, turned, 0.0, 0.0, 0.0)
 
     def stop(self) -> None:
         """Stops the motors and disarms."""

@@ -28,7 +28,14 @@ from maidenflight.integrations.radio.blocks import (
 from maidenflight.integrations.radio.clock import Clock
 from maidenflight.integrations.radio.crazyflie import Crazyflie
 from maidenflight.integrations.radio.row_files import RowFile
-from maidenflight.integrations.radio.watch import FlightStatus, Limits, Trip, Vector, Watch
+from maidenflight.integrations.radio.watch import (
+    FlightStatus,
+    Limits,
+    Motion,
+    Trip,
+    Vector,
+    Watch,
+)
 
 CLIMB = 0.4
 """Speed of take-off and landing [m/s]."""
@@ -178,8 +185,8 @@ class _Flight:
         ground = drone.latest.position
         reference = plan.reference + np.array([ground[0], ground[1], 0.0])
 
-        def step(place: Vector, yaw: float = 0.0) -> Reading:
-            drone.go_to(place, yaw)
+        def step(place: Vector, yaw: float = 0.0, motion: Motion | None = None) -> Reading:
+            drone.go_to(place, yaw, motion)
             clock.sleep(PERIOD)
             assert drone.latest is not None
             broken = str(self.rows.error.strerror) if self.rows.error else ""
@@ -193,10 +200,11 @@ class _Flight:
         def along(
             places: Callable[[float], Vector | None],
             turned: Callable[[float], float] = lambda seconds: 0.0,
+            moving: Callable[[float], Motion | None] = lambda seconds: None,
         ) -> None:
             began = clock.now()
             while (place := places(seconds := clock.now() - began)) is not None:
-                step(place, turned(seconds))
+                step(place, turned(seconds), moving(seconds))
 
         start = _vector(reference[0])
         above = (ground[0], ground[1], start[2])
@@ -216,7 +224,7 @@ class _Flight:
         if plan.policy:
             self._prepare_policy(start, step)
             drone.set(ENABLE, 1)
-            along(self._policy_places(reference))
+            along(self._policy_places(reference), moving=self._motions(reference))
             drone.set(ENABLE, 0)
         else:
             along(
@@ -255,6 +263,19 @@ class _Flight:
             return _entry(reference, seconds)
 
         return place
+
+    def _motions(self, reference: np.ndarray) -> Callable[[float], Motion | None]:
+        """Velocity and acceleration by time, for a policy on board that looks ahead; else none."""
+        if not self.drone.has_look_ahead or len(reference) < 2:
+            return lambda seconds: None
+        velocity = np.gradient(reference, PERIOD, axis=0)
+        acceleration = np.gradient(velocity, PERIOD, axis=0)
+
+        def motion(seconds: float) -> Motion:
+            row = min(int(seconds / PERIOD + 0.5), len(reference) - 1)
+            return _vector(velocity[row]), _vector(acceleration[row])
+
+        return motion
 
     def land(self) -> bool:
         """Goes down where the drone is, by the last sound estimate.

@@ -57,8 +57,6 @@ class PreflightState:
     """Of the estimated position [m2], some time's readings."""
     policy: bool = False
     """Whether a controller on board with our parameters answers."""
-    has_look_ahead: bool = False
-    """Whether its policy sees the reference ahead of time."""
     identity: Mapping[str, str] = field(default_factory=dict)
     """See `Crazyflie.identity`."""
     link: float = 1.0
@@ -126,12 +124,6 @@ def _policy_findings(standing: PreflightState, expected: Expected | None) -> lis
         problems.append("no policy on board; build the exported app and flash it")
     elif expected is not None:
         code, propellers = standing.identity.get("on_board"), standing.identity.get("propellers")
-        if standing.has_look_ahead:
-            problems.append(
-                "the policy on board looks ahead, but set-points by radio say no more than where "
-                "the drone shall be now; flash one trained without --look-ahead, or fly mf.task 0 "
-                "or 1"
-            )
         if not code:
             problems.append("the app on board has no mf.hash; export and flash it anew")
         elif expected.code and code != expected.code:
@@ -252,7 +244,6 @@ def examine(
         decks=drone.decks,
         variance=tuple(drone.variance),
         policy=drone.has_policy,
-        has_look_ahead=drone.has_look_ahead,
         identity=drone.identity,
         link=drone.link_quality,
         charge=drone.charge,

@@ -13,6 +13,8 @@ import numpy as np
 from maidenflight.integrations.radio.blocks import ARMED, AUTO_ARMED, FAULTS, Reading
 
 Vector = tuple[float, float, float]
+Motion = tuple[Vector, Vector]
+"""Velocity [m/s] and acceleration [m/s2] of a set-point."""
 
 DECKS = ("deck.bcFlow2", "deck.bcFlow", "deck.bcLighthouse4", "deck.bcLoco", "deck.bcDWM1000")
 """Parameters that are 1 where a deck is mounted that tells the position."""

@@ -243,7 +243,7 @@ def _motors(
     # What depends on velocities is left to the world's step.
     still = State(*(jnp.zeros(size, rotor_speed.dtype) for size in (3, 3, 4, 3, 4)))
     still = still._replace(velocity=jnp.asarray(parameters.wind, rotor_speed.dtype))
-    *about_x_and_y, yaw = dynamics.further_torque(still, spin_up, parameters)
+    *about_x_and_y, yaw = dynamics.further_torque(still, forces, spin_up, parameters)
     yaw = yaw + dynamics.torque(forces, parameters)[2]
     return rotor_speed, jnp.stack([*forces, *about_x_and_y, yaw])
 

@@ -145,19 +145,20 @@ NOTHING = Setpoint(_ZERO, _ZERO, _ZERO, _ZERO, _NO_FORCE, _MODE, _IN_WORLD)
 """A set-point that asks for nothing, to be filled in."""
 
 
-def pwm(action_rate: int = 100, full_scale_counts: float = COUNTS) -> Controller:
-    """Makes PWM control: the policy commands the motors, u = (clip(a, -1, 1) + 1) / 2, at 100 Hz.
+def pwm(action_rate: int = 100, full_scale_counts: float = COUNTS, most: float = 1.0) -> Controller:
+    """Makes PWM control: the policy commands the motors at 100 Hz.
 
     Args:
         action_rate: actions a second [Hz].
         full_scale_counts: see `ControlInterface`.
+        most: see `interface.pwm`.
 
     Raises:
         InputError: a number is not what it should be.
 
     Source: Gronauer et al. 2022, sec. Motor Model and sec. Control Structures.
     """
-    return controller_for(interfaces.pwm(action_rate, full_scale_counts))
+    return controller_for(interfaces.pwm(action_rate, full_scale_counts, most))
 
 
 def attitude_rate(

@@ -21,7 +21,7 @@ from maidenflight.simulator.physics.battery import COUNTS, MOST_COUNTS
 Four = tuple[float, float, float, float]
 
 THRUST = "share of full thrust"
-"""Unit of a command u in [0, 1], of one motor or of all; 1 stands for `full_scale_counts`."""
+"""Unit of a command u from 0, of one motor or of all; 1 stands for `full_scale_counts`."""
 HIGHEST_RATE_DEG = 60.0
 """Body rate [deg/s] that attitude-rate control can ask for (Gronauer et al. 2022, sec.
 Discussion)."""
@@ -174,12 +174,19 @@ class ControlInterface:
         return cls(**content)
 
 
-def pwm(action_rate: int = 100, full_scale_counts: float = COUNTS) -> ControlInterface:
-    """Returns the thrust commands of the four motors, u = (clip(a, -1, 1) + 1) / 2.
+def pwm(
+    action_rate: int = 100, full_scale_counts: float = COUNTS, most: float = 1.0
+) -> ControlInterface:
+    """Returns the thrust commands of the four motors, u = most (clip(a, -1, 1) + 1) / 2.
+
+    Args:
+        action_rate: actions a second [Hz].
+        full_scale_counts: see `ControlInterface`.
+        most: largest command [-]; above 1 for drones that need what the battery has beyond it.
 
     Source: Gronauer et al. 2022, sec. Motor Model and sec. Control Structures.
     """
-    half = (0.5, 0.5, 0.5, 0.5)
+    half: Four = (most / 2.0, most / 2.0, most / 2.0, most / 2.0)
     return ControlInterface("pwm", half, half, UNITS["pwm"], action_rate, full_scale_counts)
 
 

@@ -83,37 +83,47 @@ def _over_rotors(values: Float[Array, "4"], weights: Float[Array, "4"]) -> Float
     return w1 * v1 + w2 * v2 + w3 * v3 + w4 * v4
 
 
-def further_torque(state: State, spin_up: Float[Array, "4"], parameters: Parameters) -> Axes:
+def further_torque(
+    state: State,
+    forces: Float[Array, "4"],
+    spin_up: Float[Array, "4"],
+    parameters: Parameters,
+) -> Axes:
     """Returns the torque on the body [N m] about x, y and z that the paper's model lacks.
 
     It is zero for the paper's Crazyflie. Four parts: the rotors' pitching moment against the
     flight's direction, -c_f z x v (flapping blades, and rotors above the centre of mass); damping
     of roll and pitch rates; the reaction to rotors that spin up, with the signs of their drag
-    torque; and a constant bias (an off-centre battery, unequal motors).
+    torque; and the trim of an off-centre battery or unequal motors, which grows with the thrust.
 
     Args:
         state: the drone.
+        forces: of the rotors [N].
         spin_up: rate of change of the rotor speeds nu [1/s].
         parameters: uses `flapping_moment`, `rotational_damping`, `rotor_momentum` and
             `torque_bias`.
 
     Source: Hoffmann et al. 2007, Quadrotor helicopter flight dynamics and control, eq. 7-10
     (flapping); Bouabdallah 2007, sec. 2.4 (rotor inertia). Both show in the authors' flights of a
-    Crazyflie.
+    Crazyflie, and so does the trim: 0.92 to 1.24 of it grow with the thrust in their attitude-rate
+    flights, whose motors often stand still.
     """
     (vx, vy, vz), (p, q, _), (bias_x, bias_y, bias_z) = (
         _through_air(state, parameters),
         state.body_rates,
         parameters.torque_bias,
     )
+    f1, f2, f3, f4 = forces
+    # Without gravity rotors have no force either, which is in shares of the weight.
+    lift = (f1 + f2 + f3 + f4) / jnp.maximum(parameters.mass * parameters.gravity, 1e-9)
     x, y, _ = rotations.axes(state.quaternion)
     forward, left = x[0] * vx + x[1] * vy + x[2] * vz, y[0] * vx + y[1] * vy + y[2] * vz
     reaction = parameters.rotor_momentum * _over_rotors(spin_up, parameters.rotor_direction)
     flapping, damping = parameters.flapping_moment, parameters.rotational_damping
     return (
-        flapping * left - damping * p + bias_x,
-        -flapping * forward - damping * q + bias_y,
-        reaction + bias_z,
+        flapping * left - damping * p + lift * bias_x,
+        -flapping * forward - damping * q + lift * bias_y,
+        reaction + lift * bias_z,
     )
 
 
@@ -160,8 +170,9 @@ def angular_acceleration(
         r * p * (about_x - about_z),
         p * q * (about_y - about_x),
     )
-    rotors = torque(rotor_forces(state.rotor_speed, parameters), parameters)
-    further = further_torque(state, spin_up, parameters)
+    forces = rotor_forces(state.rotor_speed, parameters)
+    rotors = torque(forces, parameters)
+    further = further_torque(state, forces, spin_up, parameters)
     all_torques = zip(rotors, further, gyroscopic, strict=True)
     total = like(state.body_rates, [of + more - lost for of, more, lost in all_torques])
     return total / parameters.inertia

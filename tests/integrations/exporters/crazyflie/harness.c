@@ -10,6 +10,7 @@
 #include "app.h"
 #include "log.h"
 #include "param.h"
+#include "platform_defaults.h"
 #include "pm.h"
 #include "task.h"
 #include "usec_time.h"
@@ -130,6 +131,17 @@ uint32_t run_app(void)
     return delay;
 }
 
+/* The motors' forces as the firmware mixes them, in shares of the most that 65535 counts stand for. */
+static void mix(float *forces)
+{
+    const float arm = 0.707106781f * ARM_LENGTH;
+    const float thrust = control.thrustSi, roll = control.torqueX / arm, pitch = control.torqueY / arm, yaw = control.torqueZ / THRUST2TORQUE;
+    const float all[4] = {thrust - roll - pitch - yaw, thrust - roll + pitch + yaw, thrust + roll + pitch - yaw, thrust + roll - pitch + yaw};
+    for (int i = 0; i < 4; i++) {
+        forces[i] = 0.25f * all[i] / THRUST_MAX;
+    }
+}
+
 void fly(uint32_t first, int count, const given_t *given, found_t *all);
 
 void fly(uint32_t first, int count, const given_t *given, found_t *all)
@@ -161,6 +173,9 @@ void fly(uint32_t first, int count, const given_t *given, found_t *all)
         found.torque[2] = control.yaw;
         found.thrust = control.thrust;
         found.mode = control.controlMode;
+        if (control.controlMode == controlModeForceTorque) {
+            mix(found.forces);
+        }
         all[i] = found;
     }
 }

@@ -60,6 +60,9 @@ typedef struct {
             int16_t roll, pitch, yaw;
             float thrust;
         };
+        struct {
+            float thrustSi, torqueX, torqueY, torqueZ;
+        };
         float normalizedForces[4];
     };
     control_mode_t controlMode;

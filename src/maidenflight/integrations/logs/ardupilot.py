@@ -1,0 +1,235 @@
+"""From the messages of an ArduPilot quadrotor to a flight of accelerometer, gyro and motors.
+
+ArduPilot's axes are PX4's, forward, right, down, and turned alike. Motors are logged at 10 Hz
+(RCOU), the control's outputs with ATTITUDE_FAST in each loop (RATE): these are mixed as ArduPilot
+does where nothing saturates, and what is logged of the motors checks them. A motor's share of
+thrust is what ArduPilot takes it for, by MOT_THST_EXPO (e): (1 - e) x + e x^2 of its throttle x
+between MOT_SPIN_MIN and MOT_SPIN_MAX.
+
+Source: ArduPilot 4.5, libraries/AP_Motors/AP_MotorsMatrix.cpp (setup_quad_matrix,
+normalise_rpy_factors, output_armed_stabilizing), AP_Motors_Thrust_Linearization.cpp,
+AP_MotorsMulticopter.cpp (output_to_pwm), libraries/AC_AttitudeControl/LogStructure.h (RATE),
+AC_AttitudeControl_Logging.cpp, libraries/AP_InertialSensor (INS_GYRO_FILTER, INS_ACCEL_FILTER),
+libraries/AP_Logger/AP_Logger.h (LogEvent), ArduCopter/Copter.cpp (loop_rate_logging,
+ten_hz_logging_loop).
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from maidenflight.errors import InputError
+from maidenflight.flights.checks import airborne
+from maidenflight.flights.log import LONGEST_DELAY, Flight
+from maidenflight.flights.streams import agreement, joining, rates, streams
+from maidenflight.flights.streams.streams import Stream
+
+Messages = Mapping[str, Mapping[str, Float[np.ndarray, "M"]]]
+"""Fields of messages by their type, such as RATE, or type and sensor, such as IMU[0]."""
+Parameters = Mapping[str, float]
+_CHANNELS = tuple(f"C{number}" for number in range(1, 15))
+_OUTPUTS = ("ROut", "POut", "YOut", "AOut")
+_TURNS, _FORCES = ("GyrX", "GyrY", "GyrZ"), ("AccX", "AccY", "AccZ")
+MESSAGES = {
+    "RATE": ("TimeUS", "R", "P", "Y", *_OUTPUTS),
+    "IMU": ("TimeUS", *_TURNS, *_FORCES),
+    "RCOU": ("TimeUS", *_CHANNELS),
+    "ESC": ("TimeUS", "RPM"),
+    "BAT": ("TimeUS", "Volt"),
+    "EV": ("TimeUS", "Id"),
+}
+"""Messages that are read, and of each the fields: TimeUS in us, R, P, Y in deg/s, gyro in rad/s,
+accelerometer in m/s^2, channels in us of PWM."""
+REMEDY = (
+    "Add ATTITUDE_FAST (1) and IMU_FAST (262144) to LOG_BITMASK, so that RATE and IMU are logged "
+    "in each loop."
+)
+LEAST_SHARE = 0.95
+"""Share of the variance of logged motors below which what is rebuilt is refused."""
+_TURN = np.array([1.0, -1.0, -1.0])
+_QUADROTOR = 1
+"""FRAME_CLASS of a quadrotor."""
+_ARMED, _DISARMED, _LANDED, _NOT_LANDED = 10, 11, 18, 28
+"""Events of EV."""
+_GYRO_HZ, _ACCELEROMETER_HZ = 20.0, 20.0
+"""ArduCopter's usual INS_GYRO_FILTER and INS_ACCEL_FILTER [Hz]."""
+_FIRST_MOTOR = 33
+"""SERVOn_FUNCTION of motor 1."""
+_DIGITAL = range(4, 8)
+"""MOT_PWM_TYPE of DShot, whose outputs are 1000 to 2000 whatever MOT_PWM_MIN and MAX say."""
+
+
+class Frame(NamedTuple):
+    """Where a quadrotor's motors are."""
+
+    order: tuple[int, int, int, int]
+    """ArduPilot's number, from 0, of the front right, back right, back left and front left."""
+    turns_as_ours: bool = True
+    """Whether the front right rotor turns counter-clockwise."""
+
+
+_FRAMES = {
+    1: Frame((0, 3, 1, 2)),
+    3: Frame((0, 3, 1, 2), turns_as_ours=False),
+    12: Frame((1, 0, 2, 3)),
+    13: Frame((0, 3, 2, 1)),
+    14: Frame((0, 1, 2, 3)),
+    18: Frame((1, 0, 2, 3), turns_as_ours=False),
+}
+"""By FRAME_TYPE: X, H, Betaflight X, DJI X, clockwise X, reversed Betaflight X."""
+_MIX = 0.5 * np.array([[-1, 1, 1], [-1, -1, -1], [1, -1, 1], [1, 1, -1]])
+"""Factors of roll, pitch and yaw in our motors' shares of thrust; those of rotors that turn
+counter-clockwise grow with yaw to the right."""
+
+
+def flight(
+    name: str, messages: Messages, parameters: Parameters
+) -> tuple[Flight, Float[np.ndarray, "N"], list[str]]:
+    """Returns the flight in what was logged, unchecked.
+
+    Args:
+        name: of the file, for errors and notes.
+        messages: those of `MESSAGES` that were logged.
+        parameters: ArduPilot's.
+
+    Returns:
+        The flight, the time of its rows [s] and what was assumed.
+
+    Raises:
+        InputError: a signal is missing or logged too rarely, or it is no quadrotor in X.
+    """
+    frame, frame_notes = _frame(name, parameters)
+    sensor = next((key for key in ("IMU[0]", "IMU") if key in messages), "")
+    gyro = _stream(messages, sensor, *_TURNS)
+    controlled = _stream(messages, "RATE", "R", "P", "Y")
+    origin = sensor if gyro.rate >= controlled.rate else "RATE"
+    turns = gyro.values if origin == sensor else np.radians(controlled.values)
+    body_rates = Stream((gyro if origin == sensor else controlled).time, turns * _TURN)
+    force = _stream(messages, sensor, *_FORCES)
+    delays = [
+        min(rates.filter_delay(parameters.get(key, usual)), LONGEST_DELAY)
+        for key, usual in (("INS_GYRO_FILTER", _GYRO_HZ), ("INS_ACCEL_FILTER", _ACCELEROMETER_HZ))
+    ]
+    shares, motor_note = _motors(name, messages, parameters, frame)
+    signals = joining.Signals(
+        body_rates,
+        Stream(shares.time, np.sqrt(shares.values)),
+        Stream(force.time, force.values * _TURN),
+        rotor_speed=_rotor_speed(messages, frame),
+        battery=next((_stream(messages, key, "Volt") for key in messages if "BAT" in key), None),
+        whole=shares.rate >= 0.8 * parameters.get("SCHED_LOOP_RATE", 400.0),
+        accelerometer_delay=delays[1],
+        gyro_delay=delays[0],
+    )
+    logged, time, more_notes = joining.flight(
+        name, signals, REMEDY, lambda at: _in_the_air(name, messages, at)
+    )
+    filters = (
+        f"{name}: body rates of {origin}, {body_rates.rate:.0f} Hz; delays of filters that are "
+        f"undone: gyro {1e3 * delays[0]:.2g} ms (INS_GYRO_FILTER), accelerometer "
+        f"{1e3 * delays[1]:.2g} ms (INS_ACCEL_FILTER)"
+    )
+    return logged, time, [filters, motor_note, *frame_notes, *more_notes]
+
+
+def _stream(messages: Messages, key: str, *fields: str) -> Stream:
+    """Some fields of a message, with times [s]; without rows if they were not logged."""
+    held = messages.get(key, {})
+    if not {"TimeUS", *fields} <= set(held):
+        return Stream(np.zeros(0), np.zeros((0, len(fields))))
+    return streams.stream(1e-6 * held["TimeUS"], np.stack([held[one] for one in fields], axis=1))
+
+
+def _frame(name: str, parameters: Parameters) -> tuple[Frame, list[str]]:
+    """The frame that the parameters describe, and notes on it.
+
+    Raises:
+        InputError: it is no quadrotor in X.
+    """
+    kind, form = (int(parameters.get(key, -1)) for key in ("FRAME_CLASS", "FRAME_TYPE"))
+    if kind != _QUADROTOR or form not in _FRAMES:
+        raise InputError(
+            f"{name}: its airframe is another (FRAME_CLASS {kind}, FRAME_TYPE {form}; -1 is not "
+            "logged); expected a quadrotor in X (1 and one of "
+            f"{', '.join(map(str, _FRAMES))}), which is what maidenflight simulates."
+        )
+    frame = _FRAMES[form]
+    order = ", ".join(str(number + 1) for number in frame.order)
+    notes = [f"{name}: quadrotor in X (FRAME_TYPE {form}), ArduPilot's motors {order}"]
+    if not frame.turns_as_ours:
+        notes.append(joining.note_reversed_rotors(name, f"FRAME_TYPE {form}"))
+    return frame, notes
+
+
+def _motors(
+    name: str, messages: Messages, parameters: Parameters, frame: Frame
+) -> tuple[Stream, str]:
+    """Shares of full thrust of our motors, and how they were read.
+
+    Raises:
+        InputError: the motors are logged rarely, and the control's outputs do not explain them.
+    """
+    sent = _sent(messages, parameters, frame)
+    expo = parameters.get("MOT_THST_EXPO", 0.65)
+    law = f"thrust by the curve of MOT_THST_EXPO = {expo:g}"
+    outputs = _stream(messages, "RATE", *_OUTPUTS)
+    if sent.rate >= 0.97 * rates.LEAST_HZ or outputs.rate < 0.97 * rates.LEAST_HZ:
+        return sent, f"{name}: motors of RCOU; {law}"
+    yaw = 1.0 if frame.turns_as_ours else -1.0
+    turning = outputs.values[:, :3] * [1.0, 1.0, yaw] @ _MIX.T
+    mixed = np.clip(outputs.values[:, 3:] + turning, 0.0, None)
+    held = streams.hold_last(sent.time, Stream(outputs.time, mixed))
+    compared = np.isfinite(held).all(axis=1) & (sent.values > 0).all(axis=1)
+    # ArduPilot asks for more in thin air and of an empty battery, by one factor for all.
+    gain = float(np.sum(sent.values[compared]) / max(float(np.sum(held[compared])), 1e-9))
+    share = agreement.share_explained(sent.values[compared], gain * held[compared])
+    if share is None or share < LEAST_SHARE:
+        percent = "nothing" if share is None else f"{100 * share:.3g} %"
+        raise InputError(
+            f"{name}: motors are logged at {sent.rate:.3g} Hz (RCOU), too rarely, and the outputs "
+            f"of the control (RATE) explain {percent} of their variance; at least "
+            f"{100 * LEAST_SHARE:g} % are needed. Expected a flight whose motors rarely saturate."
+        )
+    return Stream(outputs.time, np.clip(gain * mixed, 0.0, 1.0)), (
+        f"{name}: motors of RATE by ArduPilot's mixer, {outputs.rate:.0f} Hz; they explain "
+        f"{np.floor(1e4 * share) / 100:.2f} % of the variance of the logged motors "
+        f"({sent.rate:.3g} Hz), with a factor of {gain:.3g}; {law}"
+    )
+
+
+def _sent(messages: Messages, parameters: Parameters, frame: Frame) -> Stream:
+    """Shares of full thrust that the PWM of our motors stands for."""
+    channel = {
+        int(parameters.get(f"SERVO{number}_FUNCTION", 0)) - _FIRST_MOTOR: f"C{number}"
+        for number in range(1, 15)
+    }
+    motors = [channel.get(number, f"C{number + 1}") for number in frame.order]
+    sent = _stream(messages, "RCOU", *motors)
+    low, high = parameters.get("MOT_PWM_MIN", 1000.0), parameters.get("MOT_PWM_MAX", 2000.0)
+    if not low < high or int(parameters.get("MOT_PWM_TYPE", 0)) in _DIGITAL:
+        low, high = 1000.0, 2000.0
+    least, most = parameters.get("MOT_SPIN_MIN", 0.15), parameters.get("MOT_SPIN_MAX", 0.95)
+    throttle = np.clip(((sent.values - low) / (high - low) - least) / (most - least), 0.0, 1.0)
+    expo = parameters.get("MOT_THST_EXPO", 0.65)
+    return Stream(sent.time, (1.0 - expo) * throttle + expo * throttle**2)
+
+
+def _rotor_speed(messages: Messages, frame: Frame) -> Stream | None:
+    """Speeds of our motors that ESCs measure [rad/s]; each has times of its own."""
+    each = [_stream(messages, f"ESC[{number}]", "RPM") for number in frame.order]
+    if min(len(one.time) for one in each) < 2 or not any(np.any(one.values) for one in each):
+        return None
+    speeds = [streams.between(each[0].time, one) for one in each]
+    return Stream(each[0].time, np.concatenate(speeds, axis=1) * 2 * np.pi / 60)
+
+
+def _in_the_air(
+    name: str, messages: Messages, at: Float[np.ndarray, "N"]
+) -> tuple[Bool[np.ndarray, "N"], list[str]]:
+    """Rows in which ArduPilot says that it flies, without those beside the ground."""
+    events = _stream(messages, "EV", "Id")
+    known = np.isin(events.values[:, 0], (_ARMED, _DISARMED, _LANDED, _NOT_LANDED))
+    last = streams.hold_last(at, events.part(known))[:, 0]
+    return airborne.leave_out_ground(name, at, np.isfinite(last) & (last != _NOT_LANDED))
