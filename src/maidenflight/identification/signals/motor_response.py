@@ -22,7 +22,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from maidenflight.flights.log import Flight, by_log
-from maidenflight.identification.outcome.plausible import ARRIVAL
 from maidenflight.identification.signals.loop_spectra import (
     LagByDelay,
     Spectra,
@@ -38,6 +37,9 @@ LAG_BOUNDS = (0.01, 0.25)
 USUAL, USUAL_DEVIATION = 0.002, 0.0014
 """Latency of commands on board and its standard deviation [s]: within a period of loop and of ESC,
 2 ms +- 1 ms, and as much again for the gyro's own filter (`other_ways.FILTER`)."""
+ARRIVAL = 3e-4
+"""Standard error with which any latency is known [s]: a command arrives within a
+physics step of 1 ms (1 / sqrt(12))."""
 _UNUSUAL = 0.03
 """Share of drones of which nothing of the kind is known."""
 _FEWEST, _LONGEST, _MOST = 3.0, 10.0, 16
