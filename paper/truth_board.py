@@ -55,6 +55,22 @@ class Drone:
     source: str = ""
     hide: bool = True
     """Whether measured speeds are hidden."""
+    arms: tuple[float, float] | None = None
+    """Distance of the rotors from the middle along x and y [m]; None for the named drone's."""
+
+    @property
+    def parameters(self) -> Parameters:
+        """Where the identification begins: inertia grows with mass and squared arm."""
+        named = read_start(self.start, self.mass).parameters
+        if self.arms is None:
+            return named
+        sides = (
+            np.sign(one) * arm
+            for one, arm in zip((named.rotor_x, named.rotor_y), self.arms, strict=True)
+        )
+        own = changed(named, **dict(zip(("rotor_x", "rotor_y"), sides, strict=True)))
+        share = (arm_length(own) / arm_length(named)) ** 2
+        return changed(own, inertia=np.float32(share) * np.asarray(named.inertia))
 
 
 DRONES = {
@@ -100,13 +116,14 @@ DRONES = {
         },
         "bench",
         hide=False,
+        arms=(0.0455, 0.0635),
     ),
     "neural-swarm": Drone(
         ("real/neural_swarm/randomwalk*",),
         "crazyflie_2.0",
         34.0,
-        {"thrust_to_weight": (1.70, 1.84)},
-        "load cell, 3.49 to 3.69 V",
+        {"thrust_to_weight": (1.39, 1.42)},
+        "load cell, 1.70 at 3.49 V and 1.84 at 3.69 V, at the 3.08 V that u = 1 stands for",
     ),
     "SimpleFlight cf0": Drone(
         ("real/simpleflight/cf0*",),
@@ -225,8 +242,7 @@ def real_rows(name: str, data: Path) -> Iterator[dict[str, Any]]:
     """Rows of a public drone."""
     drone, flights = DRONES[name], read(DRONES[name], data)
     used = [replace(one, rotor_speed=None) if drone.hide else one for one in flights]
-    start = read_start(drone.start, drone.mass).parameters
-    found = mf.identify(used, start=start, key=jax.random.key(0))
+    found = mf.identify(used, start=drone.parameters, key=jax.random.key(0))
     yield from rows_of(name, drone, found, speed_share(flights, found.parameters))
 
 

@@ -18,7 +18,6 @@ from jaxtyping import Bool, Float
 from maidenflight.identification.likelihood.fit import SLOWING_DOWN
 from maidenflight.identification.likelihood.observation import ObservationModel
 from maidenflight.identification.outcome.plausible import (
-    ARRIVAL,
     HOVERING,
     NEXT_FLIGHT,
     OTHER_DAY,
@@ -29,6 +28,7 @@ from maidenflight.identification.outcome.plausible import (
 )
 from maidenflight.identification.outcome.posterior import between_segment_sd
 from maidenflight.identification.signals.lag import LAG
+from maidenflight.identification.signals.motor_response import ARRIVAL
 from maidenflight.parameters import Parameters, component
 
 _SEEN = 2.0

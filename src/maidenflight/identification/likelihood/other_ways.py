@@ -26,9 +26,10 @@ from maidenflight.identification.likelihood.observation import BY_MOMENT
 from maidenflight.identification.likelihood.one_step import one_step_objective
 from maidenflight.identification.likelihood.sensor_errors import SensorErrors
 from maidenflight.identification.methods import Likelihood
-from maidenflight.identification.outcome.plausible import ARRIVAL, HOVERING
+from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.identification.outcome.posterior import inverse
 from maidenflight.identification.signals.lag import DELAYS
+from maidenflight.identification.signals.motor_response import ARRIVAL
 
 _SPARSER = 2
 """Rows to one, where it is tried what a sparser log would change."""

@@ -17,9 +17,6 @@ OTHER_DAY = 0.015
 """Standard deviation of thrust from day to day, a share: that of the air's density over 4.5 K or 15
 hPa, without battery and propellers. Three sets of flights of one Crazyflie differ by 3 % in what
 hovering takes (paper/notes/identification.md)."""
-ARRIVAL = 3e-4
-"""Standard error with which any latency is known from states [s]: a command arrives within a
-physics step of 1 ms (1 / sqrt(12))."""
 VARIANCE_SHARE = 0.5
 """Share of its variance beforehand below which a parameter's variance must lie for flights to tell
 it: they then say more than is known without them."""

@@ -22,7 +22,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from maidenflight.flights.log import Flight, by_log
-from maidenflight.identification.outcome.plausible import ARRIVAL
 from maidenflight.identification.signals.loop_spectra import (
     LagByDelay,
     Spectra,
@@ -38,6 +37,9 @@ LAG_BOUNDS = (0.01, 0.25)
 USUAL, USUAL_DEVIATION = 0.002, 0.0014
 """Latency of commands on board and its standard deviation [s]: within a period of loop and of ESC,
 2 ms +- 1 ms, and as much again for the gyro's own filter (`other_ways.FILTER`)."""
+ARRIVAL = 3e-4
+"""Standard error with which any latency is known [s]: a command arrives within a
+physics step of 1 ms (1 / sqrt(12))."""
 _UNUSUAL = 0.03
 """Share of drones of which nothing of the kind is known."""
 _FEWEST, _LONGEST, _MOST = 3.0, 10.0, 16
@@ -86,12 +88,12 @@ class MotorResponse:
     notes: tuple[str, ...]
     per_flight: Mapping[str, tuple[float, float]]
     """Mean and variance of the logarithm of lag and latency together [s], by flight."""
-    turning: Mapping[str, Float[np.ndarray, "N"]] = field(default_factory=dict)
-    """Samples of inertia over thrust-to-weight ratio [kg m2], each with one of the lag, by
-    parameter; none where no gyro tells it."""
     expected_deviations: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Standard deviations to expect of that logarithm and of the latency [s], by what is done
     next."""
+    turning: Mapping[str, Float[np.ndarray, "N"]] = field(default_factory=dict)
+    """Samples of inertia over thrust-to-weight ratio [kg m2], each with one of the lag, by
+    parameter; none where no gyro tells it."""
 
     @property
     def is_identifiable(self) -> bool:
@@ -191,6 +193,7 @@ def estimate_motor_response(
         tuple(joined_by("signal", one).delay_estimate(one) for one in signals),
         (note,) if left_out else (),
         {one: joined_by("flight", one).moments for one in names},
+        _expect(joined, stretches, latency),
         {
             name: _inertia_per_thrust(
                 [one for one in stretches if one.signal == signal], place, lag, generator
@@ -199,7 +202,6 @@ def estimate_motor_response(
             for axis, (signal, name) in enumerate(_GYRO.items())
             if signal in signals
         },
-        _expect(joined, stretches, latency),
     )
 
 
