@@ -17,8 +17,13 @@ SAMPLES = {
     "inertia_x": 1.4e-5 * np.exp(LOG_TOTAL - np.log(0.05) + 0.1 * RANDOM.normal(size=4000)),
 }
 MOTORS = MotorResponse(
-    *(SAMPLES["motor_time_constant"], LATENCY, None, (), (), {}),
-    {TWICE: (0.15, 0.0), SPEEDS: (0.05, 0.0)},
+    lag=SAMPLES["motor_time_constant"],
+    latency=LATENCY,
+    usual_latency=None,
+    delay_estimates=(),
+    notes=(),
+    per_flight={},
+    expected_deviations={TWICE: (0.15, 0.0), SPEEDS: (0.05, 0.0)},
 )
 
 

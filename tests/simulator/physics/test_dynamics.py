@@ -33,7 +33,7 @@ Crazyflie."""
 angular_acceleration = jax.jit(dynamics.angular_acceleration)
 linear_acceleration = jax.jit(dynamics.linear_acceleration)
 torque = jax.jit(dynamics.torque)
-HOVER_FORCES = np.full(4, float(PAPER.mass * PAPER.gravity) / 4, np.float32)
+HOVER_FORCES = jnp.full(4, float(PAPER.mass * PAPER.gravity) / 4)
 
 
 @jax.jit
