@@ -41,7 +41,8 @@ def _attitude_rate(interface: ControlInterface) -> Controller:
 
     The firmware's commander would turn it into a heading. In the 47 published flights of 150 rows
     and more the rate PID fed with the policy's yaw rate explains 95 % of the variance of the yaw
-    torque at a slope of 1.00, that of the heading less than 1 %.
+    torque at a slope of 1.00, that of the heading less than 1 %. No thrust stops all motors and
+    resets the PIDs, as in 2,150 of 2,150 rows of these flights (firmware, controller_pid.c).
     """
 
     def init() -> PIDMemory:

@@ -117,7 +117,8 @@ def test_the_value_is_the_gaussian_log_likelihood_of_what_is_new(noisy, noisy_wi
 
 
 def test_noise_is_what_errors_differ_by_from_the_mean_of_their_segment(noisy, noisy_windows):
-    """A trim that another segment does not have moves all its errors alike and is no noise."""
+    """A trim that another segment does not have moves all its errors alike, but for the thrust that
+    it grows with, and is no noise."""
     drone = replace(TRUTH, torque_bias=(3e-4, 0.0, 0.0), time_step=np.float32(0.01 / STEPS))
     wrong = np.asarray(many_errors(noisy_windows, drone), np.float64)[:, ORDER:]
     segments = [wrong[noisy_windows.segment == one] for one in range(noisy.segments)]
@@ -126,7 +127,7 @@ def test_noise_is_what_errors_differ_by_from_the_mean_of_their_segment(noisy, no
     about_means = noisy.products_about_means(drone)
     np.testing.assert_allclose(about_means[:, 0, 0], within, rtol=2e-3)
     plain = noisy.products_about_means(replace(drone, torque_bias=(0.0, 0.0, 0.0)))
-    np.testing.assert_allclose(about_means[9, 0], plain[9, 0], atol=0.05 * plain[9, 0, 0])
+    np.testing.assert_allclose(about_means[9, 0], plain[9, 0], atol=0.1 * plain[9, 0, 0])
     assert noisy.mean_products(drone)[9, 0, 0] > 2 * about_means[9, 0, 0]
 
 
