@@ -332,7 +332,7 @@ def lag_by_delay(
             if model.is_valid(value, optimum):
                 x, least = optimum, min(least, value)
                 # The error is smooth in the delay, and costs two searches.
-                errors = (np.nan, np.nan) if place % 2 else model.deviation(value, x)
+                errors = (np.nan, np.nan) if place % 2 and found else model.deviation(value, x)
                 gain = x[1] + np.log(spectra.scale)
                 found[place] = value, model.slope_by_delay(x), x[0], gain, *errors
     return _interpolated(nodes, found, delays)
