@@ -160,7 +160,7 @@ class EnvState(NamedTuple):
     """Time since the episode began [s]."""
 
     @property
-    def judged(self) -> State:
+    def apparent_state(self) -> State:
         """The true state, but where the estimates say: of their drift nothing tells a drone."""
         return self.state._replace(position=self.state.position + self.drift[:3])
 

@@ -138,18 +138,18 @@ def step(
         after, _ = lax.scan(again, env_state, drawn)
 
     time, elapsed = env_state.time + period, env_state.elapsed + period
-    setpoint, judged = environment.task.reference(time), after.judged
-    failure = environment.task.failure(judged, setpoint)
-    finite = jnp.isfinite(vectors.norm(judged.position)) & jnp.isfinite(vectors.norm(action))
+    setpoint, apparent = environment.task.reference(time), after.apparent_state
+    failure = environment.task.failure(apparent, setpoint)
+    finite = jnp.isfinite(vectors.norm(apparent.position)) & jnp.isfinite(vectors.norm(action))
     failure = jnp.where(finite, failure, failures.NOT_FINITE)
     terminated = failure > 0
     truncated = ~terminated & (elapsed > environment.task.duration - period / 2)
     step_result = StepResult(
-        reward=environment.task.reward(judged, setpoint, action, env_state.action),
+        reward=environment.task.reward(apparent, setpoint, action, env_state.action),
         terminated=terminated,
         truncated=truncated,
         setpoint=setpoint,
-        position_error=vectors.norm(setpoint - judged.position),
+        position_error=vectors.norm(setpoint - apparent.position),
         end_reason=jnp.where(truncated, failures.TIME_LIMIT, failure),
     )
     instant = observe(after.measurement, setpoint, action)

@@ -223,7 +223,7 @@ def segment(
         margin = (
             jnp.ones(())
             if task.failure_margin is None
-            else task.failure_margin(after.judged, step_result.setpoint)
+            else task.failure_margin(after.apparent_state, step_result.setpoint)
         )
         next_state, lost = unless_lost(env_state, after, step_result)
         return next_state, (jnp.where(lost, 0.0, cost), lost, margin)
@@ -296,7 +296,12 @@ def update(
 
     setpoints = jax.vmap(env.task.reference)(env_states.time)
     done = (
-        (jax.vmap(lambda one, goal: env.task.failure(one.judged, goal))(env_states, setpoints) > 0)
+        (
+            jax.vmap(lambda one, goal: env.task.failure(one.apparent_state, goal))(
+                env_states, setpoints
+            )
+            > 0
+        )
         | (env_states.elapsed > env.task.duration)
         | lost
     )

@@ -108,7 +108,7 @@ def test_lag_and_inertia_in_a_closed_loop_come_back(lag: float) -> None:
     # A command on all four rotors turns by 4 x 200 rad/s2.
     lever = float(np.abs(levers(DRONE)[:, 0]).max())
     truth = float(DRONE.mass * DRONE.gravity) / 4 * lever / 200
-    for samples in found.turning.values():
+    for samples in found.inertia_per_thrust.values():
         low, middle, high = np.quantile(samples, [0.025, 0.5, 0.975])
         assert low < truth < high
         assert middle == pytest.approx(truth, rel=0.2)

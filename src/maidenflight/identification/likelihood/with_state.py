@@ -332,8 +332,8 @@ def _measured(problem: Problem, coarse: OneStep, motors: MotorResponse | None) -
     if motors is None:
         return {}
     delays = dict(zip(DELAYS, (motors.lag, motors.latency), strict=True))
-    thrust = coarse.hovering(problem.start)[0] if motors.turning else 0.0
-    return delays | {name: thrust * samples for name, samples in motors.turning.items()}
+    thrust = coarse.hovering(problem.start)[0] if motors.inertia_per_thrust else 0.0
+    return delays | {name: thrust * samples for name, samples in motors.inertia_per_thrust.items()}
 
 
 def _is_clear(samples: Float[np.ndarray, "N"]) -> bool:

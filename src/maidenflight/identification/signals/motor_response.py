@@ -91,7 +91,7 @@ class MotorResponse:
     expected_deviations: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Standard deviations to expect of that logarithm and of the latency [s], by what is done
     next."""
-    turning: Mapping[str, Float[np.ndarray, "N"]] = field(default_factory=dict)
+    inertia_per_thrust: Mapping[str, Float[np.ndarray, "N"]] = field(default_factory=dict)
     """Samples of inertia over thrust-to-weight ratio [kg m2], each with one of the lag, by
     parameter; none where no gyro tells it."""
 

@@ -178,8 +178,8 @@ def _motors(
     if sent.rate >= 0.97 * rates.LEAST_HZ or outputs.rate < 0.97 * rates.LEAST_HZ:
         return sent, f"{name}: motors of RCOU; {law}"
     yaw = 1.0 if frame.turns_as_ours else -1.0
-    turning = outputs.values[:, :3] * [1.0, 1.0, yaw] @ _MIX.T
-    mixed = np.clip(outputs.values[:, 3:] + turning, 0.0, None)
+    torques = outputs.values[:, :3] * [1.0, 1.0, yaw] @ _MIX.T
+    mixed = np.clip(outputs.values[:, 3:] + torques, 0.0, None)
     held = streams.hold_last(sent.time, Stream(outputs.time, mixed))
     compared = np.isfinite(held).all(axis=1) & (sent.values > 0).all(axis=1)
     # ArduPilot asks for more in thin air and of an empty battery, by one factor for all.
