@@ -27,7 +27,7 @@ from maidenflight.policy import Policy, untrained_policy
 from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.controllers import control, interface
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.physics import dynamics, rotations
+from maidenflight.simulator.physics import battery, dynamics, rotations
 from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.tasks import failures, tasks
@@ -184,7 +184,11 @@ def test_policies_see_the_history_and_hold_the_actions_of_their_own_rate(
     policies = [restless("attitude", number, look_ahead) for number in range(4)]
     drone = replace(noiseless(crazyflie()), time_step=control.time_step(structure))
     env = Environment.matching(
-        drone, tasks.paper_circle(), structure, spec=PolicySpec(look_ahead=look_ahead)
+        drone,
+        tasks.paper_circle(),
+        structure,
+        spec=PolicySpec(look_ahead=look_ahead),
+        thrust_law=battery.law_for(structure.interface.full_scale_counts),
     )
     state = STILL.draw(env, drone, KEY)
 

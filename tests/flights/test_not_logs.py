@@ -36,25 +36,23 @@ def test_a_file_of_another_kind_is_named_alone_and_in_a_folder(
 
 def test_kinds_together_have_each_remedy_once(tmp_path: Path) -> None:
     for name, begins in (
-        ("a.bin", b"\xa3\x95\x80"),
+        ("a.bin", b"#ROSBAG"),
         ("b.h5", b"\x89HDF"),
         ("c.xlsx", b"PK\3\4"),
     ):
         put(tmp_path / name, begins)
     put(tmp_path / "training.npz", b"PK\3\4")
     words = said(tmp_path)
-    assert "an ArduPilot DataFlash log and an HDF5 file and an Excel workbook, which are" in words
+    assert "a ROS 1 bag and an HDF5 file and an Excel workbook, which are" in words
     assert words.count("docs/flight-log.md") == 1
     assert words.count("Save its sheet as CSV") == 1
 
 
 def test_beside_logs_they_are_a_note(tmp_path: Path) -> None:
     log.write(tmp_path / "good.csv", calm(rows=200))
-    put(tmp_path / "a.bin", b"\xa3\x95\x80")
-    (note,) = [note for note in read_flights(tmp_path).notes if "DataFlash" in note]
-    assert note.startswith(
-        f"{tmp_path.name}: also holds an ArduPilot DataFlash log, which is not read."
-    )
+    put(tmp_path / "a.bin", b"#ROSBAG")
+    (note,) = [note for note in read_flights(tmp_path).notes if "ROS 1" in note]
+    assert note.startswith(f"{tmp_path.name}: also holds a ROS 1 bag, which is not read.")
 
 
 def test_a_folder_of_other_things_tells_where_to_record(

@@ -67,8 +67,8 @@ class Recording(NamedTuple):
     """First bytes of its files."""
     flights: Callable[[Path, str], LoggedFlights]
     """Of a file, and the name that errors call it by."""
-    may_be_text: bool = False
-    """Whether files of it may end in .txt."""
+    shared: tuple[str, ...] = ()
+    """Further endings, which others' files have too, so that their first bytes tell."""
     named: bool = False
     """Whether others begin as they do, so that its ending must fit too."""
 
@@ -92,7 +92,8 @@ class Logged(NamedTuple):
 
 def suffixes() -> tuple[str, ...]:
     """Returns the endings of files that are searched for in folders."""
-    return (*TABLES, *(suffix for kind in _formats(Recording) for suffix in kind.suffixes))
+    endings = (kind.suffixes + kind.shared for kind in _formats(Recording))
+    return (*TABLES, *itertools.chain.from_iterable(endings))
 
 
 def is_log(file: Path) -> bool:
@@ -103,9 +104,11 @@ def is_log(file: Path) -> bool:
     if "." not in name:
         head = _beginning(file)
         return any(kind.recognises(head) for kind in _formats(PackedTable))
-    if name.endswith(".txt") and (kind := _recording(file)) is not None and kind.may_be_text:
-        return True
-    return any(name.endswith(kind.suffixes) for kind in _formats(Recording))
+    recordings = list(_formats(Recording))
+    if any(name.endswith(kind.shared) for kind in recordings):
+        own = _recording(file)
+        return own is not None and name.endswith(own.shared)
+    return any(name.endswith(kind.suffixes) for kind in recordings)
 
 
 def logged(

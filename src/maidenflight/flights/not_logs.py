@@ -26,7 +26,6 @@ class Foreign(NamedTuple):
 
 
 KINDS = (
-    Foreign(b"\xa3\x95\x80", "an ArduPilot DataFlash log", "ArduPilot DataFlash logs"),
     Foreign(b"SQLite format 3", "an SQLite database", "SQLite databases"),
     Foreign(b"#ROSBAG", "a ROS 1 bag", "ROS 1 bags"),
     Foreign(b"PK\x03\x04", "an Excel workbook", "Excel workbooks", _SHEET, ".xlsx"),

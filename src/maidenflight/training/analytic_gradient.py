@@ -11,6 +11,7 @@ critic).
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
+from operator import attrgetter
 from typing import Any, NamedTuple, Self
 
 import jax
@@ -295,13 +296,9 @@ def update(
     policy = learner.policy.with_network(optax.apply_updates(learner.policy.network, changes))  # type: ignore[arg-type]
 
     setpoints = jax.vmap(env.task.reference)(env_states.time)
+    apparent = jax.vmap(attrgetter("apparent_state"))(env_states)
     done = (
-        (
-            jax.vmap(lambda one, goal: env.task.failure(one.apparent_state, goal))(
-                env_states, setpoints
-            )
-            > 0
-        )
+        (jax.vmap(env.task.failure)(apparent, setpoints) > 0)
         | (env_states.elapsed > env.task.duration)
         | lost
     )

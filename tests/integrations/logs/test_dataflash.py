@@ -116,3 +116,11 @@ def test_a_damaged_log_is_refused_or_noted(tmp_path: Path) -> None:
     path.write_bytes(raw[:60])
     with pytest.raises(InputError, match=r"log\.bin"):
         read_flights(path)
+
+
+def test_other_binary_files_of_a_folder_are_no_logs(tmp_path: Path) -> None:
+    (tmp_path / "firmware.bin").write_bytes(bytes(300))
+    read(tmp_path, made.messages_of(sensed()))
+    logs = read_flights(tmp_path)
+    assert len(logs) == 1
+    assert not logs.refused

@@ -302,5 +302,5 @@ def _signed(bits: int, width: int) -> int:
 
 
 FORMAT = Recording(
-    "Betaflight blackbox log", (".bbl", ".bfl"), b"H Product:Blackbox", flights, may_be_text=True
+    "Betaflight blackbox log", (".bbl", ".bfl"), b"H Product:Blackbox", flights, (".txt",)
 )

@@ -74,4 +74,4 @@ def _read(reader: Any) -> tuple[Messages, dict[str, float]]:
     }, {key: value for key, value in parameters.items() if np.isfinite(value)}
 
 
-FORMAT = Recording("ArduPilot DataFlash", (".bin",), b"\xa3\x95\x80", flights)
+FORMAT = Recording("ArduPilot DataFlash", (), b"\xa3\x95\x80", flights, (".bin",))
