@@ -319,7 +319,7 @@ def lag_by_delay(
     if not starts:
         return None
     _, first, start, unit = min(starts, key=lambda one: one[0])
-    found: dict[int, tuple[float, ...]] = {}
+    optima: dict[int, tuple[float, ...]] = {}
     least = np.inf
     for places in (range(first, len(nodes)), range(first - 1, -1, -1)):
         x = start
@@ -332,26 +332,26 @@ def lag_by_delay(
             if model.is_valid(value, optimum):
                 x, least = optimum, min(least, value)
                 # The error is smooth in the delay, and costs two searches.
-                errors = (np.nan, np.nan) if place % 2 and found else model.deviation(value, x)
+                errors = (np.nan, np.nan) if place % 2 and optima else model.deviation(value, x)
                 gain = x[1] + np.log(spectra.scale)
-                found[place] = value, model.slope_by_delay(x), x[0], gain, *errors
-    return _interpolated(nodes, found, delays)
+                optima[place] = value, model.slope_by_delay(x), x[0], gain, *errors
+    return _interpolated(nodes, optima, delays)
 
 
 def _interpolated(
     nodes: Float[np.ndarray, "K"],
-    found: dict[int, tuple[float, ...]],
+    optima: dict[int, tuple[float, ...]],
     delays: Float[np.ndarray, "D"],
 ) -> LagByDelay | None:
-    """Returns the lag for each delay from what was found at some of the nodes.
+    """Returns the lag for each delay from the optima at some of the nodes.
 
     That is the loss, its slope, the logarithms of lag and gain, and where known the error of the
     lag and the slope of the gain.
     """
-    if not found:
+    if not optima:
         return None
-    at = nodes[sorted(found)]
-    columns = np.array([found[place] for place in sorted(found)]).T
+    at = nodes[sorted(optima)]
+    columns = np.array([optima[place] for place in sorted(optima)]).T
     value, slope, log_lag, gain, error, gain_slope = columns
     loss = np.full(len(delays), np.inf)
     if len(at) == 1:
