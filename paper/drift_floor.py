@@ -27,7 +27,7 @@ PLANE = np.sqrt(np.pi / 2.0)
 """Mean distance in the plane over the deviation along each axis, of a normal distribution."""
 
 
-def moved(drone: Parameters) -> tuple[Float[np.ndarray, "7 7"], Float[np.ndarray, "7 1"]]:
+def transition(drone: Parameters) -> tuple[Float[np.ndarray, "7 7"], Float[np.ndarray, "7 1"]]:
     """Returns what a period makes of a state, and what a command adds.
 
     The state is p, v, tilt, its rate, its acceleration, d, and the command of the period before: a
@@ -48,7 +48,7 @@ def error_and_rate(drone: Parameters, torque: float, rate: float) -> tuple[float
 
     Infinite where the noise by turning grows without bound.
     """
-    after, command = moved(drone)
+    after, command = transition(drone)
     root, noise = np.sqrt(PERIOD), np.zeros((7, 1))
     walk, velocity_walk = float(drone.position_walk), float(drone.velocity_walk)
     noise[[0, 1, 5], 0] = root * np.array(
@@ -57,13 +57,13 @@ def error_and_rate(drone: Parameters, torque: float, rate: float) -> tuple[float
     costs = np.diag([1.0, 0.0, 0.0, rate, 0.0, 0.0, 0.0])
     value = scipy.linalg.solve_discrete_are(after, command, costs, np.array([[torque]]))
     gain = np.linalg.solve(torque + command.T @ value @ command, command.T @ value @ after)
-    spread = scipy.linalg.solve_discrete_lyapunov(
+    covariance = scipy.linalg.solve_discrete_lyapunov(
         after - command @ gain, noise @ noise.T, "bilinear"
     )
     # Roll and pitch turn alike: the noise has 1 + 2 rate^2 / TURNING^2 times the variance.
-    grown = 1.0 - 2.0 * spread[3, 3] / TURNING**2
-    factor = grown**-0.5 if grown > 0.0 else np.inf
-    return PLANE * factor * np.sqrt(spread[0, 0]), factor * np.sqrt(spread[3, 3])
+    rest = 1.0 - 2.0 * covariance[3, 3] / TURNING**2
+    factor = rest**-0.5 if rest > 0.0 else np.inf
+    return PLANE * factor * np.sqrt(covariance[0, 0]), factor * np.sqrt(covariance[3, 3])
 
 
 def main() -> None:
