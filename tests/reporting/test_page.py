@@ -462,8 +462,8 @@ def test_a_folder_without_a_run_is_refused(tmp_path):
         report(tmp_path, tmp_path / "page.html")
     with pytest.raises(InputError, match="no such file or folder"):
         report(tmp_path / "nowhere", tmp_path / "page.html")
-    (tmp_path / "flight.bin").write_bytes(b"\xa3\x95\x80")
-    with pytest.raises(InputError, match=r"nothing of a run.* Found: an ArduPilot DataFlash"):
+    (tmp_path / "flight.bin").write_bytes(b"#ROSBAG")
+    with pytest.raises(InputError, match=r"nothing of a run.* Found: a ROS 1 bag"):
         report(tmp_path, tmp_path / "page.html")
 
 
