@@ -74,7 +74,7 @@ oldest: $(VENV)/.installed-dev
 	build/oldest/bin/python -m pytest -n auto --dist loadfile -m 'not slow'
 
 # Everything a release is: sdist and wheel, their metadata, the changelog's entry; then the demo and the quick tests on the wheel,
-# in an environment that holds nothing of this checkout. A person then runs `uv publish`.
+# in an environment of its own; of the sdist's sources tests read only the text. A person then runs `uv publish`.
 release-check: $(VENV)/.installed-dev
 	rm -rf dist build/release && mkdir -p build/release
 	grep -q "^## $$($(BIN)/maidenflight --version | sed 's/.* //')$$" CHANGELOG.md
@@ -83,7 +83,8 @@ release-check: $(VENV)/.installed-dev
 	$(BIN)/uv venv --clear --python $(BIN)/python build/release/venv
 	VIRTUAL_ENV=build/release/venv $(BIN)/uv pip install --quiet --compile-bytecode "$$(ls dist/*.whl)[dev]"
 	cd build/release && venv/bin/maidenflight demo -o run --overwrite
-	tar -xzf dist/*.tar.gz -C build/release --strip-components 1 && rm -r build/release/src
+	tar -xzf dist/*.tar.gz -C build/release --strip-components 1
+	cd build/release && venv/bin/python -c 'import maidenflight; assert "site-packages" in maidenflight.__file__'
 	cd build/release && venv/bin/python -m pytest -n auto --dist loadfile --max-worker-restart 2 -m 'not slow'
 
 clean:
