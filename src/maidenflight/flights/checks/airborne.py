@@ -16,6 +16,8 @@ from maidenflight.flights.log import GRAVITY, Flight
 
 LONGEST_CUT = 0.5
 """Time for which motors may be off in a flight [s]."""
+MOTORS_OFF = f"motors off for {LONGEST_CUT:g} s or longer"
+"""Reason of rows for which they are off longer."""
 TAKE_OFF, LANDING = 1.0, 0.5
 """Time after and before standing that is left out [s]."""
 STILL_RAD_S = 0.02
@@ -46,25 +48,23 @@ _FAR = 1 << 40
 def faults(flight: Flight) -> dict[str, Bool[np.ndarray, "N"]]:
     """Returns rows in which a drone without a state estimate does not fly freely, by the reason."""
     off = _off(flight)
-    cut = motors_off(flight)
-    (ground,) = cut.values()
+    ground = motors_off(flight)
     hit = _impacts(flight)
     with np.errstate(invalid="ignore"):  # what is not finite is a fault already
         stands = _stands(flight) & ~off
     beside = _rows_near(ground | stands, flight.period)
     about_hit = np.ones(2 * max(1, round(IMPACT_MARGIN / flight.period)) + 1)
     return {
-        **cut,
+        MOTORS_OFF: ground,
         "standing with running motors": stands,
         f"take-off or landing, {TAKE_OFF:g} s after and {LANDING:g} s before standing": beside,
         f"impact, a peak of {IMPACT_M_S2:g} m/s2 from the side": binary_dilation(hit, about_hit),
     }
 
 
-def motors_off(flight: Flight) -> dict[str, Bool[np.ndarray, "N"]]:
-    """Returns rows in which motors are off for longer than in a flight, by the reason."""
-    rows = _lasting(_off(flight), LONGEST_CUT, flight.period)
-    return {f"motors off for {LONGEST_CUT:g} s or longer": rows}
+def motors_off(flight: Flight) -> Bool[np.ndarray, "N"]:
+    """Returns rows in which motors are off for longer than in a flight."""
+    return _lasting(_off(flight), LONGEST_CUT, flight.period)
 
 
 def _off(flight: Flight) -> Bool[np.ndarray, "N"]:

@@ -177,7 +177,7 @@ def _faults(flight: Flight, cuts: Bool[np.ndarray, "N"]) -> dict[str, Bool[np.nd
         beyond = (command < -0.001).any(axis=1) | (command > LARGEST_COMMAND).any(axis=1)
         grounded = {
             f"below {MIN_HEIGHT_M:g} m": flight.position[:, 2] < MIN_HEIGHT_M,
-            **airborne.motors_off(flight),
+            airborne.MOTORS_OFF: airborne.motors_off(flight),
         }
         faults = {
             f"not a finite number in {names}": unknown,

@@ -9,6 +9,10 @@ LONGEST_GAP = 5.0
 """Steps of a signal between two of its samples beyond which it is unknown there."""
 
 
+LEFT_UP = np.array([1.0, -1.0, -1.0])
+"""Signs that turn forward, right, down into our forward, left, up."""
+
+
 class Stream(NamedTuple):
     """A signal of K numbers: M samples in the order of their times, which differ."""
 

@@ -52,6 +52,7 @@ from maidenflight.identification.signals.lag import DELAYS, LAG
 from maidenflight.identification.signals.motor_response import (
     MotorResponse,
     estimate_motor_response,
+    is_clear,
 )
 from maidenflight.parameters import Parameters, check, replace
 
@@ -211,9 +212,9 @@ def _expected_intervals(
     )
     # What is not even looked for in such flights cannot be told by them either.
     # Of what signals show by themselves its own width decides, not the range about some start.
-    known = {name: _is_clear(samples) for name, samples in measured.items() if name not in DELAYS}
+    known = {name: is_clear(samples) for name, samples in measured.items() if name not in DELAYS}
     if measured:
-        known |= {LAG: _is_clear(measured[LAG] + measured["latency"]), "latency": True}
+        known |= {LAG: is_clear(measured[LAG] + measured["latency"]), "latency": True}
     return {
         name: replace_(
             one,
@@ -334,11 +335,6 @@ def _measured(problem: Problem, coarse: OneStep, motors: MotorResponse | None) -
     delays = dict(zip(DELAYS, (motors.lag, motors.latency), strict=True))
     thrust = coarse.hovering(problem.start)[0] if motors.inertia_per_thrust else 0.0
     return delays | {name: thrust * samples for name, samples in motors.inertia_per_thrust.items()}
-
-
-def _is_clear(samples: Float[np.ndarray, "N"]) -> bool:
-    """Returns whether 95 % of samples lie within a factor of two up and down."""
-    return bool(np.std(np.log(samples)) < np.log(2) / 1.96)
 
 
 def _parts(flights: Sequence[Flight], settings: Likelihood) -> Parts:

@@ -98,7 +98,12 @@ class MotorResponse:
     @property
     def is_identifiable(self) -> bool:
         """Whether these flights tell the lag: within a factor of two up and down."""
-        return bool(np.std(np.log(self.lag + self.latency)) < np.log(2) / 1.96)
+        return is_clear(self.lag + self.latency)
+
+
+def is_clear(samples: Float[np.ndarray, "N"]) -> bool:
+    """Returns whether 95 % of samples lie within a factor of two up and down."""
+    return bool(np.std(np.log(samples)) < np.log(2) / 1.96)
 
 
 class _Stretch(NamedTuple):

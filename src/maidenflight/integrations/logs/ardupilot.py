@@ -24,7 +24,7 @@ from maidenflight.errors import InputError
 from maidenflight.flights.checks import airborne
 from maidenflight.flights.log import LONGEST_DELAY, Flight
 from maidenflight.flights.streams import agreement, joining, rates, streams
-from maidenflight.flights.streams.streams import Stream
+from maidenflight.flights.streams.streams import LEFT_UP, Stream
 
 Messages = Mapping[str, Mapping[str, Float[np.ndarray, "M"]]]
 """Fields of messages by their type, such as RATE, or type and sensor, such as IMU[0]."""
@@ -46,9 +46,6 @@ REMEDY = (
     "Add ATTITUDE_FAST (1) and IMU_FAST (262144) to LOG_BITMASK, so that RATE and IMU are logged "
     "in each loop."
 )
-LEAST_SHARE = 0.95
-"""Share of the variance of logged motors below which what is rebuilt is refused."""
-_TURN = np.array([1.0, -1.0, -1.0])
 _QUADROTOR = 1
 """FRAME_CLASS of a quadrotor."""
 _ARMED, _DISARMED, _LANDED, _NOT_LANDED = 10, 11, 18, 28
@@ -106,7 +103,7 @@ def flight(
     controlled = _stream(messages, "RATE", "R", "P", "Y")
     origin = sensor if gyro.rate >= controlled.rate else "RATE"
     turns = gyro.values if origin == sensor else np.radians(controlled.values)
-    body_rates = Stream((gyro if origin == sensor else controlled).time, turns * _TURN)
+    body_rates = Stream((gyro if origin == sensor else controlled).time, turns * LEFT_UP)
     force = _stream(messages, sensor, *_FORCES)
     delays = [
         min(rates.filter_delay(parameters.get(key, usual)), LONGEST_DELAY)
@@ -116,7 +113,7 @@ def flight(
     signals = joining.Signals(
         body_rates,
         Stream(shares.time, np.sqrt(shares.values)),
-        Stream(force.time, force.values * _TURN),
+        Stream(force.time, force.values * LEFT_UP),
         rotor_speed=_rotor_speed(messages, frame),
         battery=next((_stream(messages, key, "Volt") for key in messages if "BAT" in key), None),
         whole=shares.rate >= 0.8 * parameters.get("SCHED_LOOP_RATE", 400.0),
@@ -171,8 +168,8 @@ def _motors(
     Raises:
         InputError: the motors are logged rarely, and the control's outputs do not explain them.
     """
-    sent = _sent(messages, parameters, frame)
     expo = parameters.get("MOT_THST_EXPO", 0.65)
+    sent = _sent(messages, parameters, frame, expo)
     law = f"thrust by the curve of MOT_THST_EXPO = {expo:g}"
     outputs = _stream(messages, "RATE", *_OUTPUTS)
     if sent.rate >= 0.97 * rates.LEAST_HZ or outputs.rate < 0.97 * rates.LEAST_HZ:
@@ -185,12 +182,13 @@ def _motors(
     # ArduPilot asks for more in thin air and of an empty battery, by one factor for all.
     gain = float(np.sum(sent.values[compared]) / max(float(np.sum(held[compared])), 1e-9))
     share = agreement.share_explained(sent.values[compared], gain * held[compared])
-    if share is None or share < LEAST_SHARE:
+    if share is None or share < agreement.LEAST_SHARE:
         percent = "nothing" if share is None else f"{100 * share:.3g} %"
         raise InputError(
             f"{name}: motors are logged at {sent.rate:.3g} Hz (RCOU), too rarely, and the outputs "
             f"of the control (RATE) explain {percent} of their variance; at least "
-            f"{100 * LEAST_SHARE:g} % are needed. Expected a flight whose motors rarely saturate."
+            f"{100 * agreement.LEAST_SHARE:g} % are needed. Expected a flight whose motors rarely "
+            "saturate."
         )
     return Stream(outputs.time, np.clip(gain * mixed, 0.0, 1.0)), (
         f"{name}: motors of RATE by ArduPilot's mixer, {outputs.rate:.0f} Hz; they explain "
@@ -199,8 +197,8 @@ def _motors(
     )
 
 
-def _sent(messages: Messages, parameters: Parameters, frame: Frame) -> Stream:
-    """Shares of full thrust that the PWM of our motors stands for."""
+def _sent(messages: Messages, parameters: Parameters, frame: Frame, expo: float) -> Stream:
+    """Shares of full thrust that the PWM of our motors stands for, by a curve of thrust."""
     channel = {
         int(parameters.get(f"SERVO{number}_FUNCTION", 0)) - _FIRST_MOTOR: f"C{number}"
         for number in range(1, 15)
@@ -212,7 +210,6 @@ def _sent(messages: Messages, parameters: Parameters, frame: Frame) -> Stream:
         low, high = 1000.0, 2000.0
     least, most = parameters.get("MOT_SPIN_MIN", 0.15), parameters.get("MOT_SPIN_MAX", 0.95)
     throttle = np.clip(((sent.values - low) / (high - low) - least) / (most - least), 0.0, 1.0)
-    expo = parameters.get("MOT_THST_EXPO", 0.65)
     return Stream(sent.time, (1.0 - expo) * throttle + expo * throttle**2)
 
 

@@ -19,7 +19,6 @@ from maidenflight.integrations.logs.ardupilot import Messages
 
 _NUMBERS = ("I", "Instance")
 """Fields that number sensors of one kind, in new logs and old ones."""
-_SUFFIX = "[{}]"
 
 
 def flights(path: Path, name: str) -> LoggedFlights:
@@ -66,7 +65,7 @@ def _read(reader: Any) -> tuple[Messages, dict[str, float]]:
         if kind == "IMU" and any(numbers):
             continue  # The first is read, and others are as many rows again.
         known = [one for one in ardupilot.MESSAGES[kind] if one in message.get_fieldnames()]
-        key = kind + (_SUFFIX.format(numbers[0]) if numbers else "")
+        key = f"{kind}[{numbers[0]}]" if numbers else kind
         if fields.setdefault(key, known) == known:
             rows.setdefault(key, []).append([float(getattr(message, one)) for one in known])
     return {

@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float
 from maidenflight.flights.checks import airborne
 from maidenflight.flights.log import LONGEST_DELAY, Flight
 from maidenflight.flights.streams import joining, rates, streams
-from maidenflight.flights.streams.streams import Stream
+from maidenflight.flights.streams.streams import LEFT_UP, Stream
 from maidenflight.integrations.logs import px4_motors, px4_setpoints
 from maidenflight.integrations.logs.px4_topics import REMEDY, Parameters, Topics, columns, vector
 
@@ -42,7 +42,6 @@ FULL_RATE = 0.8
 """Share of the control loop's rate from which a log holds every command."""
 GYRO_CUTOFF, ACCELEROMETER_CUTOFF = 40.0, 30.0
 """PX4's usual low-pass filters, IMU_GYRO_CUTOFF and IMU_ACCEL_CUTOFF [Hz]."""
-_TURN = np.array([1.0, -1.0, -1.0])
 _INVALID = 2**31 - 1
 
 
@@ -94,7 +93,7 @@ def _gyro(name: str, topics: Topics, parameters: Parameters) -> tuple[Stream, fl
     )
     empty = Stream(np.zeros(0), np.zeros((0, 3)))
     first = empty if raw is None else _centred(*raw)
-    second = empty if filtered is None else streams.stream(filtered[0], filtered[1] * _TURN)
+    second = empty if filtered is None else streams.stream(filtered[0], filtered[1] * LEFT_UP)
     if first.rate >= rates.LEAST_HZ or first.rate >= second.rate:
         return first, 0.0, [f"{name}: body rates of sensor_combined, {first.rate:.0f} Hz"]
     delay = min(rates.filter_delay(parameters.get("IMU_GYRO_CUTOFF", GYRO_CUTOFF)), LONGEST_DELAY)
@@ -108,7 +107,7 @@ def _gyro(name: str, topics: Topics, parameters: Parameters) -> tuple[Stream, fl
 def _centred(time: np.ndarray, values: np.ndarray) -> Stream:
     """Means over an integration time [us], the last column, in its middle."""
     span = np.clip(np.nan_to_num(values[:, 3]), 0.0, 2e4)
-    return streams.stream(time - span * 0.5e-6, values[:, :3] * _TURN)
+    return streams.stream(time - span * 0.5e-6, values[:, :3] * LEFT_UP)
 
 
 def _force(topics: Topics, parameters: Parameters) -> tuple[Stream | None, float]:
@@ -124,7 +123,7 @@ def _force(topics: Topics, parameters: Parameters) -> tuple[Stream | None, float
     if filtered is None:
         return None, 0.0
     delay = rates.filter_delay(parameters.get("IMU_ACCEL_CUTOFF", ACCELEROMETER_CUTOFF))
-    return streams.stream(filtered[0], filtered[1] * _TURN), min(delay, LONGEST_DELAY)
+    return streams.stream(filtered[0], filtered[1] * LEFT_UP), min(delay, LONGEST_DELAY)
 
 
 def _state(name: str, topics: Topics) -> tuple[Stream | None, list[str]]:
@@ -142,7 +141,7 @@ def _state(name: str, topics: Topics) -> tuple[Stream | None, list[str]]:
     if valid.mean() < 0.5:
         share = 100 * (1 - valid.mean())
         return None, [f"{name}: PX4 has no valid position in {share:.0f} %: {joining.ALONE}"]
-    moved = np.concatenate([place[1][:, :3] * _TURN, place[1][:, 3:] * _TURN], axis=1)
+    moved = np.concatenate([place[1][:, :3] * LEFT_UP, place[1][:, 3:] * LEFT_UP], axis=1)
     place_stream = streams.stream(place[0], np.where(valid[:, None], moved, np.nan))
     quaternion = turned[1][:, [1, 2, 3, 0]] * [1.0, -1.0, -1.0, 1.0]
     series, notes = joining.state(name, place_stream, streams.stream(turned[0], quaternion))

@@ -18,9 +18,6 @@ from maidenflight.integrations.logs.px4_allocation import Rotor
 from maidenflight.integrations.logs.px4_topics import REMEDY, Parameters, Topics, columns, vector
 
 TOPICS = ("vehicle_torque_setpoint", "vehicle_thrust_setpoint", "actuator_controls_0")
-LEAST_SHARE = 0.95
-"""Share of the variance of logged motors, of their mean and of their differences, below which what
-is rebuilt is refused: 1.0000 in all logs seen, those of real drones too."""
 _TOGETHER = 1e-3
 """Time within which a set-point and motors belong together [s]."""
 _QUAD_X = (
@@ -64,11 +61,11 @@ def motors(
         if not rotors:
             return None
         return rebuilt, f"{name}: motors of {topic} by {mixer}, which no logged motors check"
-    if share < LEAST_SHARE:
+    if share < agreement.LEAST_SHARE:
         raise InputError(
             f"{name}: motors are logged at {logged.rate:.3g} Hz, too rarely, "
             f"and {topic} by {mixer} explains {100 * share:.3g} % of their variance; at least "
-            f"{100 * LEAST_SHARE:g} % are needed. {REMEDY}"
+            f"{100 * agreement.LEAST_SHARE:g} % are needed. {REMEDY}"
         )
     return rebuilt, (
         f"{name}: motors of {topic}, {rebuilt.rate:.0f} Hz, by {mixer}; they explain "

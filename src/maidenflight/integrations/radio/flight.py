@@ -272,8 +272,7 @@ class _Flight:
         acceleration = np.gradient(velocity, PERIOD, axis=0)
 
         def motion(seconds: float) -> Motion:
-            row = min(int(seconds / PERIOD + 0.5), len(reference) - 1)
-            return _vector(velocity[row]), _vector(acceleration[row])
+            return _vector(_nearest(velocity, seconds)), _vector(_nearest(acceleration, seconds))
 
         return motion
 
@@ -328,7 +327,11 @@ def _entry(reference: np.ndarray, seconds: float) -> Vector | None:
 
 
 def _yaw(yaw: np.ndarray | None, seconds: float) -> float:
-    return 0.0 if yaw is None else float(yaw[min(int(seconds / PERIOD + 0.5), len(yaw) - 1)])
+    return 0.0 if yaw is None else float(_nearest(yaw, seconds))
+
+
+def _nearest(rows: np.ndarray, seconds: float) -> np.ndarray:
+    return rows[min(int(seconds / PERIOD + 0.5), len(rows) - 1)]
 
 
 def _straight(start: Vector, end: Vector, speed: float) -> Callable[[float], Vector | None]:
