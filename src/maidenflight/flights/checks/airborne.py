@@ -50,8 +50,7 @@ def faults(flight: Flight) -> dict[str, Bool[np.ndarray, "N"]]:
     off = _off(flight)
     ground = motors_off(flight)
     hit = _impacts(flight)
-    with np.errstate(invalid="ignore"):  # what is not finite is a fault already
-        stands = _stands(flight) & ~off
+    stands = _stands(flight) & ~off
     beside = _rows_near(ground | stands, flight.period)
     about_hit = np.ones(2 * max(1, round(IMPACT_MARGIN / flight.period)) + 1)
     return {
@@ -108,13 +107,18 @@ def _stands(flight: Flight) -> Bool[np.ndarray, "N"]:
     if flight.accelerometer is None:
         return np.zeros(len(flight), bool)
     few, many = (max(1, round(time / flight.period)) for time in (SMOOTHED, WINDOW))
-    rates = uniform_filter1d(flight.body_rates[:, :2].astype(float), few, axis=0)
+    # A running sum would carry one number that is not finite to all rows behind it.
+    turns, pushes, sent = (
+        np.nan_to_num(some.astype(float))
+        for some in (flight.body_rates[:, :2], flight.accelerometer, flight.command)
+    )
+    rates = uniform_filter1d(turns, few, axis=0)
     mean, square = (uniform_filter1d(some, many, axis=0) for some in (rates, rates**2))
     deviation = np.sqrt(np.maximum(square - mean**2, 0.0))
-    force = uniform_filter1d(np.linalg.norm(flight.accelerometer.astype(float), axis=1), many)
+    force = uniform_filter1d(np.linalg.norm(pushes, axis=1), many)
     quiet = (deviation < STILL_RAD_S).all(axis=1) & (np.abs(force - GRAVITY) < STILL_M_S2)
     quiet = np.asarray(binary_dilation(quiet, np.ones(many)), bool)
-    mean_command = uniform_filter1d(flight.command.mean(axis=1, dtype=float), many)
+    mean_command = uniform_filter1d(sent.mean(axis=1), many)
     flying = mean_command[~quiet & (mean_command > 0.0)]
     if len(flying) * flight.period < 2 * WINDOW:
         flying = mean_command[mean_command > 0.0]

@@ -13,11 +13,16 @@ import numpy as np
 from maidenflight.errors import InputError
 from maidenflight.flights.streams import agreement, rates, streams
 from maidenflight.flights.streams.streams import Stream
-from maidenflight.integrations.logs import px4_allocation
+from maidenflight.integrations.logs import px4_allocation, px4_rate_loop
 from maidenflight.integrations.logs.px4_allocation import Rotor
 from maidenflight.integrations.logs.px4_topics import REMEDY, Parameters, Topics, columns, vector
 
-TOPICS = ("vehicle_torque_setpoint", "vehicle_thrust_setpoint", "actuator_controls_0")
+TOPICS = (
+    "vehicle_torque_setpoint",
+    "vehicle_thrust_setpoint",
+    "actuator_controls_0",
+    px4_rate_loop.TOPIC,
+)
 _TOGETHER = 1e-3
 """Time within which a set-point and motors belong together [s]."""
 _QUAD_X = (
@@ -51,16 +56,20 @@ def motors(
     if setpoints is None or setpoints.rate < 0.97 * rates.LEAST_HZ:
         return None
     rotors = _rotors(parameters)
-    commands = px4_allocation.motors(
-        setpoints.values, rotors or _QUAD_X, int(parameters.get("MC_AIRMODE", 0))
-    )
-    rebuilt = Stream(setpoints.time, commands)
+
+    def allocated(some: Stream) -> Stream:
+        airmode = int(parameters.get("MC_AIRMODE", 0))
+        return Stream(some.time, px4_allocation.motors(some.values, rotors or _QUAD_X, airmode))
+
+    rebuilt = allocated(setpoints)
     share = _explained(logged, rebuilt)
+    faster, more = px4_rate_loop.between(setpoints, topics, parameters)
+    rebuilt = allocated(faster) if more else rebuilt
     mixer = "the logged allocation (CA_ROTORn)" if rotors else "PX4's mixer of a quadrotor in X"
     if share is None:
         if not rotors:
             return None
-        return rebuilt, f"{name}: motors of {topic} by {mixer}, which no logged motors check"
+        return rebuilt, f"{name}: motors of {topic} by {mixer}, which no logged motors check{more}"
     if share < agreement.LEAST_SHARE:
         raise InputError(
             f"{name}: motors are logged at {logged.rate:.3g} Hz, too rarely, "
@@ -70,7 +79,7 @@ def motors(
     return rebuilt, (
         f"{name}: motors of {topic}, {rebuilt.rate:.0f} Hz, by {mixer}; they explain "
         f"{np.floor(1e4 * share) / 100:.2f} % of the variance of the logged motors "
-        f"({logged.rate:.3g} Hz)"
+        f"({logged.rate:.3g} Hz){more}"
     )
 
 
