@@ -90,6 +90,7 @@ def test_rows_on_the_ground_are_left_out(tmp_path: Path) -> None:
         ({"FRAME_CLASS": 2.0}, "FRAME_CLASS 2"),
         ({"FRAME_TYPE": 0.0}, "FRAME_TYPE 0"),
         ({"MOT_SPIN_MAX": 0.16}, "explain"),
+        ({"MOT_SPIN_MIN": 0.15, "MOT_SPIN_MAX": 0.15}, "MOT_SPIN_MIN 0.15 is not below"),
     ],
 )
 def test_another_airframe_and_other_motors_are_refused(

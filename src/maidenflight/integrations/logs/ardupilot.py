@@ -169,7 +169,7 @@ def _motors(
         InputError: the motors are logged rarely, and the control's outputs do not explain them.
     """
     expo = parameters.get("MOT_THST_EXPO", 0.65)
-    sent = _sent(messages, parameters, frame, expo)
+    sent = _sent(name, messages, parameters, frame, expo)
     law = f"thrust by the curve of MOT_THST_EXPO = {expo:g}"
     outputs = _stream(messages, "RATE", *_OUTPUTS)
     if sent.rate >= 0.97 * rates.LEAST_HZ or outputs.rate < 0.97 * rates.LEAST_HZ:
@@ -197,8 +197,14 @@ def _motors(
     )
 
 
-def _sent(messages: Messages, parameters: Parameters, frame: Frame, expo: float) -> Stream:
-    """Shares of full thrust that the PWM of our motors stands for, by a curve of thrust."""
+def _sent(
+    name: str, messages: Messages, parameters: Parameters, frame: Frame, expo: float
+) -> Stream:
+    """Shares of full thrust that the PWM of our motors stands for, by a curve of thrust.
+
+    Raises:
+        InputError: motors that spin least and most alike.
+    """
     channel = {
         int(parameters.get(f"SERVO{number}_FUNCTION", 0)) - _FIRST_MOTOR: f"C{number}"
         for number in range(1, 15)
@@ -209,6 +215,11 @@ def _sent(messages: Messages, parameters: Parameters, frame: Frame, expo: float)
     if not low < high or int(parameters.get("MOT_PWM_TYPE", 0)) in _DIGITAL:
         low, high = 1000.0, 2000.0
     least, most = parameters.get("MOT_SPIN_MIN", 0.15), parameters.get("MOT_SPIN_MAX", 0.95)
+    if not least < most:
+        raise InputError(
+            f"{name}: MOT_SPIN_MIN {least:g} is not below MOT_SPIN_MAX {most:g}, between which "
+            "ArduPilot sends thrust. Its parameters are not those of a drone that flew."
+        )
     throttle = np.clip(((sent.values - low) / (high - low) - least) / (most - least), 0.0, 1.0)
     return Stream(sent.time, (1.0 - expo) * throttle + expo * throttle**2)
 

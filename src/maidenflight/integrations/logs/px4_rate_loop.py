@@ -7,7 +7,7 @@ were told: inertia comes out 10 to 40 % too large. The controller's gains are pa
     torque = K [P (setpoint - rate) + I integral - D change of the rate] + FF setpoint
 
 and its filters are known. What this lacks at logged set-points, the integral above all, changes
-slowly and is interpolated. Logged set-points judge it: of what each second one differs by from the
+slowly: it is smoothed and interpolated. Logged set-points judge it: of what each second one differs by from the
 mean of its neighbours, most must be explained.
 
 Source: PX4 v1.14, src/lib/rate_control/rate_control.cpp (update), src/modules/mc_rate_control
@@ -28,6 +28,9 @@ FASTER = 2.0
 """Times the set-points' rate from which the gyro tells what lies between them."""
 LEAST_SHARE = 0.5
 """Share of the variance of a set-point about its neighbours' mean that must be explained."""
+SLOW = 0.03
+"""Standard deviation of the time over which that is averaged [s]: single rows hold vibration, which
+gyro and set-points fold differently (paper/notes/identification.md)."""
 _AXES = ("ROLL", "PITCH", "YAW")
 _GAINS = {"P": (0.15, 0.15, 0.2), "D": (0.003, 0.003, 0.0), "FF": (0.0, 0.0, 0.0), "K": (1.0,) * 3}
 """PX4's usual gains of the rate controller, about roll, pitch and yaw."""
@@ -67,6 +70,7 @@ def between(setpoints: Stream, topics: Topics, parameters: Parameters) -> tuple[
     values = streams.between(at, setpoints)
     for axis in np.flatnonzero(shares > LEAST_SHARE):
         lacking = setpoints.values[:, axis] - _at(setpoints.time, best, axis)
+        lacking = scipy.ndimage.gaussian_filter1d(lacking, SLOW / setpoints.step)
         values[:, axis] = _at(at, best, axis)
         values[:, axis] += streams.between(at, Stream(setpoints.time, lacking[:, None]))[:, 0]
     known = np.isfinite(values).all(axis=1)
