@@ -64,7 +64,7 @@ QUICK = {
 }
 """Settings of training, by control structure: a quarter as long as the command line's, and by Adam
 alone, as paper/notes/ablations.md was measured."""
-PPO_UPDATES = 200
+PPO_UPDATES = 400
 """Of 16,384 steps, as in paper/zero_shot_ppo.toml."""
 NO_LAG = 0.0025
 """T_m [s] of a motor without lag: in steps of 5 ms the trapezoidal rule then reaches the command at

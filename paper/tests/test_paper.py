@@ -171,8 +171,8 @@ def test_the_study_by_ppo_flies_the_cells_of_that_by_gradients(figure_4: Any) ->
         assert flown.settings["reality"] == ["near:7", "virtual:7", "far:7"]
         training = Train.from_settings(trained.settings)
         assert isinstance(training, Train)
-        assert training.learner_settings == PPO(updates=200)
-        same = ("drone", "task", "control", "set", "randomize", "policies", "paper_scales")
+        assert training.learner_settings == PPO(updates=400)
+        same = ("drone", "task", "control", "set", "randomize", "paper_scales")
         assert {name: trained.settings[name] for name in same} == {
             name: other.settings[name] for name in same
         }
