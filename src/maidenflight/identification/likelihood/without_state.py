@@ -24,8 +24,8 @@ from maidenflight.identification.likelihood.estimator import (
 from maidenflight.identification.likelihood.fit import Fit, box_of
 from maidenflight.identification.likelihood.inertial_errors import AccelerometerErrors, GyroErrors
 from maidenflight.identification.likelihood.laplace import Others
+from maidenflight.identification.likelihood.loop_inertia import inertia_of_loop, with_inertia_z
 from maidenflight.identification.likelihood.observation import MOTORS
-from maidenflight.identification.likelihood.other_ways import ABOUT_Z
 from maidenflight.identification.likelihood.sensor_errors import SensorErrors
 from maidenflight.identification.methods import Likelihood
 from maidenflight.identification.outcome import posterior
@@ -51,7 +51,6 @@ from maidenflight.identification.signals.lag import DELAYS, LAG
 from maidenflight.identification.signals.motor_response import (
     MotorResponse,
     estimate_motor_response,
-    is_clear,
 )
 from maidenflight.identification.signals.saturation import note_saturation, saturation
 from maidenflight.parameters import Parameters, check, component, replace
@@ -117,7 +116,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     unidentifiable = {name: ends for one in answer for name, ends in one.unidentifiable.items()}
     draws = {name: samples for one in answer for name, samples in one.samples.items()}
     spread = {name: size for one in answer for name, size in one.posterior.spread.items()}
-    drone, draws, spread, notes = _with_inertia_z(
+    drone, draws, spread, notes = with_inertia_z(
         problem.start, answer[-1].best.drone, draws, spread, unidentifiable
     )
     names = tuple(name for name in draws if name not in unidentifiable)
@@ -346,7 +345,7 @@ def _torque(
     if not names:
         return None
     known, drone = ({}, problem.start) if force is None else (force.samples, force.best.drone)
-    inertia = _inertia_of_loop(problem, motors, known, drone)
+    inertia = inertia_of_loop(problem, motors, known, drone)
     if inertia:
         known = {**known, **inertia}
         medians = {name: np.float32(np.median(samples)) for name, samples in inertia.items()}
@@ -361,66 +360,6 @@ def _torque(
         name: plausible[name] for name in names if not is_identifiable(error[name], plausible[name])
     }
     return answer.without(removed_ranges, problem.start, problem.generator)
-
-
-def _inertia_of_loop(
-    problem: Problem,
-    motors: MotorResponse | None,
-    known: Mapping[str, Float[np.ndarray, "N"]],
-    drone: Parameters,
-) -> dict[str, Float[np.ndarray, "N"]]:
-    """Samples of inertia by the gain of the loop through the gyro, where it tells that clearly.
-
-    The controller's answers to noise are in that loop. A likelihood of the gyro alone has them in
-    its errors: of planted PX4 drones its inertia comes out 4 to 19 % too large, or not at all.
-    """
-    if motors is None or problem.over is not None or not motors.is_identifiable:
-        return {}
-    thrust = known.get(HOVERING, np.full(RESAMPLES, float(drone.thrust_to_weight)))
-    inertia = {
-        name: problem.generator.choice(samples, RESAMPLES) * thrust
-        for name, samples in motors.inertia_per_thrust.items()
-    }
-    return {name: samples for name, samples in inertia.items() if is_clear(samples)}
-
-
-def _with_inertia_z(
-    start: Parameters,
-    drone: Parameters,
-    draws: dict[str, Float[np.ndarray, "N"]],
-    spread: dict[str, float],
-    unidentifiable: Ranges,
-) -> tuple[Parameters, dict[str, Float[np.ndarray, "N"]], dict[str, float], list[str]]:
-    """What is told, with the inertia about z in the start's ratio to those about x and y.
-
-    Torques about z follow, since yaw shows them as shares of that inertia.
-    """
-    answer_of = draws.keys() - unidentifiable.keys()
-    if not answer_of.intersection(ABOUT_Z) or "inertia_z" in draws:
-        return drone, draws, spread, []
-    level = [name for name in ("inertia_x", "inertia_y") if name in answer_of]
-    if not level:
-        note = "yaw shows its torques only as shares of inertia_z, which is the start's"
-        return drone, draws, spread, [note]
-    shares = {name: 1 / float(component(start, name)) / len(level) for name in level}
-    factor = np.sum([share * draws[name] for name, share in shares.items()], axis=0)
-    best = sum(share * float(component(drone, name)) for name, share in shares.items())
-    about_z = float(component(start, "inertia_z"))
-    changes = {"inertia_z": np.float32(best * about_z)}
-    draws, spread = dict(draws), dict(spread)
-    for name in answer_of.intersection(ABOUT_Z):
-        changes[name] = np.float32(best * float(component(drone, name)))
-        draws[name], spread[name] = factor * draws[name], best * spread[name]
-    draws["inertia_z"] = about_z * factor
-    spread["inertia_z"] = about_z * float(
-        np.linalg.norm([share * spread.get(name, 0.0) for name, share in shares.items()])
-    )
-    ratio = about_z / np.mean([float(component(start, name)) for name in level])
-    note = (
-        f"yaw shows its torques only as shares of inertia_z, which is taken as {ratio:.3g} times "
-        f"the mean of {' and '.join(level)}, as in the start"
-    )
-    return replace(drone, **changes), draws, spread, [note]
 
 
 def _in_box(fit: Fit, box: Box) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]:

@@ -7,8 +7,8 @@ were told: inertia comes out 10 to 40 % too large. The controller's gains are pa
     torque = K [P (setpoint - rate) + I integral - D change of the rate] + FF setpoint
 
 and its filters are known. What this lacks at logged set-points, the integral above all, changes
-slowly: it is smoothed and interpolated. Logged set-points judge it: of what each second one differs by from the
-mean of its neighbours, most must be explained.
+slowly: it is smoothed and interpolated. Logged set-points judge it: of what each second one differs
+by from the mean of its neighbours, most must be explained.
 
 Source: PX4 v1.14, src/lib/rate_control/rate_control.cpp (update), src/modules/mc_rate_control
 (MC_*RATE_*), src/modules/sensors/vehicle_angular_velocity (IMU_GYRO_CUTOFF: low-pass filter of
