@@ -88,7 +88,7 @@ def _answer(measured: Stream, desired: Stream, parameters: Parameters) -> Stream
         keys = zip(_AXES, _GAINS[name], strict=True)
         return np.array([parameters.get(f"MC_{axis}RATE_{name}", usual) for axis, usual in keys])
 
-    known = measured.part(np.isfinite(measured.values).all(axis=1))
+    known = measured.part(np.asarray(np.isfinite(measured.values).all(axis=1)))
     at = np.arange(known.time[0], known.time[-1], 1 / _RATE)
     rates = _on_lines(at, known)
     cutoff = parameters.get("IMU_GYRO_CUTOFF", _FILTER)
@@ -100,7 +100,7 @@ def _answer(measured: Stream, desired: Stream, parameters: Parameters) -> Stream
     if cutoff > 0.0:
         share = 1 / (1 + _RATE / (2 * np.pi * cutoff))
         change = scipy.signal.lfilter([share], [1.0, share - 1.0], change, axis=0)
-    wanted = _on_lines(at, desired.part(np.isfinite(desired.values).all(axis=1)))
+    wanted = _on_lines(at, desired.part(np.asarray(np.isfinite(desired.values).all(axis=1))))
     error = gain("P") * (wanted - rates) - gain("D") * change
     return Stream(at, gain("K") * error + gain("FF") * wanted)
 
