@@ -68,7 +68,7 @@ def between(setpoints: Stream, topics: Topics, parameters: Parameters) -> tuple[
     at = streams.stream(middle, gyro[1]).time
     at = at[(at >= setpoints.time[0]) & (at <= setpoints.time[-1])]
     values = streams.between(at, setpoints)
-    for axis in np.flatnonzero(shares > LEAST_SHARE):
+    for axis in np.flatnonzero(shares > LEAST_SHARE).tolist():
         lacking = setpoints.values[:, axis] - _at(setpoints.time, best, axis)
         lacking = scipy.ndimage.gaussian_filter1d(lacking, SLOW / setpoints.step)
         values[:, axis] = _at(at, best, axis)
