@@ -21,8 +21,8 @@ def inertia_of_loop(
 ) -> dict[str, Float[np.ndarray, "N"]]:
     """Returns samples of inertia by the gain of the loop, where it tells that clearly.
 
-    The controller's answers to noise are in that loop. A likelihood of the gyro alone has them in
-    its errors: of planted PX4 drones its inertia comes out 4 to 19 % too large, or not at all.
+    The loop holds the controller's answers to noise, and tells inertia of planted PX4 drones of
+    which the likelihood of the gyro alone leaves it untold (paper/notes/identification.md).
     """
     if motors is None or problem.over is not None or not motors.is_identifiable:
         return {}
