@@ -50,7 +50,8 @@ from maidenflight.simulator.realities.virtual_drone import VirtualDrone
 from maidenflight.simulator.tasks import tasks
 from maidenflight.simulator.tasks.rewards import ACTION_PENALTY, ACTION_RATE_PENALTY
 from maidenflight.training.analytic_gradient import AnalyticGradient
-from maidenflight.training.settings import recorded
+from maidenflight.training.ppo_settings import PPO
+from maidenflight.training.settings import Settings, recorded
 from maidenflight.training.train import train
 
 RANDOMIZATION = 0.10
@@ -63,6 +64,8 @@ QUICK = {
 }
 """Settings of training, by control structure: a quarter as long as the command line's, and by Adam
 alone, as paper/notes/ablations.md was measured."""
+PPO_UPDATES = 400
+"""Of 16,384 steps, as in paper/zero_shot_ppo.toml."""
 NO_LAG = 0.0025
 """T_m [s] of a motor without lag: in steps of 5 ms the trapezoidal rule then reaches the command at
 the end of the step, and a shorter one would overshoot."""
@@ -198,6 +201,20 @@ def _first(drones: Ensemble, count: int) -> list[Parameters]:
     ]
 
 
+def choose_settings(variant: Variant, method: str, updates: int | None) -> Settings:
+    """Returns the settings of training of a variant.
+
+    Args:
+        variant: to train.
+        method: `gradient` or `ppo`.
+        updates: instead of the method's own.
+    """
+    if method == "ppo":
+        return PPO(updates=updates or PPO_UPDATES)
+    quick = QUICK[variant.control]
+    return replaced(quick, updates=updates or quick.updates, action_excess_penalty=variant.excess)
+
+
 def _number(name: str) -> int:
     """That stands for a name in random keys, so that what is drawn for it depends on it alone."""
     return zlib.crc32(name.encode())
@@ -206,7 +223,7 @@ def _number(name: str) -> int:
 def trained(
     variant: Variant,
     nominal: Parameters,
-    settings: AnalyticGradient,
+    settings: Settings,
     seeds: int,
     made: dict[str, Any],
     folder: Path,
@@ -614,6 +631,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         help="a control structure; may be repeated (both)",
     )
     parser.add_argument(
+        "--method", choices=["gradient", "ppo"], default="gradient", help="of training (gradient)"
+    )
+    parser.add_argument(
         "--seeds", type=int, default=5, help="policies of each variant (default: 5)"
     )
     parser.add_argument(
@@ -659,13 +679,9 @@ def run(given: argparse.Namespace) -> None:
         return results.record(seed=given.seed, inputs=inputs, settings={**said, **settings})
 
     chosen = [one for one in VARIANTS if one.control in (given.control or QUICK)]
-    updates = {kind: given.updates or settings.updates for kind, settings in QUICK.items()}
-    settings = {
-        one: replaced(
-            QUICK[one.control], updates=updates[one.control], action_excess_penalty=one.excess
-        )
-        for one in chosen
-    }
+    if given.method == "ppo":  # which has no cost of excess
+        chosen = [one for one in chosen if one.excess == Variant.excess]
+    settings = {one: choose_settings(one, given.method, given.updates) for one in chosen}
     made = {one: record({**one._asdict(), **recorded(settings[one])}) for one in chosen}
     flying: dict[str, Any] = {
         name: getattr(given, name) for name in ("trials", "draws", "duration")

@@ -5,7 +5,7 @@ H = 2, of each size of the hidden layers by gradients through the simulator, ove
 of a Crazyflie with a motor lag of 80 ms and a latency of 20 ms or of `--drone`. It scores them on
 episodes that they have not seen and flies them in a virtual reality that they have not seen. The
 paper names the histories and says that H = 2 performed best, without numbers; it had trained by
-PPO, with other drones.
+PPO, as `--method ppo` does here, with other drones.
 """
 
 import argparse
@@ -24,6 +24,7 @@ import polars
 from maidenflight import parameters, results
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
+from maidenflight.names import METHODS
 from maidenflight.policy import Policy
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.controllers.interface import CONTROLS
@@ -32,7 +33,7 @@ from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import RelativeBox, relative_box
 from maidenflight.simulator.realities.virtual_drone import virtual_drone
 from maidenflight.simulator.tasks import tasks
-from maidenflight.training.defaults import SETTINGS
+from maidenflight.training.defaults import choose_settings
 from maidenflight.training.evaluation import evaluate
 from maidenflight.training.train import train
 
@@ -79,9 +80,9 @@ def box(plan: argparse.Namespace) -> RelativeBox:
 def studied(kind: Kind, plan: argparse.Namespace) -> Studied:
     """Trains policies of one kind, scores them and flies them."""
     drones, task, controller = box(plan), tasks.paper_circle(), control.CONTROLLERS[plan.control]()
-    settings = SETTINGS[plan.control]
-    settings = settings if plan.updates is None else replace(settings, updates=plan.updates)
     spec = PolicySpec(history=kind.history, hidden=kind.hidden)
+    settings = choose_settings(plan.control, task.name, plan.method, spec)
+    settings = settings if plan.updates is None else replace(settings, updates=plan.updates)
     keys = jax.random.split(jax.random.key(plan.seed), plan.seeds)
     began = time.perf_counter()
     policies = train(task, controller, drones, keys, settings, spec)
@@ -170,6 +171,9 @@ def planned(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--control", default="pwm", choices=CONTROLS, help="control structure (default: pwm)"
     )
+    parser.add_argument(
+        "--method", default="gradient", choices=METHODS, help="of training (default: gradient)"
+    )
     parser.add_argument("--drone", help="TOML file of a drone, or its name")
     parser.add_argument(
         "--updates",
@@ -212,7 +216,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(table("H", {str(kind.history): found[kind] for kind in histories}), end="\n\n")
     if sizes:
         print(table("hidden layers", {kind.size: found[kind] for kind in sizes}), end="\n\n")
-    names = ("control", "updates", "seeds", "episodes", "trials", "duration")
+    names = ("control", "method", "updates", "seeds", "episodes", "trials", "duration")
     drone = {} if plan.drone is None else {"drone": Path(plan.drone).name}
     settings = (
         {name: getattr(plan, name) for name in names} | {"reality": virtual_drone(7).name} | drone

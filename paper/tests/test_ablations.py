@@ -41,6 +41,9 @@ def test_variants_change_one_thing_and_each_control_structure_begins_with_its_ba
         np.float32(ablations.NO_LAG),
         0.0,
     )
+    free = next(one for one in variants if one.excess == 0.0)
+    assert ablations.choose_settings(free, "gradient", None).action_excess_penalty == 0.0
+    assert ablations.choose_settings(variants[0], "ppo", None).updates == ablations.PPO_UPDATES
     wide = next(one for one in variants if one.name == "+-360 deg/s")
     assert wide.controller() is control.attitude_rate(highest_rate=360.0)
     assert (

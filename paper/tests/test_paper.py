@@ -22,6 +22,7 @@ from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.studies import worker
 from maidenflight.studies.worker import Order, TaskResult
 from maidenflight.training.analytic_gradient import AnalyticGradient
+from maidenflight.training.ppo_settings import PPO
 from maidenflight.verbs.train import Train
 from scripts import PAPER, script
 
@@ -157,7 +158,24 @@ def test_the_papers_studies_are_the_papers(figure_4: Any, name: str, rate: int |
             learner = dataclasses.replace(learner, horizon=64)
         assert training.spec == PolicySpec()
         assert training.learner_settings == learner
+        assert training.task == "paper_circle"
         assert (training.policies, training.randomize, training.paper_scales) == (3, 0.1, True)
+
+
+def test_the_study_by_ppo_flies_the_cells_of_that_by_gradients(figure_4: Any) -> None:
+    by_ppo, by_gradients = (
+        figure_4.find_flown_tasks(figure_4.read_study(PAPER / f"{name}.toml"))
+        for name in ("zero_shot_ppo", "zero_shot")
+    )
+    for (trained, flown), (other, _) in zip(by_ppo, by_gradients, strict=True):
+        assert flown.settings["reality"] == ["near:7", "virtual:7", "far:7"]
+        training = Train.from_settings(trained.settings)
+        assert isinstance(training, Train)
+        assert training.learner_settings == PPO(updates=400)
+        same = ("drone", "task", "control", "set", "randomize", "paper_scales")
+        assert {name: trained.settings[name] for name in same} == {
+            name: other.settings[name] for name in same
+        }
 
 
 def test_a_small_study_trains_a_policy_a_cell_for_a_third_as_long(figure_4: Any) -> None:

@@ -1,0 +1,293 @@
+"""Judge the claims of the paper by the results of its studies, a column a set of results.
+
+`python paper/claims.py --results gradients=FOLDER --results PPO=FOLDER --authors
+../shared/data/authors` prints a Markdown table: a row a claim, with the figure that decides it. A
+folder holds what the studies write with these names as `-o`; what is absent stays empty:
+`zero_shot` (figure_4.py), `ablations` (ablations.py), `history.csv` (history_and_hidden.py) and
+`table_2` (table_2.py). The authors' real flights decide the claims on flight times.
+
+Source: Gronauer et al. 2022, sec. Experimental Results and Discussion.
+"""
+
+import argparse
+import math
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import polars
+from ablations import BASELINE, ITSELF, PARTS, effects
+from figure_4 import read_published_flights
+from table_2 import PAPER
+
+from maidenflight.errors import InputError
+
+NEAR = {"motor_time_constant": 0.08, "latency": 0.02}
+"""The cell closest to the identified parameters [s]."""
+REPRODUCED, NOT_SEEN, OPPOSITE = "reproduced", "not seen", "the opposite"
+
+
+class Finding(NamedTuple):
+    """What results say of a claim."""
+
+    figure: str
+    verdict: str
+
+
+class Claim(NamedTuple):
+    """A claim, and how the table of a study decides it."""
+
+    words: str
+    table: str
+    """A name in `TABLES`."""
+    judge: Callable[[polars.DataFrame], Finding]
+
+
+def judge_order(values: Mapping[str, float], expected: str, unit: str, best: bool) -> Finding:
+    """Judges whether the expected one has the largest value, or the smallest, or the other end.
+
+    Args:
+        values: by name.
+        expected: a name.
+        unit: of the values, to print.
+        best: whether the claim is of the largest value.
+    """
+    order = sorted(values, key=lambda name: values[name], reverse=best)
+    figure = ", ".join(f"{name.replace('_', ' ')} {values[name]:.1f}" for name in order)
+    place = order.index(expected)
+    verdict = REPRODUCED if place == 0 else OPPOSITE if place == len(order) - 1 else NOT_SEEN
+    return Finding(f"{figure} {unit}".rstrip(), verdict)
+
+
+def mean_times(flights: polars.DataFrame) -> dict[str, float]:
+    """Returns mean flight times [s] by control structure, each cell with the same weight."""
+    cells = flights.group_by("control", *NEAR).agg(polars.col("duration").mean())
+    means = cells.group_by("control").agg(polars.col("duration").mean())
+    return dict(means.iter_rows())
+
+
+def judge_latency_free_order(flights: polars.DataFrame, expected: str, best: bool) -> Finding:
+    """Judges the order of control structures whose policies were trained without latency."""
+    return judge_order(mean_times(flights.filter(polars.col("latency") == 0)), expected, "s", best)
+
+
+def judge_nearest_cell(flights: polars.DataFrame) -> Finding:
+    """Judges the median flight time of PWM policies of the cell nearest to what was identified."""
+    near = flights.filter(
+        polars.col("control") == "pwm",
+        *((polars.col(name) - value).abs() < 1e-6 for name, value in NEAR.items()),
+    )["duration"]
+    middle = near.quantile(0.5)
+    if middle is None:
+        raise InputError("no PWM flight of a motor lag of 80 ms and a latency of 20 ms.")
+    return Finding(f"median {middle:.1f} s", REPRODUCED if middle >= 19.95 else NOT_SEEN)
+
+
+def judge_scatter(flights: polars.DataFrame) -> Finding:
+    """Judges whether PWM's mean flight time varies most between cells."""
+    cells = flights.group_by("control", *NEAR).agg(polars.col("duration").mean())
+    scatter = cells.group_by("control").agg(polars.col("duration").std())
+    found = judge_order(dict(scatter.iter_rows()), "pwm", "s", best=True)
+    return Finding(f"standard deviation over cells: {found.figure}", found.verdict)
+
+
+def judge_latency(flights: polars.DataFrame) -> Finding:
+    """Judges whether policies trained with latency fly longer, in every control structure."""
+    without, late = (
+        mean_times(flights.filter((polars.col("latency") == 0) == is_zero))
+        for is_zero in (True, False)
+    )
+    figure = ", ".join(
+        f"{name.replace('_', ' ')} {without[name]:.1f} to {late[name]:.1f} s" for name in late
+    )
+    gains = [late[name] - without[name] for name in late]
+    return Finding(
+        figure, REPRODUCED if min(gains) > 0 else OPPOSITE if max(gains) < 0 else NOT_SEEN
+    )
+
+
+def find_change(
+    flights: polars.DataFrame, control: str, variant: str, reality: str = ITSELF
+) -> tuple[float, float, float, float]:
+    """Returns mean flight time, what a change makes of it, and the ends of that interval [s].
+
+    Raises:
+        InputError: the table lacks these flights.
+    """
+    row = effects(flights).filter(
+        polars.col("control") == control,
+        polars.col("variant") == variant,
+        polars.col("reality") == reality,
+        polars.col("measure") == "duration",
+    )
+    if row.is_empty():
+        raise InputError(f"no flights of {control}, {variant}, {reality}.")
+    return row.select("mean", "effect", "low", "high").row(0)
+
+
+def judge_loss(flights: polars.DataFrame, control: str, variant: str) -> Finding:
+    """Judges whether a change shortens flights, by its 95 % interval over policies."""
+    mean, effect, low, high = find_change(flights, control, variant)
+    verdict = REPRODUCED if high < 0 else OPPOSITE if low > 0 else NOT_SEEN
+    ends = "" if math.isnan(low) else f" [{low:.1f}, {high:.1f}]"
+    return Finding(f"{mean:.1f} s, {effect:+.1f}{ends}", verdict)
+
+
+def judge_parts(flights: polars.DataFrame) -> Finding:
+    """Judges whether PWM policies fly as long, to a second, with other propellers and motors."""
+    changes = {name: find_change(flights, "pwm", BASELINE, name)[1] for name in PARTS}
+    kept = [change > -1.0 for change in changes.values()]
+    figure = ", ".join(f"{name} {change:+.1f} s" for name, change in changes.items())
+    return Finding(figure, REPRODUCED if all(kept) else "mostly" if any(kept) else NOT_SEEN)
+
+
+def judge_history(policies: polars.DataFrame) -> Finding:
+    """Judges whether policies of two instants have the best return."""
+    own = policies.filter(polars.col("hidden") == "50x50")
+    means = own.group_by("history").agg(polars.col("episode_return").mean())
+    named = {f"H = {history}": value for history, value in means.iter_rows()}
+    return judge_order(named, "H = 2", "", best=True)
+
+
+def judge_lengths(estimates: polars.DataFrame) -> Finding:
+    """Judges whether T from 20 on moves the estimates no more than in the paper's table."""
+    chosen = estimates.filter(
+        polars.col("flights") == "virtual",
+        polars.col("method") == "bayesian",
+        polars.col("length") > min(PAPER),
+    )
+    parts, smaller = [], []
+    for name in PAPER[min(PAPER)]:
+        means = chosen.filter(polars.col("parameter") == name)["trial_mean"].to_list()
+        theirs = [values[name][0] for length, values in PAPER.items() if length > min(PAPER)]
+        scale, unit = (1.0, "") if name == "thrust_to_weight" else (1e3, " ms")
+        parts.append(f"{name} {scale * min(means):.4g} to {scale * max(means):.4g}{unit}")
+        smaller.append(max(means) - min(means) <= max(theirs) - min(theirs))
+    return Finding(", ".join(parts), REPRODUCED if all(smaller) else NOT_SEEN)
+
+
+TABLES = {
+    "zero_shot": "zero_shot/flights.csv",
+    "ablations": "ablations/flights.csv",
+    "history": "history.csv",
+    "table_2": "table_2/table_2.csv",
+}
+"""File of a study's table in a folder of results."""
+CLAIMS = (
+    Claim("The length T has only a minor impact", "table_2", judge_lengths),
+    Claim(
+        "PWM trained near the identified parameters flies a median of 20 s",
+        "zero_shot",
+        judge_nearest_cell,
+    ),
+    Claim(
+        "Trained without latency PWM is the worst",
+        "zero_shot",
+        lambda flights: judge_latency_free_order(flights, "pwm", best=False),
+    ),
+    Claim(
+        "Trained without latency attitude rate is the best",
+        "zero_shot",
+        lambda flights: judge_latency_free_order(flights, "attitude_rate", best=True),
+    ),
+    Claim(
+        "Attitude rate is the most robust",
+        "zero_shot",
+        lambda flights: judge_order(mean_times(flights), "attitude_rate", "s", best=True),
+    ),
+    Claim(
+        "Attitude is the worst",
+        "zero_shot",
+        lambda flights: judge_order(mean_times(flights), "attitude", "s", best=False),
+    ),
+    Claim("Low-level control needs the higher fidelity", "zero_shot", judge_scatter),
+    Claim("Latency in training improves transfer", "zero_shot", judge_latency),
+    Claim(
+        "Accurate actuators are crucial: PWM without lag and latency in training",
+        "ablations",
+        lambda flights: judge_loss(flights, "pwm", "neither lag nor latency"),
+    ),
+    Claim(
+        "Without penalties of actions transfer drops: PWM",
+        "ablations",
+        lambda flights: judge_loss(flights, "pwm", "neither penalty"),
+    ),
+    Claim(
+        "Without penalties of actions transfer drops: attitude rate",
+        "ablations",
+        lambda flights: judge_loss(flights, "attitude_rate", "neither penalty"),
+    ),
+    Claim(
+        "Attitude rates of +-360 deg/s do not work",
+        "ablations",
+        lambda flights: judge_loss(flights, "attitude_rate", "+-360 deg/s"),
+    ),
+    Claim("Policies tolerate changed propellers and motors", "ablations", judge_parts),
+    Claim("A history of H = 2 is best", "history", judge_history),
+)
+
+
+def read_tables(folder: Path) -> dict[str, polars.DataFrame]:
+    """Reads the studies' tables that a folder holds.
+
+    Raises:
+        InputError: it holds none.
+    """
+    paths = {name: folder / file for name, file in TABLES.items()}
+    tables = {
+        name: polars.read_csv(path, comment_prefix="#")
+        for name, path in paths.items()
+        if path.is_file()
+    }
+    if not tables:
+        raise InputError(f"{folder}: holds none of {', '.join(TABLES.values())}.")
+    return tables
+
+
+def compare(columns: Mapping[str, Mapping[str, polars.DataFrame]]) -> str:
+    """Returns the Markdown table of all claims.
+
+    Args:
+        columns: tables of studies, by the name of a set of results.
+    """
+    lines = [" | ".join(["| claim", *columns]) + " |", "|---" * (1 + len(columns)) + "|"]
+    for claim in CLAIMS:
+        cells = []
+        for tables in columns.values():
+            found = claim.judge(tables[claim.table]) if claim.table in tables else None
+            cells.append("-" if found is None else f"**{found.verdict}**: {found.figure}")
+        lines.append(" | ".join([f"| {claim.words}", *cells]) + " |")
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Reads, judges and prints."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--results",
+        action="append",
+        required=True,
+        metavar="NAME=FOLDER",
+        help="a column and the folder of its results; may be repeated",
+    )
+    parser.add_argument("--authors", type=Path, help="folder of the authors' data with flights.csv")
+    given = parser.parse_args(arguments)
+    columns = {}
+    for pair in given.results:
+        name, mark, folder = pair.partition("=")
+        if not mark:
+            parser.error(f"--results {pair}: expected NAME=FOLDER, such as PPO=results_ppo.")
+        columns[name] = read_tables(Path(folder))
+    if given.authors is not None:
+        columns["the authors' real flights"] = {"zero_shot": read_published_flights(given.authors)}
+    print(compare(columns))
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except InputError as error:
+        sys.exit(f"error: {error}")
