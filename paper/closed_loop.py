@@ -3,8 +3,8 @@
 Policies are dealt into five outer folds (`fold_of`). For each, the whole recipe runs with the
 flights and policies of the other four: the likelihood of the dynamics, trims and how they differ,
 the closed loop. Its drone then predicts the policies of the fold: the outer score, by which choices
-count. The inner score is that of the drone of all flights, which predicts all policies with and
-without one flight of the policy whose number is next as a log of the day. Drones lie in the output
+count. The inner score is that of the drone of all flights, which predicts all policies; both also
+with one flight of the policy whose number is next as a log of the day. Drones lie in the output
 folder, those of a fold in one of their own, and are not made again.
 
     python paper/closed_loop.py --authors ../shared/data/authors -o closed_loop --folds 0 1 2 3 4
@@ -282,9 +282,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
             add(label, "outer", outer)
         add(label, "inner", dict.fromkeys(policies, possible[label, WHOLE]))
     logs = {name: todays_log(given.authors, list(policies), name) for name in policies}
-    matched = files[WHOLE]["closed loop"]
-    own = {name: possible_drones(matched, TRIMS, 0, today=log) for name, log in logs.items()}
-    add(TODAY, "inner", own)
+    for part in ("outer", "inner"):
+        use = {name: one if part == "outer" else WHOLE for name, one in fold.items()}
+        own = {
+            name: possible_drones(files[use[name]]["closed loop"], TRIMS, 0, today=log)
+            for name, log in logs.items()
+            if use[name] in files
+        }
+        if own:
+            add(TODAY, part, own)
     points = {
         label: tree.map(
             lambda leaf: np.asarray(leaf).mean(axis=0).astype(np.float32), possible[label, WHOLE]

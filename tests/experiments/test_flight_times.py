@@ -324,21 +324,22 @@ def test_an_ensemble_of_equal_drones_is_the_drone_and_of_unequal_ones_each_in_tu
 def test_a_summary_tells_means_quantiles_and_ends_of_each_policy() -> None:
     flights = polars.DataFrame(
         {
-            "policy": ["b", "b", "b", "a"],
-            "control": ["pwm"] * 4,
-            "trial": [1, 2, 3, 1],
-            "duration": [1.0, 2.0, 6.0, 20.0],
-            "end_reason": ["tilt", "tilt", "height", "time limit"],
+            "policy": ["b", "b", "b", "a"] + ["c"] * 16,
+            "control": ["pwm"] * 20,
+            "trial": [1, 2, 3, 1, *range(1, 17)],
+            "duration": [1.0, 2.0, 6.0, 20.0, *np.arange(1.0, 17.0)],
+            "end_reason": ["tilt", "tilt", "height", "time limit"] + ["tilt"] * 16,
         }
     )
     told = summary(flights)
-    assert told["policy"].to_list() == ["b", "a"]
-    assert told["trials"].to_list() == [3, 1]
-    np.testing.assert_allclose(told["mean"], [3.0, 20.0])
-    np.testing.assert_allclose(told["quantile_10"], [1.2, 20.0])
-    np.testing.assert_allclose(told["quantile_50"], [2.0, 20.0])
-    np.testing.assert_allclose(told["quantile_90"], [5.2, 20.0])
-    np.testing.assert_allclose(told["tilt"], [2 / 3, 0.0])
+    assert told["policy"].to_list() == ["b", "a", "c"]
+    assert told["trials"].to_list() == [3, 1, 16]
+    np.testing.assert_allclose(told["mean"], [3.0, 20.0, 8.5])
+    # Of 17 alike one more is below the first with a probability of 1/17.
+    np.testing.assert_allclose(told["quantile_10"], [1.0, 20.0, 1.7])
+    np.testing.assert_allclose(told["quantile_50"], [2.0, 20.0, 8.5])
+    np.testing.assert_allclose(told["quantile_90"], [6.0, 20.0, 15.3])
+    np.testing.assert_allclose(told["tilt"], [2 / 3, 0.0, 1.0])
     np.testing.assert_allclose(told.select("time limit", "height", "tilt").sum_horizontal(), 1.0)
 
 

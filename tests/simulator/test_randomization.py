@@ -174,6 +174,15 @@ def test_a_wide_box_is_milliseconds_wide_in_latency_even_where_none_was_identifi
     assert float(box.upper.latency) == pytest.approx(latest)
 
 
+def test_a_drone_that_nobody_identified_may_be_as_quick_as_the_quickest_published() -> None:
+    box = wide_box(PAPER, "pwm", identified=False)
+    assert float(box.lower.motor_time_constant) < 0.055
+    assert float(box.lower.latency) < 0.004
+    assert float(box.upper.motor_time_constant) == pytest.approx(0.088 * 1.6)
+    held = wide_box(PAPER, "attitude", identified=False)
+    np.testing.assert_array_equal(held.lower.latency, wide_box(PAPER, "attitude").lower.latency)
+
+
 def test_stacked_distributions_draw_what_each_draws() -> None:
     boxes = [relative_box(replace(PAPER, mass=mass), 0.1) for mass in (0.02, 0.04)]
     key = jax.random.key(3)

@@ -58,7 +58,7 @@ def distribution_of(
     if randomization in (WIDE, ANY_DAY):
         trims = [file.estimates.get(name) for name in TRIM]
         deviations = [0.0 if trim is None else trim.between_sd for trim in trims]
-        box = wide_box(centre, controller.interface.name, deviations)
+        box = wide_box(centre, controller.interface.name, deviations, bool(file.estimates))
         return box if randomization == WIDE else DayToDay(box)
     if randomization == ANY:
         return GenericQuadrotor(centre)

@@ -19,6 +19,7 @@ Source: Gronauer et al. 2022, sec. Zero-Shot Experiments; logs of the authors' f
 import hashlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from itertools import islice, starmap
 
 import jax
@@ -264,9 +265,13 @@ def summary(flights: polars.DataFrame) -> polars.DataFrame:
         flights: what `predict_flight_times` gives.
 
     Returns:
-        policy, control, trials; mean and quantiles (`QUANTILES`, in percent) of the duration [s];
+        policy, control, trials; mean and quantiles (`QUANTILES`, in percent) of the duration [s],
+        each of which one more flight stays below with that probability, however few there were;
         the share of flights that ended by each of the reasons there are; the mean position_error
         [m], and the largest tilt [rad], body rate [rad/s] and distance [m].
+
+    Source: Hyndman and Fan 1996, Sample quantiles in statistical packages (type 6). By the usual
+    type 7 a band of 10 to 90 % of 16 flights holds 71 % of further ones, not 80 %.
     """
     duration, reason = polars.col("duration"), polars.col("end_reason")
     reasons = [name for name in END_REASONS if name in set(flights["end_reason"])]
@@ -274,7 +279,11 @@ def summary(flights: polars.DataFrame) -> polars.DataFrame:
         polars.len().alias("trials"),
         duration.mean().alias("mean"),
         *(
-            duration.quantile(share / 100, "linear").alias(f"quantile_{share}")
+            duration.map_batches(
+                partial(np.quantile, q=share / 100, method="weibull"),
+                return_dtype=polars.Float64,
+                returns_scalar=True,
+            ).alias(f"quantile_{share}")
             for share in QUANTILES
         ),
         *((reason == name).mean().alias(name) for name in reasons),

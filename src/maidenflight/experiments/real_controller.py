@@ -7,13 +7,12 @@ from functools import cache
 
 import jax.numpy as jnp
 import numpy as np
-from jax import tree
 from jaxtyping import Array, Float
 
 from maidenflight.simulator.controllers import control, firmware
 from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.controllers.interface import ControlInterface
-from maidenflight.simulator.controllers.pid import RATE_GAINS, Generation, PIDMemory, pid
+from maidenflight.simulator.controllers.pid import Generation, PIDMemory
 from maidenflight.simulator.physics.sensors import Measurement
 
 FIRMWARE: Generation = "2021.10"
@@ -56,13 +55,10 @@ def _attitude_rate(interface: ControlInterface) -> Controller:
         setpoint: Float[Array, "3"],
     ) -> tuple[PIDMemory, Float[Array, "4"]]:
         scaled_action = interface.command(action, control.firmware_units(interface))
-        after, torque = pid(
-            memory, scaled_action[1:], jnp.degrees(measurement.body_rates), RATE_GAINS, FIRMWARE
+        rates = jnp.degrees(measurement.body_rates)
+        memory, motors = firmware.follow_rates(
+            memory, scaled_action[0], scaled_action[1:], rates, FIRMWARE
         )
-        stopped = scaled_action[0] == 0.0
-        memory = tree.map(lambda value: jnp.where(stopped, 0.0, value), after)
-        torque = jnp.where(stopped, 0.0, firmware.cut(torque))
-        motors = firmware.mix(scaled_action[0], torque, FIRMWARE)
         return memory, motors / interface.full_scale_counts
 
     def taking_over(hovers: Float[Array, "4"], measurement: Measurement) -> PIDMemory:

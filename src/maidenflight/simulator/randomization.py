@@ -223,6 +223,9 @@ WIDTHS: dict[str, dict[str, tuple[float, float]]] = {
 """Least and greatest factors of `wide_box`, by control structure: published Crazyflies have
 thrust-to-weight ratios of up to 1.97 and lags of up to 136 ms, in both directions. No drone has a
 rotor torque so large; trained over less, PWM policies flew worse on all others."""
+UNIDENTIFIED = {"motor_time_constant": (0.6, 1.6), "latency": (0.2, 1.6)}
+"""The same for PWM about a drone that nobody identified: published lags begin at 55 ms. On drones
+quicker than all in training policies hunted and sank (paper/notes/training.md#any-reference)."""
 LATER = 0.015
 """Least width of `wide_box` above the latency where that is randomized [s]: no factor widens an
 identified latency of zero, and another link or controller adds milliseconds to any. From 6 to 18 ms
@@ -232,20 +235,26 @@ TRIM_WIDTHS = {"pwm": 2.0, "attitude_rate": 2.0, "attitude": 1.0}
 
 
 def wide_box(
-    nominal: Parameters, structure: str, trims: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0)
+    nominal: Parameters,
+    structure: str,
+    trims: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0),
+    identified: bool = True,
 ) -> UniformBox:
-    """Returns a wide box about an identified drone, for policies that fly drones unlike it too.
+    """Returns a wide box about a drone, for policies that fly drones unlike it too.
 
     Chosen by how well policies transfer to virtual drones (paper/notes/randomization.md).
 
     Args:
-        nominal: the identified drone.
+        nominal: the drone.
         structure: name of the control structure that the policy commands; one of your own is
             randomized as PWM.
         trims: standard deviation of the constant torque about each axis from flight to flight [N
             m].
+        identified: whether flights told anything of the drone; else it may be far quicker.
     """
     widths = WIDTHS.get(structure, WIDTHS["pwm"])
+    if widths is WIDTHS["pwm"] and not identified:
+        widths = widths | UNIDENTIFIED
     reach = TRIM_WIDTHS.get(structure, TRIM_WIDTHS["pwm"]) * np.asarray(trims, np.float32)
     lower, upper = (
         replace(

@@ -214,7 +214,11 @@ def choose_controller(
         # Only today's firmware caps after compensation for the battery.
         highest = float(battery.PLUS.counts(np.float64(LOWEST_VOLTS))) / battery.MOST_COUNTS
         highest = highest if full_scale_counts == battery.MOST_COUNTS else 1.0
-        most = min(max(round(HEADROOM * share / HOVER_STEP) * HOVER_STEP, 1.0), highest)
-        return control.pwm(full_scale_counts=full_scale_counts, most=round(most, 6), **at)
-    hover = min(max(round(share / HOVER_STEP), 1) * HOVER_STEP, 1.0)
-    return control.attitude(full_scale_counts=full_scale_counts, hover=round(hover, 6), **at)
+        most = _in_steps(HEADROOM * share, 1.0, highest)
+        return control.pwm(full_scale_counts=full_scale_counts, most=most, **at)
+    hover = _in_steps(share, HOVER_STEP, 1.0)
+    return control.attitude(full_scale_counts=full_scale_counts, hover=hover, **at)
+
+
+def _in_steps(share: float, least: float, most: float) -> float:
+    return round(min(max(round(share / HOVER_STEP) * HOVER_STEP, least), most), 6)

@@ -41,7 +41,9 @@ def test_the_trim_of_the_day_lies_between_the_file_and_the_flight_as_they_are_su
     assert values[0] == pytest.approx(0.0, abs=1e-6)
     assert measured < values[1] < 0.5 * measured
     # Where nothing was known a flight tells all but what differs within a day.
-    assert values[2] == pytest.approx(measured / (1.0 + WITHIN_A_DAY**2), rel=0.02)
+    assert values[2] == pytest.approx(
+        measured * (1.0 - WITHIN_A_DAY["torque_bias_z"] ** 2), rel=0.02
+    )
     for drone, told in found.values():
         estimate = told["torque_bias_z"]
         assert estimate.value == pytest.approx(float(component(drone, "torque_bias_z")), abs=1e-9)

@@ -24,10 +24,10 @@ BETWEEN_FLIGHTS = (*TRIM, HOVERING)
 _IN_A_TRIM = (HOVERING, *TRIM)
 """The same in the order of `trims.with_standard_errors`."""
 
-WITHIN_A_DAY = 0.5
-"""Standard deviation of a trim between flights of a day, as a share of that between all flights;
-chosen on two thirds of the policies of paper/notes/flight-times.md. By the trims of their flights
-it is 0.3 to 0.5."""
+WITHIN_A_DAY = {HOVERING: 0.87, "torque_bias_x": 0.7, "torque_bias_y": 0.7, "torque_bias_z": 0.55}
+"""Standard deviation between flights of a day, as a share of that between all flights: of flights
+of neighbouring policies in paper/notes/flight-times.md, whatever outer fold is left out. The day's
+own standard deviation is what this leaves: sqrt(1 - share^2)."""
 
 
 def posterior_ensemble(
@@ -119,9 +119,9 @@ def drone_of_the_day(
         old = estimates.get(name)
         if old is None or not old.between_sd > 0.0:
             continue
-        within = WITHIN_A_DAY * old.between_sd
+        within = WITHIN_A_DAY[name] * old.between_sd
         weights = 1.0 / (errors[:, column] ** 2 + within**2)
-        before = old.between_sd**-2
+        before = 1.0 / (old.between_sd**2 - within**2)
         total = before + weights.sum()
         value = float((before * old.value + weights @ fitted_rows[:, column]) / total)
         deviation = float(np.sqrt(1.0 / total + within**2))

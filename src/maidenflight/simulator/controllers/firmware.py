@@ -359,9 +359,37 @@ def rate_tick(
     heading = wrap(memory.heading + wanted[2] * (1 / ATTITUDE_RATE))
     turning, turn = pid(memory.yaw, heading, yaw, YAW_GAINS, firmware, heading=True)
     desired = like(body_rates, [wanted[0], wanted[1], turn])
-    rate, torque = pid(memory.rate, desired, body_rates, RATE_GAINS, firmware)
+    rate, motors = follow_rates(memory.rate, thrust, desired, body_rates, firmware, mixer)
+    after = RateMemory(turning, rate, heading, stopped.first)
+    return _chosen(thrust == 0.0, stopped, after), motors
+
+
+def follow_rates(
+    memory: PIDMemory,
+    thrust: Float[Array, ""],
+    wanted: Float[Array, "3"],
+    body_rates: Float[Array, "3"],
+    firmware: Generation,
+    mixer: Mixer | None = None,
+) -> tuple[PIDMemory, Float[Array, "4"]]:
+    """Runs the rate PIDs alone; no thrust stops the motors and resets them.
+
+    Args:
+        memory: of the rate PIDs.
+        thrust: commanded [counts].
+        wanted: body rates [deg/s].
+        body_rates: measured [deg/s].
+        firmware: generation; static.
+        mixer: see `mix`.
+
+    Returns:
+        Memory, and the four motors' commands [counts].
+
+    Source: controller_pid.c, controllerPid.
+    """
+    after, torque = pid(memory, wanted, body_rates, RATE_GAINS, firmware)
     off = thrust == 0.0
-    memory = _chosen(off, stopped, RateMemory(turning, rate, heading, stopped.first))
+    memory = tree.map(lambda value: jnp.where(off, 0.0, value), after)
     torque = each(lambda about: jnp.where(off, 0.0, cut(about)), torque)
     return memory, mix(thrust, torque, firmware, mixer)
 
