@@ -21,8 +21,14 @@ def inertia_of_loop(
 ) -> dict[str, Float[np.ndarray, "N"]]:
     """Returns samples of inertia by the gain of the loop, where it tells that clearly.
 
-    The loop holds the controller's answers to noise, and tells inertia of planted PX4 drones of
-    which the likelihood of the gyro alone leaves it untold (paper/notes/identification.md).
+    It does for planted PX4 drones of which the gyro's likelihood leaves it untold; where that tells
+    it, the loop is worse (paper/notes/identification.md).
+
+    Args:
+        problem: none with parameters of the user's choice.
+        motors: what logs show of the motors.
+        known: samples of other parameters, such as the thrust-to-weight ratio.
+        drone: its ratio is used where that is not known.
     """
     if motors is None or problem.over is not None or not motors.is_identifiable:
         return {}

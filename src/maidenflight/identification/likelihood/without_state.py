@@ -94,6 +94,8 @@ BOUNDS: Mapping[str, tuple[float, float]] = {
 _MOST = 20
 """Evaluations of a search at most."""
 
+Samples = Mapping[str, Float[np.ndarray, "N"]]
+
 
 def identified(problem: Problem, settings: Likelihood) -> Identification:
     """Finds the drone under which what accelerometer and gyro measured is most likely.
@@ -345,21 +347,25 @@ def _torque(
     if not names:
         return None
     known, drone = ({}, problem.start) if force is None else (force.samples, force.best.drone)
-    inertia = inertia_of_loop(problem, motors, known, drone)
-    if inertia:
-        known = {**known, **inertia}
-        medians = {name: np.float32(np.median(samples)) for name, samples in inertia.items()}
-        drone = replace(drone, **medians)
-        names = tuple(name for name in names if name not in inertia)
     model = GyroErrors.of(problem.flights, None, limit)
     groups = TORQUE_GROUPS if problem.over is None else {}
-    answer = _ask_sensor(problem, settings, model, names, groups, drone, known)
-    plausible = _plausible(problem, names, {})
-    error = answer.posterior.error
-    removed_ranges = {
-        name: plausible[name] for name in names if not is_identifiable(error[name], plausible[name])
-    }
-    return answer.without(removed_ranges, problem.start, problem.generator)
+
+    def ask(inertia: Samples) -> tuple[Answer, Ranges]:
+        asked = tuple(name for name in names if name not in inertia)
+        medians = {name: np.float32(np.median(samples)) for name, samples in inertia.items()}
+        first, given = replace(drone, **medians), {**known, **inertia}
+        answer = _ask_sensor(problem, settings, model, asked, groups, first, given)
+        plausible, error = _plausible(problem, asked, {}), answer.posterior.error
+        untold = {
+            name: ends for name, ends in plausible.items() if not is_identifiable(error[name], ends)
+        }
+        return answer, untold
+
+    answer, untold = ask({})
+    loop = inertia_of_loop(problem, motors, known, drone) if untold else {}
+    if inertia := {name: samples for name, samples in loop.items() if name in untold}:
+        answer, untold = ask(inertia)
+    return answer.without(untold, problem.start, problem.generator)
 
 
 def _in_box(fit: Fit, box: Box) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]:

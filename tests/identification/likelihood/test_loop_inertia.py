@@ -1,0 +1,40 @@
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from maidenflight.identification.likelihood.loop_inertia import inertia_of_loop
+from maidenflight.identification.outcome.plausible import HOVERING
+from maidenflight.identification.signals.motor_response import MotorResponse
+from maidenflight.parameters import crazyflie
+
+
+def look(spread: float) -> MotorResponse:
+    """Returns what logs show of motors of 50 + 5 ms, inertia a hundred times as clear about x."""
+    random = np.random.default_rng(0)
+    inertia = {
+        name: 8e-6 * np.exp(deviation * random.standard_normal(2000))
+        for name, deviation in (("inertia_x", 0.05), ("inertia_y", 5.0))
+    }
+    lag = 0.05 * np.exp(spread * random.standard_normal(2000))
+    return MotorResponse(lag, np.full(2000, 0.005), None, (), (), {}, inertia_per_thrust=inertia)
+
+
+def problem(over: tuple[str, ...] | None = None) -> Any:
+    return SimpleNamespace(over=over, generator=np.random.default_rng(1))
+
+
+def test_inertia_scales_with_the_thrust_and_unclear_ones_stay_out() -> None:
+    told = inertia_of_loop(problem(), look(0.1), {HOVERING: np.full(500, 2.0)}, crazyflie())
+    assert list(told) == ["inertia_x"]
+    assert np.median(told["inertia_x"]) == pytest.approx(1.6e-5, rel=0.02)
+    usual = inertia_of_loop(problem(), look(0.1), {}, crazyflie())
+    ratio = float(crazyflie().thrust_to_weight) / 2.0
+    assert np.median(usual["inertia_x"]) == pytest.approx(ratio * 1.6e-5, rel=0.02)
+
+
+def test_nothing_is_told_without_a_clear_lag_or_of_chosen_parameters() -> None:
+    assert inertia_of_loop(problem(), None, {}, crazyflie()) == {}
+    assert inertia_of_loop(problem(), look(2.0), {}, crazyflie()) == {}
+    assert inertia_of_loop(problem(("inertia_x",)), look(0.1), {}, crazyflie()) == {}
