@@ -88,8 +88,8 @@ def judge_scatter(flights: polars.DataFrame) -> Finding:
     """Judges whether PWM's mean flight time varies most between cells."""
     cells = flights.group_by("control", *NEAR).agg(polars.col("duration").mean())
     scatter = cells.group_by("control").agg(polars.col("duration").std())
-    found = judge_order(dict(scatter.iter_rows()), "pwm", "s", best=True)
-    return Finding(f"standard deviation over cells: {found.figure}", found.verdict)
+    order = judge_order(dict(scatter.iter_rows()), "pwm", "s", best=True)
+    return Finding(f"standard deviation over cells: {order.figure}", order.verdict)
 
 
 def judge_latency(flights: polars.DataFrame) -> Finding:
@@ -255,8 +255,8 @@ def compare(columns: Mapping[str, Mapping[str, polars.DataFrame]]) -> str:
     for claim in CLAIMS:
         cells = []
         for tables in columns.values():
-            found = claim.judge(tables[claim.table]) if claim.table in tables else None
-            cells.append("-" if found is None else f"**{found.verdict}**: {found.figure}")
+            finding = claim.judge(tables[claim.table]) if claim.table in tables else None
+            cells.append("-" if finding is None else f"**{finding.verdict}**: {finding.figure}")
         lines.append(" | ".join([f"| {claim.words}", *cells]) + " |")
     return "\n".join(lines)
 

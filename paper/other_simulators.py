@@ -45,7 +45,7 @@ START = Start(
 """As `transfer` begins: at rest, within 2 cm of the reference's start along each axis."""
 
 
-def identified(reality: str, folder: Path) -> Path:
+def identify_drone(reality: str, folder: Path) -> Path:
     """Returns the drone identified from flights recorded in a reality."""
     logs, drone = folder / "flights", folder / "drone.toml"
     if not logs.is_dir():
@@ -55,7 +55,7 @@ def identified(reality: str, folder: Path) -> Path:
     return drone
 
 
-def trained(drone: Path, folder: Path) -> list[tuple[str, str, list[Path]]]:
+def train_policies(drone: Path, folder: Path) -> list[tuple[str, str, list[Path]]]:
     """Returns task, control structure and policy files of each training."""
     every = []
     for task, structure, updates in product(TASKS, CONTROLS, UPDATES):
@@ -67,7 +67,7 @@ def trained(drone: Path, folder: Path) -> list[tuple[str, str, list[Path]]]:
     return every
 
 
-def compared(
+def compare_errors(
     drone: Path, reality: AnyReality, trainings: Sequence[tuple[str, str, list[Path]]]
 ) -> polars.DataFrame:
     """Returns a row a policy: how long and how far from the set-point [m], predicted and flown.
@@ -75,14 +75,14 @@ def compared(
     Args:
         drone: the identified one.
         reality: where the policies fly.
-        trainings: what `trained` returns.
+        trainings: what `train_policies` returns.
     """
     drones, rows = possible_drones(drone, choose_prediction(drone), 0), []
     for name, structure, files in trainings:
         policies = [policy_file.read_policy(file).policy for file in files]
         labels, task = [f"{file.parent.name}/{file.stem}" for file in files], find_task(name)
         how = {"duration": DURATION_S, "names": labels}
-        told = predict_flight_times(
+        predicted = predict_flight_times(
             policies,
             drones,
             jax.random.key(0),
@@ -93,8 +93,8 @@ def compared(
             policy_tasks=[task] * len(policies),
             **how,
         )
-        flown = mf.transfer(policies, reality, FLOWN, jax.random.key(1), task=task, **how).table
-        rows.append(means(told, "predicted").join(means(flown, "flown"), on="policy"))
+        flights = mf.transfer(policies, reality, FLOWN, jax.random.key(1), task=task, **how).table
+        rows.append(means(predicted, "predicted").join(means(flights, "flown"), on="policy"))
         print(f"{name}, {structure}: {len(policies)} policies", flush=True)
     return polars.concat(rows).with_columns(
         ratio=polars.col("predicted_error") / polars.col("flown_error")
@@ -117,14 +117,14 @@ def describe(table: polars.DataFrame) -> str:
         if part.height < 2:
             lines.append(f"{label}: {part.height} policies")
             continue
-        told, flown, ratio = (
+        predicted, flown, ratio = (
             part[name].to_numpy() for name in ("predicted_error", "flown_error", "ratio")
         )
         low, middle, high = np.quantile(ratio, [0.1, 0.5, 0.9])
         within = int(np.sum(np.abs(ratio - 1.0) <= WITHIN))
         lines.append(
             f"{label}: {within} of {part.height} policies within {WITHIN:.0%}, ratio {middle:.2f} "
-            f"({low:.2f} to {high:.2f}), rank {agreement(told, flown).spearman:.2f}"
+            f"({low:.2f} to {high:.2f}), rank {agreement(predicted, flown).spearman:.2f}"
         )
     return "; ".join(lines)
 
@@ -138,12 +138,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("-o", "--output", type=Path, default=Path("other_simulators"))
     given = parser.parse_args(arguments)
     folders = {name: given.output / name.replace(":", "_") for name in given.reality}
-    drones = {name: identified(name, folder) for name, folder in folders.items()}
-    trainings = trained(drones[given.reality[0]], given.output / "policies")
+    drones = {name: identify_drone(name, folder) for name, folder in folders.items()}
+    trainings = train_policies(drones[given.reality[0]], given.output / "policies")
     for name, folder in folders.items():
-        table = compared(drones[name], find_reality(name), trainings)
-        made = results.record(seed=0, inputs=[], settings={"reality": name})
-        text = results.table_text("maidenflight other simulator 1", made, table.write_csv())
+        table = compare_errors(drones[name], find_reality(name), trainings)
+        record = results.record(seed=0, inputs=[], settings={"reality": name})
+        text = results.table_text("maidenflight other simulator 1", record, table.write_csv())
         results.write(folder / "compared.csv", text)
         print(f"{name}: {describe(table)}", flush=True)
 
