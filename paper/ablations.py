@@ -201,6 +201,16 @@ def _first(drones: Ensemble, count: int) -> list[Parameters]:
     ]
 
 
+def choose_variants(structures: Sequence[str], method: str) -> list[Variant]:
+    """Returns variants of control structures, of those that a method can tell apart."""
+    usual = AnalyticGradient.action_excess_penalty
+    return [
+        one
+        for one in VARIANTS
+        if one.control in structures and (method == "gradient" or one.excess == usual)
+    ]
+
+
 def choose_settings(variant: Variant, method: str, updates: int | None) -> Settings:
     """Returns the settings of training of a variant.
 
@@ -678,9 +688,7 @@ def run(given: argparse.Namespace) -> None:
     def record(settings: Mapping[str, Any]) -> dict[str, Any]:
         return results.record(seed=given.seed, inputs=inputs, settings={**said, **settings})
 
-    chosen = [one for one in VARIANTS if one.control in (given.control or QUICK)]
-    if given.method == "ppo":  # which has no cost of excess
-        chosen = [one for one in chosen if one.excess == Variant.excess]
+    chosen = choose_variants(given.control or tuple(QUICK), given.method)
     settings = {one: choose_settings(one, given.method, given.updates) for one in chosen}
     made = {one: record({**one._asdict(), **recorded(settings[one])}) for one in chosen}
     flying: dict[str, Any] = {

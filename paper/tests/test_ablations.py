@@ -42,6 +42,11 @@ def test_variants_change_one_thing_and_each_control_structure_begins_with_its_ba
         0.0,
     )
     free = next(one for one in variants if one.excess == 0.0)
+    every = ablations.choose_variants(ablations.QUICK, "gradient")
+    assert every == list(variants)
+    assert ablations.choose_variants(ablations.QUICK, "ppo") == [
+        one for one in variants if one is not free
+    ]
     assert ablations.choose_settings(free, "gradient", None).action_excess_penalty == 0.0
     assert ablations.choose_settings(variants[0], "ppo", None).updates == ablations.PPO_UPDATES
     wide = next(one for one in variants if one.name == "+-360 deg/s")
