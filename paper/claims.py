@@ -60,10 +60,14 @@ def judge_order(values: Mapping[str, float], expected: str, unit: str, best: boo
     return Finding(f"{figure} {unit}".rstrip(), verdict)
 
 
+def average_cells(flights: polars.DataFrame) -> polars.DataFrame:
+    """Returns the mean flight time [s] of each cell and control structure."""
+    return flights.group_by("control", *NEAR).agg(polars.col("duration").mean())
+
+
 def mean_times(flights: polars.DataFrame) -> dict[str, float]:
     """Returns mean flight times [s] by control structure, each cell with the same weight."""
-    cells = flights.group_by("control", *NEAR).agg(polars.col("duration").mean())
-    means = cells.group_by("control").agg(polars.col("duration").mean())
+    means = average_cells(flights).group_by("control").agg(polars.col("duration").mean())
     return dict(means.iter_rows())
 
 
@@ -86,8 +90,7 @@ def judge_nearest_cell(flights: polars.DataFrame) -> Finding:
 
 def judge_scatter(flights: polars.DataFrame) -> Finding:
     """Judges whether PWM's mean flight time varies most between cells."""
-    cells = flights.group_by("control", *NEAR).agg(polars.col("duration").mean())
-    scatter = cells.group_by("control").agg(polars.col("duration").std())
+    scatter = average_cells(flights).group_by("control").agg(polars.col("duration").std())
     order = judge_order(dict(scatter.iter_rows()), "pwm", "s", best=True)
     return Finding(f"standard deviation over cells: {order.figure}", order.verdict)
 
@@ -108,14 +111,20 @@ def judge_latency(flights: polars.DataFrame) -> Finding:
 
 
 def find_change(
-    flights: polars.DataFrame, control: str, variant: str, reality: str = ITSELF
+    changes: polars.DataFrame, control: str, variant: str, reality: str = ITSELF
 ) -> tuple[float, float, float, float]:
     """Returns mean flight time, what a change makes of it, and the ends of that interval [s].
+
+    Args:
+        changes: what `ablations.effects` returns.
+        control: a control structure.
+        variant: how its policies were trained.
+        reality: where they flew.
 
     Raises:
         InputError: the table lacks these flights.
     """
-    row = effects(flights).filter(
+    row = changes.filter(
         polars.col("control") == control,
         polars.col("variant") == variant,
         polars.col("reality") == reality,
@@ -128,7 +137,7 @@ def find_change(
 
 def judge_loss(flights: polars.DataFrame, control: str, variant: str) -> Finding:
     """Judges whether a change shortens flights, by its 95 % interval over policies."""
-    mean, effect, low, high = find_change(flights, control, variant)
+    mean, effect, low, high = find_change(effects(flights), control, variant)
     verdict = REPRODUCED if high < 0 else OPPOSITE if low > 0 else NOT_SEEN
     ends = "" if math.isnan(low) else f" [{low:.1f}, {high:.1f}]"
     return Finding(f"{mean:.1f} s, {effect:+.1f}{ends}", verdict)
@@ -136,9 +145,10 @@ def judge_loss(flights: polars.DataFrame, control: str, variant: str) -> Finding
 
 def judge_parts(flights: polars.DataFrame) -> Finding:
     """Judges whether PWM policies fly as long, to a second, with other propellers and motors."""
-    changes = {name: find_change(flights, "pwm", BASELINE, name)[1] for name in PARTS}
-    kept = [change > -1.0 for change in changes.values()]
-    figure = ", ".join(f"{name} {change:+.1f} s" for name, change in changes.items())
+    changes = effects(flights)
+    gains = {name: find_change(changes, "pwm", BASELINE, name)[1] for name in PARTS}
+    kept = [gain > -1.0 for gain in gains.values()]
+    figure = ", ".join(f"{name} {gain:+.1f} s" for name, gain in gains.items())
     return Finding(figure, REPRODUCED if all(kept) else "mostly" if any(kept) else NOT_SEEN)
 
 

@@ -351,21 +351,21 @@ def _torque(
     groups = TORQUE_GROUPS if problem.over is None else {}
 
     def ask(inertia: Samples) -> tuple[Answer, Ranges]:
-        asked = tuple(name for name in names if name not in inertia)
+        other_names = tuple(name for name in names if name not in inertia)
         medians = {name: np.float32(np.median(samples)) for name, samples in inertia.items()}
         first, given = replace(drone, **medians), {**known, **inertia}
-        answer = _ask_sensor(problem, settings, model, asked, groups, first, given)
-        plausible, error = _plausible(problem, asked, {}), answer.posterior.error
-        untold = {
+        answer = _ask_sensor(problem, settings, model, other_names, groups, first, given)
+        plausible, error = _plausible(problem, other_names, {}), answer.posterior.error
+        removed_ranges = {
             name: ends for name, ends in plausible.items() if not is_identifiable(error[name], ends)
         }
-        return answer, untold
+        return answer, removed_ranges
 
-    answer, untold = ask({})
-    loop = inertia_of_loop(problem, motors, known, drone) if untold else {}
-    if inertia := {name: samples for name, samples in loop.items() if name in untold}:
-        answer, untold = ask(inertia)
-    return answer.without(untold, problem.start, problem.generator)
+    answer, removed_ranges = ask({})
+    loop = inertia_of_loop(problem, motors, known, drone) if removed_ranges else {}
+    if inertia := {name: samples for name, samples in loop.items() if name in removed_ranges}:
+        answer, removed_ranges = ask(inertia)
+    return answer.without(removed_ranges, problem.start, problem.generator)
 
 
 def _in_box(fit: Fit, box: Box) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]:

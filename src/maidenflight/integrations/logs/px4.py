@@ -21,7 +21,15 @@ from maidenflight.flights.log import LONGEST_DELAY, Flight
 from maidenflight.flights.streams import joining, rates, streams
 from maidenflight.flights.streams.streams import LEFT_UP, Stream
 from maidenflight.integrations.logs import px4_motors, px4_setpoints
-from maidenflight.integrations.logs.px4_topics import REMEDY, Parameters, Topics, columns, vector
+from maidenflight.integrations.logs.px4_topics import (
+    GYRO_CUTOFF,
+    REMEDY,
+    Parameters,
+    Topics,
+    columns,
+    middle_of,
+    vector,
+)
 
 TOPICS = (
     "vehicle_local_position",
@@ -40,8 +48,8 @@ TOPICS = (
 """Topics that are read."""
 FULL_RATE = 0.8
 """Share of the control loop's rate from which a log holds every command."""
-GYRO_CUTOFF, ACCELEROMETER_CUTOFF = 40.0, 30.0
-"""PX4's usual low-pass filters, IMU_GYRO_CUTOFF and IMU_ACCEL_CUTOFF [Hz]."""
+ACCELEROMETER_CUTOFF = 30.0
+"""PX4's usual low-pass filter of accelerations, IMU_ACCEL_CUTOFF [Hz]."""
 _INVALID = 2**31 - 1
 
 
@@ -106,8 +114,7 @@ def _gyro(name: str, topics: Topics, parameters: Parameters) -> tuple[Stream, fl
 
 def _centred(time: np.ndarray, values: np.ndarray) -> Stream:
     """Means over an integration time [us], the last column, in its middle."""
-    span = np.clip(np.nan_to_num(values[:, 3]), 0.0, 2e4)
-    return streams.stream(time - span * 0.5e-6, values[:, :3] * LEFT_UP)
+    return streams.stream(middle_of(time, values[:, 3]), values[:, :3] * LEFT_UP)
 
 
 def _force(topics: Topics, parameters: Parameters) -> tuple[Stream | None, float]:

@@ -21,7 +21,14 @@ from jaxtyping import Float
 
 from maidenflight.flights.streams import streams
 from maidenflight.flights.streams.streams import Stream
-from maidenflight.integrations.logs.px4_topics import Parameters, Topics, columns, vector
+from maidenflight.integrations.logs.px4_topics import (
+    GYRO_CUTOFF,
+    Parameters,
+    Topics,
+    columns,
+    middle_of,
+    vector,
+)
 
 TOPIC = "vehicle_rates_setpoint"
 FASTER = 2.0
@@ -34,8 +41,8 @@ gyro and set-points fold differently (paper/notes/identification.md)."""
 _AXES = ("ROLL", "PITCH", "YAW")
 _GAINS = {"P": (0.15, 0.15, 0.2), "D": (0.003, 0.003, 0.0), "FF": (0.0, 0.0, 0.0), "K": (1.0,) * 3}
 """PX4's usual gains of the rate controller, about roll, pitch and yaw."""
-_FILTER, _CHANGE_FILTER = 40.0, 30.0
-"""Usual IMU_GYRO_CUTOFF and IMU_DGYRO_CUTOFF [Hz]."""
+_CHANGE_CUTOFF = 30.0
+"""Usual IMU_DGYRO_CUTOFF [Hz]."""
 _RATE = 1000.0
 """Rate at which the filters are computed [Hz]; PX4's is 400 to 2000 Hz."""
 
@@ -53,7 +60,7 @@ def between(setpoints: Stream, topics: Topics, parameters: Parameters) -> tuple[
     if gyro is None or desired is None or min(len(gyro[0]), len(desired[0])) < 3:
         return setpoints, ""
     # Means over the integration time belong to its middle; a simulator's may be samples.
-    middle = gyro[0] - 0.5e-6 * np.clip(np.nan_to_num(gyro[1][:, 3]), 0.0, 2e4)
+    middle = middle_of(gyro[0], gyro[1][:, 3])
     best, least, shares = None, LEAST_SHARE, np.zeros(3)
     for time in (middle, gyro[0]):
         measured = streams.stream(time, gyro[1][:, :3])
@@ -68,11 +75,11 @@ def between(setpoints: Stream, topics: Topics, parameters: Parameters) -> tuple[
     at = streams.stream(middle, gyro[1]).time
     at = at[(at >= setpoints.time[0]) & (at <= setpoints.time[-1])]
     values = streams.between(at, setpoints)
-    for axis in np.flatnonzero(shares > LEAST_SHARE).tolist():
-        lacking = setpoints.values[:, axis] - _at(setpoints.time, best, axis)
-        lacking = scipy.ndimage.gaussian_filter1d(lacking, SLOW / setpoints.step)
-        values[:, axis] = _at(at, best, axis)
-        values[:, axis] += streams.between(at, Stream(setpoints.time, lacking[:, None]))[:, 0]
+    axes = np.flatnonzero(shares > LEAST_SHARE)
+    lacking = setpoints.values[:, axes] - _on_lines(setpoints.time, best)[:, axes]
+    lacking = scipy.ndimage.gaussian_filter1d(lacking, SLOW / setpoints.step, axis=0)
+    slow = streams.between(at, Stream(setpoints.time, lacking))
+    values[:, axes] = _on_lines(at, best)[:, axes] + slow
     known = np.isfinite(values).all(axis=1)
     note = (
         f"; between them by gyro and rate controller (MC_*RATE_*), {100 * least:.0f} % of what a "
@@ -91,12 +98,12 @@ def _answer(measured: Stream, desired: Stream, parameters: Parameters) -> Stream
     known = measured.part(np.asarray(np.isfinite(measured.values).all(axis=1)))
     at = np.arange(known.time[0], known.time[-1], 1 / _RATE)
     rates = _on_lines(at, known)
-    cutoff = parameters.get("IMU_GYRO_CUTOFF", _FILTER)
+    cutoff = parameters.get("IMU_GYRO_CUTOFF", GYRO_CUTOFF)
     if 0.0 < cutoff < _RATE / 2:
         above, below = scipy.signal.butter(2, cutoff, fs=_RATE)
         rates = scipy.signal.lfilter(above, below, rates - rates[0], axis=0) + rates[0]
     change = np.diff(rates, axis=0, prepend=rates[:1]) * _RATE
-    cutoff = parameters.get("IMU_DGYRO_CUTOFF", _CHANGE_FILTER)
+    cutoff = parameters.get("IMU_DGYRO_CUTOFF", _CHANGE_CUTOFF)
     if cutoff > 0.0:
         share = 1 / (1 + _RATE / (2 * np.pi * cutoff))
         change = scipy.signal.lfilter([share], [1.0, share - 1.0], change, axis=0)
@@ -107,10 +114,6 @@ def _answer(measured: Stream, desired: Stream, parameters: Parameters) -> Stream
 
 def _on_lines(at: Float[np.ndarray, "N"], signal: Stream) -> Float[np.ndarray, "N K"]:
     return np.stack([np.interp(at, signal.time, column) for column in signal.values.T], axis=1)
-
-
-def _at(time: Float[np.ndarray, "N"], answer: Stream, axis: int) -> Float[np.ndarray, "N"]:
-    return np.interp(time, answer.time, answer.values[:, axis])
 
 
 def _explained(setpoints: Stream, answer: Stream) -> Float[np.ndarray, "3"]:

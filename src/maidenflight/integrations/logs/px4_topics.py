@@ -10,6 +10,8 @@ Topics = Mapping[str, Mapping[str, np.ndarray]]
 `timestamp_sample` in us."""
 Parameters = Mapping[str, float]
 
+GYRO_CUTOFF = 40.0
+"""PX4's usual low-pass filter of body rates, IMU_GYRO_CUTOFF [Hz]."""
 REMEDY = (
     "Set SDLOG_PROFILE to 17 (default set and high rate) and reboot, so that sensor_combined and "
     "actuator_motors are logged at full rate."
@@ -28,6 +30,11 @@ def columns(
     if sampled is not None:
         stamps = np.where(sampled > 0, sampled.astype(float), stamps)
     return stamps * 1e-6, np.stack([rows[field].astype(float) for field in fields], axis=1)
+
+
+def middle_of(time: Float[np.ndarray, "M"], span: Float[np.ndarray, "M"]) -> Float[np.ndarray, "M"]:
+    """Returns the middle [s] of integrations that end at some times [s] after a span [us]."""
+    return time - np.clip(np.nan_to_num(span), 0.0, 2e4) * 0.5e-6
 
 
 def vector(field: str, count: int) -> tuple[str, ...]:
