@@ -16,6 +16,7 @@ from maidenflight.simulator.randomization import relative_box, stacked
 from maidenflight.simulator.rollouts import EnvInstance
 from maidenflight.training import analytic_gradient
 from maidenflight.training.analytic_gradient import AnalyticGradient
+from maidenflight.training.devices import DRONES
 
 pytestmark = pytest.mark.usefixtures("without_optimizations")
 
@@ -27,7 +28,9 @@ def test_an_update_changes_the_network_and_nothing_else_of_a_policy(
 ) -> None:
     controller, settings = (
         control.CONTROLLERS[structure](),
-        AnalyticGradient(num_envs=2, horizon=2, learning_rate=0.01),
+        AnalyticGradient(
+            num_envs=2, horizon=2, learning_rate=0.01, largest_gradient=float(structure != "pwm")
+        ),
     )
     drone = replace(crazyflie(), time_step=np.float32(control.time_step(controller)))
     world, boxes, keys = (
@@ -187,6 +190,17 @@ def test_a_failure_costs_most_and_what_is_lost_anyway_pulls_no_more() -> None:
     assert float(near[0]) < 0.5
     assert 1.0 < float(edge[0]) < 4.9 < float(lost[0]) <= 5.0
     assert float(edge[1]) > 10 * abs(float(lost[1]))
+
+
+def test_no_environment_outweighs_the_others_by_more_than_it_may_on_any_device() -> None:
+    # Norms on two devices: 5, 1, 10, 2 and not finite, 3, 1000, 4; of medians of 4.5.
+    slopes = [[[3, 4], [0, 1], [-8, 6], [2, 0]], [[np.nan, 0], [0, 3], [1000, 0], [0, -4]]]
+    gradients = jnp.array(slopes, jnp.float32)[:, :, None]
+    means = jax.vmap(
+        lambda gradient: analytic_gradient.limited_mean([gradient], 1.0)[0], axis_name=DRONES
+    )(gradients)
+    expected = [[2.7 - 3.6 + 2, 3.6 + 1 + 2.7], [4.5, 3 - 4]]
+    np.testing.assert_allclose(4 * means[:, 0], expected, rtol=1e-6)
 
 
 @pytest.mark.slow

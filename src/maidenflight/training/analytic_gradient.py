@@ -59,6 +59,10 @@ class AnalyticGradient:
     (Jordan et al. 2024); 0: Adam for them too."""
     gradient_norm: float = 1.0
     """Gradients are clipped to this global norm."""
+    largest_gradient: float = field(default=0.0, metadata=STATIC)
+    """Largest norm of one environment's gradient, in medians of all; 0: any. Gradients along drones
+    that no policy can hold grow without bound, and their mean has no other direction
+    (paper/notes/training.md#starts-from-rest)."""
     position_margin: float = 0.15
     """Distance from the set-point [m] beyond which `position_penalty` acts; the task's terminal
     penalty is a step and has no gradient."""
@@ -277,13 +281,24 @@ def update(
     flight_keys = own(jax.random.split(flight_key, settings.num_envs))
 
     def cost(
+        network: tuple[Any, Any], drone: EnvInstance, key: Array
+    ) -> tuple[Float[Array, ""], tuple[EnvState, Bool[Array, ""]]]:
+        return flying(learner.policy.with_network(network), drone, key)
+
+    def mean_cost(
         network: tuple[Any, Any],
     ) -> tuple[Float[Array, ""], tuple[EnvState, Bool[Array, "n"]]]:
-        policy = learner.policy.with_network(network)
-        costs, segments = jax.vmap(partial(flying, policy))(learner.instances, flight_keys)
+        costs, segments = jax.vmap(partial(cost, network))(learner.instances, flight_keys)
         return jnp.mean(costs), segments
 
-    gradient, (env_states, lost) = jax.grad(cost, has_aux=True)(learner.policy.network)
+    if settings.largest_gradient:
+        each_gradient = jax.vmap(jax.grad(cost, has_aux=True), in_axes=(None, 0, 0))
+        gradients, (env_states, lost) = each_gradient(
+            learner.policy.network, learner.instances, flight_keys
+        )
+        gradient = limited_mean(gradients, settings.largest_gradient)
+    else:
+        gradient, (env_states, lost) = jax.grad(mean_cost, has_aux=True)(learner.policy.network)
     gradient = lax.pmean(gradient, DRONES)
     # A step whose gradient overflowed nevertheless is skipped.
     usable = jnp.isfinite(optax.tree.norm(gradient))
@@ -312,6 +327,27 @@ def update(
         optimiser,
         _where(done, resets, EnvInstance(env_states, learner.instances.parameters)),
     )
+
+
+def limited_mean(gradients: Any, most: float) -> Any:
+    """Returns the mean of this device's gradients, the longest of which are shortened.
+
+    Args:
+        gradients: pytrees of one an environment, stacked along a first axis.
+        most: largest norm, in medians of those on all devices. What is not finite counts as zero.
+    """
+    norms = jax.vmap(optax.tree.norm)(gradients)
+    finite = jnp.isfinite(norms)
+    largest = most * jnp.median(lax.all_gather(jnp.where(finite, norms, jnp.inf), DRONES))
+    shares = jnp.where(norms > largest, largest / norms, 1.0)
+
+    def mean(leaf: Array) -> Array:
+        usable, share = (
+            jnp.reshape(part, (-1, *[1] * (leaf.ndim - 1))) for part in (finite, shares)
+        )
+        return jnp.mean(jnp.where(usable, share * leaf, 0.0), axis=0)
+
+    return tree.map(mean, gradients)
 
 
 def _where(condition: Bool[Array, "n"], new: Any, old: Any) -> Any:

@@ -26,7 +26,7 @@ SETTINGS: dict[str, AnalyticGradient] = {
     "attitude_rate": AnalyticGradient(
         num_envs=160, horizon=36, failure_penalty=10.0, reset_fraction=0.5
     ),
-    "attitude": AnalyticGradient(updates=800, num_envs=128, horizon=16),
+    "attitude": AnalyticGradient(updates=800, num_envs=128, horizon=16, largest_gradient=1.0),
 }
 """Default settings by control structure. At a lower rate the same time ahead is fewer periods
 (paper/notes/training.md#how-far-ahead). To separate initial states that can be saved from those
