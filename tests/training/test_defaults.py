@@ -99,6 +99,8 @@ def test_gradients_see_most_of_a_second_ahead_and_with_a_memory_no_less(structur
     assert 0.6 < usual.horizon / rate < 0.85
     assert remembering.horizon / rate > 0.6
     assert remembering.updates >= usual.updates
+    limits = (usual.largest_gradient, remembering.largest_gradient)
+    assert limits == (float(structure == "attitude"), 0.0)
 
 
 def test_a_memory_is_trained_with_its_own_settings(tmp_path: Path) -> None:

@@ -62,7 +62,7 @@ class AnalyticGradient:
     largest_gradient: float = field(default=0.0, metadata=STATIC)
     """Largest norm of one environment's gradient, in medians of all; 0: any. Gradients along drones
     that no policy can hold grow without bound, and their mean has no other direction
-    (paper/notes/training.md#starts-from-rest)."""
+    (paper/notes/training.md#no-environment-outweighs-the-others)."""
     position_margin: float = 0.15
     """Distance from the set-point [m] beyond which `position_penalty` acts; the task's terminal
     penalty is a step and has no gradient."""

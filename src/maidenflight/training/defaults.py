@@ -42,7 +42,7 @@ DISTILLED_HIDDEN = (32, 32)
 
 REMEMBERING_BY_CONTROL: dict[str, dict[str, int]] = {
     "attitude_rate": {"horizon": 32},
-    "attitude": {"updates": 1200, "horizon": 32},
+    "attitude": {"updates": 1200, "horizon": 32, "largest_gradient": 0},
 }
 """What further differs for policies with a memory, by control structure: they were measured with
 these alone."""
