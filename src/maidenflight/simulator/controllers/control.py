@@ -22,17 +22,19 @@ from maidenflight.simulator.controllers.firmware import (
     ABSOLUTE,
     DISABLE,
     Memory,
-    RateMemory,
     Setpoint,
     StateEstimate,
-    balancing,
-    rate_tick,
-    rates_switched_on,
     switched_on,
     tick,
 )
 from maidenflight.simulator.controllers.interface import HIGHEST_RATE_DEG, ControlInterface, Four
 from maidenflight.simulator.controllers.pid import ATTITUDE_RATE, Generation, generation_of
+from maidenflight.simulator.controllers.rate_loops import (
+    RateMemory,
+    balancing,
+    rate_tick,
+    rates_switched_on,
+)
 from maidenflight.simulator.physics import rotations
 from maidenflight.simulator.physics.battery import COUNTS
 from maidenflight.simulator.physics.mixing import Mixer, mixer_of
@@ -274,11 +276,11 @@ def _attitude(
         measurement: Measurement,
         setpoint: Float[Array, "3"],
     ) -> tuple[Memory, Float[Array, "4"]]:
-        wanted = NOTHING._replace(
+        target = NOTHING._replace(
             mode=mode, attitude=attitude_setpoint[1:], thrust=attitude_setpoint[0]
         )
         memory, motors = tick(
-            memory, wanted, sensed(measurement), firmware, position_due=False, mixer=mixer
+            memory, target, sensed(measurement), firmware, position_due=False, mixer=mixer
         )
         return memory, _shares(motors, interface)
 
