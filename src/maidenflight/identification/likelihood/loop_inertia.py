@@ -110,10 +110,12 @@ def inertia_of_loop(
     if motors is None or problem.over is not None or not motors.is_identifiable:
         return {}
     thrust = known.get(HOVERING, np.full(RESAMPLES, float(drone.thrust_to_weight)))
-    # A command turns the drone by the slope of the thrust's curve where it flies.
+    # A command turns the drone by the slope of the thrust's curve, of which each sample has that at
+    # one of the flight's commands: it is not known at which one a loop shows.
     linear = known.get("thrust_linear", float(drone.thrust_linear))
-    hover = np.mean([one.command.clip(0.0).mean() for one in problem.flights])
-    slope = 1.0 - float(drone.thrust_offset) + linear * (0.5 / np.sqrt(max(hover, 0.01)) - 1.0)
+    commands = np.concatenate([one.command.mean(axis=1) for one in problem.flights])
+    chosen = problem.generator.choice(commands.clip(0.01), RESAMPLES)
+    slope = 1.0 - float(drone.thrust_offset) + linear * (0.5 / np.sqrt(chosen) - 1.0)
     thrust = thrust * np.maximum(slope, 0.1)
     inertia = {
         name: problem.generator.choice(samples, RESAMPLES) * thrust
