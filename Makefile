@@ -18,7 +18,7 @@ define install
   && $(BIN)/python -m pip install --quiet --editable '.$(1)'; }
 endef
 
-.PHONY: demo test test-all lint docs format lock oldest release-check clean
+.PHONY: demo test test-all lint docs paper format lock oldest release-check clean
 
 demo: $(VENV)/.installed
 	$(BIN)/maidenflight demo
@@ -42,6 +42,32 @@ lint: $(VENV)/.installed-dev
 # The documentation site, in site/; a broken link is an error (with --quiet it would not be). The variable silences an advertisement.
 docs: $(VENV)/.installed-dev
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+# Studies of the paper by gradients and by its own PPO, and its table of claims in paper/notes/paper.md: six hours of one core.
+# Results that are there are not made again.
+RESULTS ?= build/paper
+AUTHORS ?= ../shared/data/authors
+STUDY = $(BIN)/python paper
+TABLES := $(addprefix $(RESULTS)/,gradients/zero_shot/flights.csv gradients/ablations/flights.csv gradients/history.csv \
+  PPO/zero_shot/flights.csv PPO/ablations/flights.csv PPO/history.csv PPO/table_2/table_2.csv)
+paper: $(TABLES)
+	$(STUDY)/claims.py --results "by gradients=$(RESULTS)/gradients" --results "by PPO=$(RESULTS)/PPO" \
+	  $(if $(wildcard $(AUTHORS)),--authors $(AUTHORS)) --page paper/notes/paper.md --figure paper/notes/figure_4.svg
+$(TABLES): | $(VENV)/.installed-dev
+$(RESULTS)/gradients/zero_shot/flights.csv:
+	$(STUDY)/figure_4.py -o $(@D)
+$(RESULTS)/PPO/zero_shot/flights.csv:
+	$(STUDY)/figure_4.py --settings paper/zero_shot_ppo.toml -o $(@D)
+$(RESULTS)/gradients/ablations/flights.csv:
+	$(STUDY)/ablations.py -o $(@D)
+$(RESULTS)/PPO/ablations/flights.csv:
+	$(STUDY)/ablations.py --method ppo --seeds 2 --draws 4 -o $(@D)
+$(RESULTS)/gradients/history.csv:
+	$(STUDY)/history_and_hidden.py --hidden -o $@
+$(RESULTS)/PPO/history.csv:
+	$(STUDY)/history_and_hidden.py --method ppo --updates 400 --hidden -o $@
+$(RESULTS)/PPO/table_2/table_2.csv:
+	$(STUDY)/table_2.py --flights 132 $(if $(wildcard $(AUTHORS)),--logs $(AUTHORS)/flights/pwm) -o $(@D)
 
 format: $(VENV)/.installed-dev
 	$(BIN)/ruff check --fix

@@ -64,6 +64,8 @@ QUICK = {
 }
 """Settings of training, by control structure: a quarter as long as the command line's, and by Adam
 alone, as paper/notes/ablations.md was measured."""
+METHODS = ("gradient", "ppo", "ppo-paper")
+"""Names in `maidenflight.names.METHODS` that the study trains by."""
 PPO_UPDATES = 400
 """Of 16,384 steps, as in paper/zero_shot_ppo.toml."""
 NO_LAG = 0.0025
@@ -216,11 +218,12 @@ def choose_settings(variant: Variant, method: str, updates: int | None) -> Setti
 
     Args:
         variant: to train.
-        method: `gradient` or `ppo`.
+        method: a name in `METHODS`.
         updates: instead of the method's own.
     """
-    if method == "ppo":
-        return PPO(updates=updates or PPO_UPDATES)
+    if method != "gradient":
+        settings = PPO.paper() if method == "ppo-paper" else PPO(updates=PPO_UPDATES)
+        return replaced(settings, updates=updates or settings.updates)
     quick = QUICK[variant.control]
     return replaced(quick, updates=updates or quick.updates, action_excess_penalty=variant.excess)
 
@@ -641,7 +644,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         help="a control structure; may be repeated (both)",
     )
     parser.add_argument(
-        "--method", choices=["gradient", "ppo"], default="gradient", help="of training (gradient)"
+        "--method", choices=METHODS, default="gradient", help="of training (gradient)"
     )
     parser.add_argument(
         "--seeds", type=int, default=5, help="policies of each variant (default: 5)"

@@ -4,7 +4,9 @@
 ../shared/data/authors` prints a Markdown table: a row a claim, with the figure that decides it. A
 folder holds what the studies write with these names as `-o`; what is absent stays empty:
 `zero_shot` (figure_4.py), `ablations` (ablations.py), `history.csv` (history_and_hidden.py) and
-`table_2` (table_2.py). The authors' real flights decide the claims on flight times.
+`table_2` (table_2.py). The authors' real flights decide the claims on flight times. `--page FILE`
+puts the table between the marks of a page, and `--figure FILE` draws the flight times of all
+columns below each other. `make paper` runs the studies and this.
 
 Source: Gronauer et al. 2022, sec. Experimental Results and Discussion.
 """
@@ -18,13 +20,17 @@ from typing import NamedTuple
 
 import polars
 from ablations import BASELINE, ITSELF, PARTS, effects
-from figure_4 import read_published_flights
+from figure_4 import draw_chart, read_published_flights
 from table_2 import PAPER
 
+from maidenflight import results
 from maidenflight.errors import InputError
+from maidenflight.reporting.figures import picture
 
 NEAR = {"motor_time_constant": 0.08, "latency": 0.02}
 """The cell closest to the identified parameters [s]."""
+BEGIN, END = "<!-- claims -->", "<!-- end of claims -->"
+"""Marks of a page that hold the table between them."""
 REPRODUCED, NOT_SEEN, OPPOSITE = "reproduced", "not seen", "the opposite"
 
 
@@ -271,8 +277,21 @@ def compare(columns: Mapping[str, Mapping[str, polars.DataFrame]]) -> str:
     return "\n".join(lines)
 
 
+def replace_table(page: str, table: str) -> str:
+    """Returns a page with another table of claims.
+
+    Raises:
+        InputError: it does not hold both marks, in their order.
+    """
+    before, begin, rest = page.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not begin or not end:
+        raise InputError(f"the page holds no {BEGIN} and {END}. Add them where the table goes.")
+    return f"{before}{BEGIN}\n{table}\n{END}{after}"
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Reads, judges and prints."""
+    """Reads, judges, prints, and writes what is asked for."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -284,6 +303,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         help="a column and the folder of its results; may be repeated",
     )
     parser.add_argument("--authors", type=Path, help="folder of the authors' data with flights.csv")
+    parser.add_argument("--page", type=Path, help=f"page with {BEGIN}, for the table")
+    parser.add_argument("--figure", type=Path, help="SVG of flight times, for all columns")
     given = parser.parse_args(arguments)
     columns = {}
     for pair in given.results:
@@ -293,7 +314,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         columns[name] = read_tables(Path(folder))
     if given.authors is not None:
         columns["the authors' real flights"] = {"zero_shot": read_published_flights(given.authors)}
-    print(compare(columns))
+    table = compare(columns)
+    print(table)
+    if given.page is not None:
+        results.write(given.page, replace_table(given.page.read_text("utf-8"), table))
+    if given.figure is not None:
+        flights = {name: one["zero_shot"] for name, one in columns.items() if "zero_shot" in one}
+        results.write(given.figure, picture.svg(draw_chart(flights)))
 
 
 if __name__ == "__main__":

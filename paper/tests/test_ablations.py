@@ -49,6 +49,8 @@ def test_variants_change_one_thing_and_each_control_structure_begins_with_its_ba
     ]
     assert ablations.choose_settings(free, "gradient", None).action_excess_penalty == 0.0
     assert ablations.choose_settings(variants[0], "ppo", None).updates == ablations.PPO_UPDATES
+    paper = ablations.choose_settings(variants[0], "ppo-paper", None)
+    assert (paper.updates, paper.num_envs * paper.horizon) == (500, 64_000)
     wide = next(one for one in variants if one.name == "+-360 deg/s")
     assert wide.controller() is control.attitude_rate(highest_rate=360.0)
     assert (

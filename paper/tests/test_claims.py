@@ -1,3 +1,4 @@
+from pathlib import Path
 from typing import Any
 
 import polars
@@ -111,3 +112,30 @@ def test_columns_stand_beside_each_other_and_absent_ones_stay_empty(
         claims.read_tables(tmp_path / "nothing")
     with pytest.raises(SystemExit):
         claims.main(["--results", str(tmp_path)])
+
+
+def test_the_table_goes_between_the_marks_of_a_page(claims: Any, tmp_path: Path) -> None:
+    page = f"before\n{claims.BEGIN}\nold\n{claims.END}\nafter\n"
+    new = claims.replace_table(page, "new")
+    assert new == page.replace("old", "new")
+    with pytest.raises(InputError):
+        claims.replace_table(f"{claims.END} {claims.BEGIN}", "new")
+
+
+def test_the_papers_page_holds_a_row_for_each_claim(claims: Any) -> None:
+    page = (Path(claims.__file__).parent / "notes/paper.md").read_text("utf-8")
+    table = page.partition(claims.BEGIN)[2].partition(claims.END)[0]
+    rows = [line.split(" | ")[0].removeprefix("| ") for line in table.splitlines()[3:]]
+    assert rows == [claim.words for claim in claims.CLAIMS]
+
+
+def test_the_script_writes_page_and_figure(claims: Any, tmp_path: Path) -> None:
+    flights = FLIGHTS.with_columns(polars.lit("a guard").alias("end_reason"))
+    (tmp_path / "zero_shot").mkdir()
+    flights.write_csv(tmp_path / "zero_shot/flights.csv")
+    page = tmp_path / "page.md"
+    page.write_text(f"{claims.BEGIN}\n{claims.END}\n")
+    given = ["--results", f"PPO={tmp_path}", "--page", page, "--figure", tmp_path / "times.svg"]
+    claims.main([str(one) for one in given])
+    assert "| claim | PPO |" in page.read_text()
+    assert "PPO: latency 20 ms in training" in (tmp_path / "times.svg").read_text()

@@ -128,6 +128,12 @@ def test_the_length_of_the_history_can_be_chosen():
     assert windows([numbered(1, 200)], LENGTH, lead_in=30).command.shape[1:] == (30 + LENGTH, 4)
 
 
+def test_without_a_lead_in_motors_and_delay_line_begin_at_rest():
+    usual, rest = (windows([numbered(1, 200)], LENGTH, lead_in=rows).command for rows in (1, 0))
+    assert not rest[:, 0].any()
+    np.testing.assert_array_equal(rest[:, 1:], usual[:, 1:])
+
+
 def test_flights_of_different_rates_are_refused():
     with pytest.raises(InputError, match=r"different rates \(50 to 100 Hz\)"):
         windows([calm(200), calm(200, period=0.02)], LENGTH)

@@ -393,7 +393,7 @@ def test_settings_of_no_method_are_refused(flights):
         identify(flights, settings)
 
 
-@pytest.mark.parametrize("wrong", [{"trials": 0}, {"evaluations": -1}, {"lead_in": 0}])
+@pytest.mark.parametrize("wrong", [{"trials": 0}, {"evaluations": -1}, {"lead_in": -1}])
 @pytest.mark.parametrize("settings", [Likelihood, Replay])
 def test_settings_that_make_no_sense_are_refused_by_name(settings, wrong):
     with pytest.raises(InputError, match=f"{settings.__name__}.{next(iter(wrong))}"):

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from maidenflight.simulator.controllers import control, firmware
+from maidenflight.simulator.controllers import control, firmware, rate_loops
 from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.controllers.interface import ControlInterface
 from maidenflight.simulator.controllers.pid import Generation, PIDMemory
@@ -56,13 +56,13 @@ def _attitude_rate(interface: ControlInterface) -> Controller:
     ) -> tuple[PIDMemory, Float[Array, "4"]]:
         scaled_action = interface.command(action, control.firmware_units(interface))
         rates = jnp.degrees(measurement.body_rates)
-        memory, motors = firmware.follow_rates(
+        memory, motors = rate_loops.follow_rates(
             memory, scaled_action[0], scaled_action[1:], rates, FIRMWARE
         )
         return memory, motors / interface.full_scale_counts
 
     def taking_over(hovers: Float[Array, "4"], measurement: Measurement) -> PIDMemory:
-        return firmware.balancing(hovers * interface.full_scale_counts)
+        return rate_loops.balancing(hovers * interface.full_scale_counts)
 
     commander = control.controller_for(interface, FIRMWARE)
     return commander._replace(init=init, command=command, mixed=None, taking_over=taking_over)

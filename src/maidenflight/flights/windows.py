@@ -96,7 +96,8 @@ def windows(
         flights: checked flights, all of one period.
         length: T, rows that the simulation must predict.
         every: rows between the starts of two windows.
-        lead_in: P, rows of commands before each start.
+        lead_in: P, rows of commands before each start; with 0 a row of no thrust, so that motors
+            and delay line begin at rest.
         stride: S, rows of the log to a row of the windows, which keep the commands of all.
 
     Raises:
@@ -110,6 +111,7 @@ def windows(
             f"compared, and so in {len(bare)} of {len(flights)} flights. Leave them out."
         )
     must_have_one_rate(flights)
+    before = max(lead_in, 1) * stride
     parts: dict[str, list[np.ndarray]] = {name: [] for name in Windows._fields}
     segments = 0
     for flight in flights:
@@ -128,11 +130,11 @@ def windows(
         )
         parts["body_rates"].append(flight.body_rates[starts])
         # A flight's first row stands for what came before it.
-        parts["command"].append(
-            flight.mean_command[
-                np.maximum(starts[:, None] + np.arange(-lead_in * stride, length * stride), 0)
-            ]
-        )
+        rows_of_commands = np.maximum(starts[:, None] + np.arange(-before, length * stride), 0)
+        commands = flight.mean_command[rows_of_commands]
+        if lead_in == 0:
+            commands[:, :before] = 0.0
+        parts["command"].append(commands)
         parts["measured"].append(rows[starts[:, None] + stride * np.arange(1, length + 1)])
         pieces = _segments(flight)
         parts["segment"].append(segments + np.arange(starts.size) * pieces // starts.size)

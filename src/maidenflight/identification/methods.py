@@ -51,7 +51,8 @@ class Replay:
     length: int = 30
     """T, rows of a window (Gronauer et al. 2022, sec. Simulation Optimization)."""
     lead_in: int = LEAD_IN
-    """Rows of commands before a window, from which its motors' speed is inferred."""
+    """Rows of commands before a window, from which its motors' speed is inferred. With 0 motors and
+    delay line begin at rest; the authors' code takes five, and half thrust in the delay line."""
     discount: float = DISCOUNT
     """delta, weight of each row over the one before."""
     trials: int = 2
@@ -66,12 +67,12 @@ class Replay:
             raise InputError(
                 f"unknown method {self.method!r} of a replay; known are {', '.join(METHODS)}."
             )
-        _must_be_positive(self)
+        _must_be_positive(self, free=("lead_in",) if self.lead_in == 0 else ())
 
 
-def _must_be_positive(settings: Any) -> None:
+def _must_be_positive(settings: Any, free: tuple[str, ...] = ()) -> None:
     for name, value in vars(settings).items():
-        if isinstance(value, int | float) and not value > 0:
+        if name not in free and isinstance(value, int | float) and not value > 0:
             raise InputError(
                 f"{type(settings).__name__}({name}={value!r}); expected a positive number."
             )

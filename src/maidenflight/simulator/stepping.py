@@ -13,7 +13,15 @@ from jaxtyping import Array, Bool, Float, Int
 
 from maidenflight.parameters import Parameters
 from maidenflight.simulator.environment import Environment, EnvState, observe, remember
-from maidenflight.simulator.physics import actuators, dynamics, latency, noise, sensors, vectors
+from maidenflight.simulator.physics import (
+    actuators,
+    dynamics,
+    ground,
+    latency,
+    noise,
+    sensors,
+    vectors,
+)
 from maidenflight.simulator.physics.dynamics import Integrator, State
 from maidenflight.simulator.physics.latency import DelayLine
 from maidenflight.simulator.policy_spec import ACTION_SIZE
@@ -294,8 +302,8 @@ def drive(
     def advance(state: State, speed: Float[Array, "4"]) -> tuple[State, None]:
         if floor is None:
             return integrator(state, speed, parameters), None
-        after = integrator(state, speed, dynamics.near_ground(parameters, state.position[2]))
-        return dynamics.floor_reaction(after, floor), None
+        after = integrator(state, speed, ground.near_ground(parameters, state.position[2]))
+        return ground.floor_reaction(after, floor), None
 
     return lax.scan(advance, state, delayed)[0]
 

@@ -89,7 +89,11 @@ class Identify(Verb):
         rare=True,
     )
     lead_in: int = setting(
-        whole(1, 500), 100, "Rows before a window that set its motors.", group=_SEARCH, rare=True
+        whole(0, 500),
+        100,
+        "Rows before a window that set its motors; 0: a replay's begin at rest.",
+        group=_SEARCH,
+        rare=True,
     )
     method: str | None = setting(
         choice("gradient", "bayesian"),

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from maidenflight.parameters import crazyflie
-from maidenflight.simulator.controllers import firmware
+from maidenflight.simulator.controllers import firmware, rate_loops
 from maidenflight.simulator.controllers.firmware import ABSOLUTE, VELOCITY, Setpoint, StateEstimate
 from maidenflight.simulator.controllers.pid import RATE_GAINS
 from maidenflight.simulator.physics import dynamics
@@ -267,9 +267,9 @@ def test_rates_alone_are_held_as_by_the_whole_cascade(generation, seed):
 
     def one(memory, now):
         attitude, rates, wanted, thrust = now
-        return firmware.rate_tick(memory, thrust, wanted, attitude[2], rates, generation)
+        return rate_loops.rate_tick(memory, thrust, wanted, attitude[2], rates, generation)
 
-    first = jax.tree.map(jnp.asarray, firmware.rates_switched_on())
+    first = jax.tree.map(jnp.asarray, rate_loops.rates_switched_on())
     alone = jax.jit(lambda numbers: jax.lax.scan(one, first, numbers)[1])(inputs(seed))
     difference = np.abs(np.asarray(alone) - np.asarray(whole))
     assert difference.max() <= 2, "XLA rounds the two alike but for the last count"
@@ -288,5 +288,5 @@ def test_a_mode_that_never_changes_is_a_mode_that_does_not_change(generation):
 
 
 def test_integrals_hold_no_more_than_their_limits():
-    held = firmware.balancing(jnp.array([0.0, 60000.0, 0.0, 60000.0])).integral
+    held = rate_loops.balancing(jnp.array([0.0, 60000.0, 0.0, 60000.0])).integral
     np.testing.assert_allclose(held, [0.0, 0.0, RATE_GAINS.integral_limit[2]], atol=1e-3)

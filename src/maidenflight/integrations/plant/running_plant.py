@@ -25,7 +25,7 @@ from maidenflight.parameters import Parameters, full_scale_counts, replace
 from maidenflight.simulator.physics import (
     actuators,
     battery,
-    dynamics,
+    ground,
     latency,
     noise,
     rotations,
@@ -159,9 +159,9 @@ def step(
     powered, wanted = _power(plant, before.actuators, pwm, parameters, normal[:4])
     commands = latency.push(before.delay_line, actuators.rotor_speed_command(wanted))
     arriving = latency.delayed(latency.DelayLine(commands), parameters, 1)[0]
-    near = dynamics.near_ground(parameters, before.state.position[2])
+    near = ground.near_ground(parameters, before.state.position[2])
     advanced = plant.integrator(before.state, arriving, near)
-    state = dynamics.floor_reaction(advanced, STANDING_HEIGHT_M)
+    state = ground.floor_reaction(advanced, STANDING_HEIGHT_M)
     time_step = jnp.float32(STEP)
     rates = before.state.body_rates, state.body_rates
     after = before._replace(

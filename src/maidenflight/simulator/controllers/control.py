@@ -22,17 +22,19 @@ from maidenflight.simulator.controllers.firmware import (
     ABSOLUTE,
     DISABLE,
     Memory,
-    RateMemory,
     Setpoint,
     StateEstimate,
-    balancing,
-    rate_tick,
-    rates_switched_on,
     switched_on,
     tick,
 )
 from maidenflight.simulator.controllers.interface import HIGHEST_RATE_DEG, ControlInterface, Four
 from maidenflight.simulator.controllers.pid import ATTITUDE_RATE, Generation, generation_of
+from maidenflight.simulator.controllers.rate_loops import (
+    RateMemory,
+    balancing,
+    rate_tick,
+    rates_switched_on,
+)
 from maidenflight.simulator.physics import rotations
 from maidenflight.simulator.physics.battery import COUNTS
 from maidenflight.simulator.physics.mixing import Mixer, mixer_of

@@ -37,7 +37,6 @@ from maidenflight.simulator.controllers.pid import (
     POSITION_GAINS,
     RATE_GAINS,
     VELOCITY_GAINS,
-    YAW_GAINS,
     Generation,
     PIDMemory,
     pid,
@@ -45,7 +44,7 @@ from maidenflight.simulator.controllers.pid import (
     wrap,
 )
 from maidenflight.simulator.physics.battery import MOST_COUNTS
-from maidenflight.simulator.physics.mixing import CRAZYFLIE, Mixer
+from maidenflight.simulator.physics.mixing import Mixer
 from maidenflight.simulator.physics.vectors import each, like
 
 DISABLE, ABSOLUTE, VELOCITY = 0, 1, 2
@@ -157,7 +156,7 @@ def position_loops(
         )
     position, wanted = pid(memory.position, target, place, POSITION_GAINS, firmware)
     absolute = setpoint.mode[:3] == ABSOLUTE
-    position = _chosen(absolute, position, memory.position)
+    position = choose(absolute, position, memory.position)
     velocity, out = pid(
         memory.velocity,
         jnp.where(absolute, wanted, velocity_setpoint),
@@ -199,7 +198,7 @@ def attitude_loops(
     by_rate = (mode[3:] == VELOCITY) & np.array([True, True, False])
     wanted = jnp.where(by_rate, setpoint.body_rates, wanted)
     if firmware == "2021.10":
-        attitude = _chosen(by_rate, PIDMemory(jnp.zeros(3), jnp.zeros(3)), attitude)
+        attitude = choose(by_rate, PIDMemory(jnp.zeros(3), jnp.zeros(3)), attitude)
     rate, torque = pid(memory.rate, wanted, state.body_rates, RATE_GAINS, firmware)
     return memory._replace(
         attitude=attitude, rate=rate, desired=desired, thrust=thrust, torque=cut(torque)
@@ -271,127 +270,23 @@ def tick(
 
     fixed = jnp.ndim(memory.mode) == 0
     first = memory.mode < 0 if fixed else memory.mode[0] < 0
-    memory = _chosen(first, stopped(memory), memory)
+    memory = choose(first, stopped(memory), memory)
     if firmware == "2026.08":
         level = jnp.concatenate([state.attitude[:2], memory.desired[2:]])
         changed = first if fixed else jnp.any(memory.mode != setpoint.mode)
-        memory = _chosen(changed, reset(memory, state, firmware)._replace(desired=level), memory)
+        memory = choose(changed, reset(memory, state, firmware)._replace(desired=level), memory)
     memory = memory._replace(mode=jnp.zeros_like(memory.mode) if fixed else setpoint.mode)
     moved = memory.desired[2] + setpoint.body_rates[2] * (1 / ATTITUDE_RATE)
     yaw_setpoint = setpoint.attitude[2]
     if firmware == "2026.08":
         yaw_setpoint = jnp.where(setpoint.mode[5] == DISABLE, memory.desired[2], yaw_setpoint)
     yaw = wrap(jnp.where(setpoint.mode[5] == VELOCITY, moved, yaw_setpoint))
-    memory = _chosen(attitude_due, memory._replace(desired=with_third(memory.desired, yaw)), memory)
+    memory = choose(attitude_due, memory._replace(desired=with_third(memory.desired, yaw)), memory)
     if position_due is not False:
-        memory = _chosen(position_due, position_loops(memory, setpoint, state, firmware), memory)
-    memory = _chosen(attitude_due, attitude_loops(memory, setpoint, state, firmware), memory)
-    memory = _chosen(memory.thrust == 0.0, stopped(memory), memory)
+        memory = choose(position_due, position_loops(memory, setpoint, state, firmware), memory)
+    memory = choose(attitude_due, attitude_loops(memory, setpoint, state, firmware), memory)
+    memory = choose(memory.thrust == 0.0, stopped(memory), memory)
     return memory, mix(memory.thrust, memory.torque, firmware, mixer)
-
-
-def balancing(motors: Float[Array, "4"], mixer: Mixer | None = None) -> PIDMemory:
-    """Returns the rate PIDs that have hovered a drone.
-
-    Their integrals hold the torque that it takes.
-
-    As far as their limits; the attitude PIDs hold the rest.
-
-    Args:
-        motors: commands that hover it [counts].
-        mixer: see `mix`.
-    """
-    turning = np.linalg.pinv(np.array(CRAZYFLIE if mixer is None else mixer))[1:]
-    integral = (turning @ motors) / RATE_GAINS.integral
-    limit = RATE_GAINS.integral_limit
-    return PIDMemory(jnp.clip(integral, -limit, limit), jnp.zeros(3))
-
-
-class RateMemory(NamedTuple):
-    """Of the loops that run where body rates are commanded."""
-
-    yaw: PIDMemory
-    rate: PIDMemory
-    heading: Float[Array, ""]
-    """Desired yaw [deg]."""
-    first: Bool[Array, ""]
-    """Whether the first tick is still to come."""
-
-
-def rates_switched_on() -> RateMemory:
-    """Returns the memory before the first `rate_tick`."""
-    zero, zeros = np.float32(0.0), np.zeros(3, np.float32)
-    return RateMemory(PIDMemory(zero, zero), PIDMemory(zeros, zeros), zero, np.bool_(True))  # type: ignore[arg-type]
-
-
-def rate_tick(
-    memory: RateMemory,
-    thrust: Float[Array, ""],
-    wanted: Float[Array, "3"],
-    yaw: Float[Array, ""],
-    body_rates: Float[Array, "3"],
-    firmware: Generation,
-    mixer: Mixer | None = None,
-) -> tuple[RateMemory, Float[Array, "4"]]:
-    """Runs `tick` for body rate set-points only, without the loops that do not matter then.
-
-    Args:
-        memory: of the tick before.
-        thrust: commanded [counts].
-        wanted: commanded body rates [deg/s]; the third moves the desired yaw.
-        yaw: measured [deg].
-        body_rates: measured [deg/s]; `vectors.Entries`, where the memory's vectors are.
-        firmware: generation; static.
-        mixer: see `mix`.
-
-    Returns:
-        Memory, and the four motors' commands [counts]; vectors as `body_rates` is one.
-    """
-    none = tree.map(jnp.zeros_like, body_rates)
-    last = yaw if firmware == "2026.08" else jnp.zeros_like(yaw)
-    stopped = RateMemory(
-        PIDMemory(jnp.zeros_like(yaw), last),
-        PIDMemory(none, none),
-        yaw,
-        jnp.zeros_like(memory.first),
-    )
-    memory = _chosen(memory.first, stopped, memory)
-    heading = wrap(memory.heading + wanted[2] * (1 / ATTITUDE_RATE))
-    turning, turn = pid(memory.yaw, heading, yaw, YAW_GAINS, firmware, heading=True)
-    desired = like(body_rates, [wanted[0], wanted[1], turn])
-    rate, motors = follow_rates(memory.rate, thrust, desired, body_rates, firmware, mixer)
-    after = RateMemory(turning, rate, heading, stopped.first)
-    return _chosen(thrust == 0.0, stopped, after), motors
-
-
-def follow_rates(
-    memory: PIDMemory,
-    thrust: Float[Array, ""],
-    wanted: Float[Array, "3"],
-    body_rates: Float[Array, "3"],
-    firmware: Generation,
-    mixer: Mixer | None = None,
-) -> tuple[PIDMemory, Float[Array, "4"]]:
-    """Runs the rate PIDs alone; no thrust stops the motors and resets them.
-
-    Args:
-        memory: of the rate PIDs.
-        thrust: commanded [counts].
-        wanted: body rates [deg/s].
-        body_rates: measured [deg/s].
-        firmware: generation; static.
-        mixer: see `mix`.
-
-    Returns:
-        Memory, and the four motors' commands [counts].
-
-    Source: controller_pid.c, controllerPid.
-    """
-    after, torque = pid(memory, wanted, body_rates, RATE_GAINS, firmware)
-    off = thrust == 0.0
-    memory = tree.map(lambda value: jnp.where(off, 0.0, value), after)
-    torque = each(lambda about: jnp.where(off, 0.0, cut(about)), torque)
-    return memory, mix(thrust, torque, firmware, mixer)
 
 
 def _turn(vector: Float[Array, "3"], yaw: Float[Array, ""]) -> Float[Array, "3"]:
@@ -408,7 +303,8 @@ def cut(counts: Float[Array, "..."]) -> Float[Array, "..."]:
     return counts + lax.stop_gradient(jnp.trunc(counts) - counts)
 
 
-def _chosen(condition: Bool[Array, "..."] | bool, new: Any, old: Any) -> Any:
+def choose(condition: Bool[Array, "..."] | bool, new: Any, old: Any) -> Any:
+    """Returns one of two memories; a condition that Python knows leaves the other out."""
     if isinstance(condition, bool):
         return new if condition else old
     return tree.map(lambda new, old: jnp.where(condition, new, old), new, old)

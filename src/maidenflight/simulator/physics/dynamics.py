@@ -20,7 +20,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from maidenflight.errors import InputError
-from maidenflight.parameters import Parameters, replace
+from maidenflight.parameters import Parameters
 from maidenflight.simulator.physics import rotations
 from maidenflight.simulator.physics.vectors import each, like
 
@@ -332,43 +332,6 @@ def rk4(state: State, command: Float[Array, "4"], parameters: Parameters) -> Sta
     mean = tree.map(lambda a, b, c, d: (a + 2 * b + 2 * c + d) / 6, k1, k2, k3, k4)
     new = shifted(mean, dt)
     return new._replace(quaternion=rotations.normalise(new.quaternion))
-
-
-def floor_reaction(state: State, height: float) -> State:
-    """Stops a drone on a floor that it would sink below, at once and without a bounce; ours.
-
-    Args:
-        state: the drone.
-        height: of its centre when it stands [m].
-    """
-    sunk = state.position[2] < height
-    return state._replace(
-        position=state.position.at[2].max(height),
-        velocity=jnp.where(sunk, 0.0, state.velocity),
-        body_rates=jnp.where(sunk, 0.0, state.body_rates),
-    )
-
-
-MOST_GROUND_EFFECT = 4.0 / 15.0
-"""Largest gain of thrust near the ground [-] (gym-pybullet-drones, which limits the height in its
-formula to this end)."""
-
-
-def near_ground(parameters: Parameters, height: Float[Array, ""]) -> Parameters:
-    """Returns the drone near the ground, where the same rotor speed lifts more.
-
-    F (1 + min(c_g / z^2, 4/15)).
-
-    Args:
-        parameters: uses `ground_effect` c_g [m2].
-        height: of the rotors above the ground [m].
-
-    Source: Shi et al. 2019 and Danjun et al. 2015, c_g = 11.37 (r / 4)^2, as in
-    gym-pybullet-drones.
-    """
-    unlimited = parameters.ground_effect / jnp.maximum(height, 1e-3) ** 2
-    gain = jnp.minimum(unlimited, MOST_GROUND_EFFECT)
-    return replace(parameters, thrust_to_weight=parameters.thrust_to_weight * (1.0 + gain))
 
 
 def check_state(state: State) -> State:

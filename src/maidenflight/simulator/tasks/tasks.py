@@ -250,7 +250,7 @@ def take_off(height: float = 1.0, duration: float = 1.5) -> Task:
     5 s an episode.
 
     The ground stops the drone without a bounce or a tilt; near it, thrust grows
-    (`dynamics.near_ground`).
+    (`ground.near_ground`).
 
     Source: authors' code, there called "not yet working properly".
     """
