@@ -65,7 +65,7 @@ def inertia_of_speeds(problem: Problem, drone: Parameters) -> dict[str, Float[np
 
 
 def _log_inertia(flight: Flight, drone: Parameters, axis: int) -> tuple[float, float] | None:
-    """Logarithm of the inertia [kg m2] about an axis, and its error; None where nothing follows.
+    """Returns the logarithm of the inertia [kg m2] and its error; None where nothing follows.
 
     In bands of frequency disturbances have sizes of their own, which weigh the lines. Source:
     Whittle 1953.

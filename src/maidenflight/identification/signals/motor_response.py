@@ -350,7 +350,7 @@ def _joined(stretches: Sequence[_Stretch], before: Float[np.ndarray, "D"]) -> _J
 def random_effects(
     values: Float[np.ndarray, "n"], variances: Float[np.ndarray, "n"]
 ) -> tuple[float, float]:
-    """Mean of estimates that may differ by more than their variances, and its error.
+    """Returns the mean of estimates that may differ by more than their variances, and its error.
 
     Source: DerSimonian and Laird 1986, Meta-analysis in clinical trials.
     """
