@@ -19,7 +19,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import polars
-from ablations import BASELINE, ITSELF, PARTS, effects
+from ablation_effects import find_effects
+from ablation_variants import BASELINE, ITSELF, PARTS
 from figure_4 import draw_chart, read_published_flights
 from table_2 import PAPER
 
@@ -122,7 +123,7 @@ def find_change(
     """Returns mean flight time, what a change makes of it, and the ends of that interval [s].
 
     Args:
-        changes: what `ablations.effects` returns.
+        changes: what `ablation_effects.find_effects` returns.
         control: a control structure.
         variant: how its policies were trained.
         reality: where they flew.
@@ -143,7 +144,7 @@ def find_change(
 
 def judge_loss(flights: polars.DataFrame, control: str, variant: str) -> Finding:
     """Judges whether a change shortens flights, by its 95 % interval over policies."""
-    mean, effect, low, high = find_change(effects(flights), control, variant)
+    mean, effect, low, high = find_change(find_effects(flights), control, variant)
     verdict = REPRODUCED if high < 0 else OPPOSITE if low > 0 else NOT_SEEN
     ends = "" if math.isnan(low) else f" [{low:.1f}, {high:.1f}]"
     return Finding(f"{mean:.1f} s, {effect:+.1f}{ends}", verdict)
@@ -151,7 +152,7 @@ def judge_loss(flights: polars.DataFrame, control: str, variant: str) -> Finding
 
 def judge_parts(flights: polars.DataFrame) -> Finding:
     """Judges whether PWM policies fly as long, to a second, with other propellers and motors."""
-    changes = effects(flights)
+    changes = find_effects(flights)
     gains = {name: find_change(changes, "pwm", BASELINE, name)[1] for name in PARTS}
     kept = [gain > -1.0 for gain in gains.values()]
     figure = ", ".join(f"{name} {gain:+.1f} s" for name, gain in gains.items())

@@ -33,588 +33,57 @@ Source: Gronauer et al. 2022, sec. Methods, sec. Zero-Shot Experiments and sec. 
 """
 
 import argparse
-import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import polars
-from figure_4 import read_published_flights
-from jaxtyping import Float
-from scipy import stats
+from hypothesis_data import (
+    IDENTIFIED,
+    REAL,
+    Data,
+    average_policies,
+    group_policies,
+    join_tables,
+    read_real_flights,
+    read_simulated_flights,
+    total_lag,
+)
+from hypothesis_statistics import (
+    DISTANCES,
+    FEWEST,
+    PAIRS,
+    SHARE,
+    TIME,
+    TITLES,
+    WORST,
+    Line,
+    Measure,
+    compute_statistics,
+    describe_ranking,
+    format_estimate,
+    has_enough,
+    judge_attitude,
+    judge_slopes,
+    look_up,
+    rate_pairs,
+    slope,
+    tabulate,
+    take_sample,
+)
 
 from maidenflight import parameters, results, terminal
 from maidenflight.errors import InputError
 from maidenflight.experiments.drones import find_reality
 from maidenflight.experiments.transfer import MAX_DURATION_S
-from maidenflight.parameters import Parameters, replace
+from maidenflight.parameters import replace
 from maidenflight.reporting.figures import charts, picture
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec
 from maidenflight.reporting.figures.flight_times import COLOURS
-from maidenflight.simulator.controllers.interface import CONTROLS, INTERFACES
+from maidenflight.simulator.controllers.interface import CONTROLS
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone
-
-IDENTIFIED = {"motor_time_constant": 0.0490, "spin_down_ratio": 2.278, "latency": 0.00687}
-"""Of the authors' drone, from its PWM flights, identified with lags alone: a lag that grows with
-the step down has no one mean."""
-AUTHORS_RATE, AUTHORS_STEP = 100, 0.005
-"""Actions a second [Hz] in training of all published policies, and the step [s] whose multiples,
-rounded down, were their latencies (configurations and agents.py of phoenix-drone-simulation
-c5d6907: 15 ms were trained as 10)."""
-FEWEST = 6
-"""Policies of a control structure, and three different lags among them, below which no slope is
-told."""
-MATCHING = "matching rates"
-REAL = "real"
-
-Column = Float[np.ndarray, "*resamples policies"]
-Statistic = Callable[[Column, Column], Any]
-
-
-def total_lag(drone: Parameters) -> float:
-    """Mean response delay [s]: T_m (1 + T_down/T_up) / 2 + Delta + (Delta_e + tau_g) / 2.
-
-    A torque speeds two rotors up and slows two down; the mean delay of the sum of their responses
-    is the mean of the two lags. (For fast commands it is the harmonic mean, which is shorter: 68
-    instead of 80 ms for the authors' drone.) Attitude is delayed by `estimator_delay` and body
-    rates by `gyro_time_constant`; a policy sees both at once, so their mean is added. Half a
-    control period of zero-order hold is left out: it is the same in training, unless rates differ,
-    which is treated separately.
-    """
-    motors = float(drone.motor_time_constant) * (1.0 + float(drone.spin_down_ratio)) / 2.0
-    return (
-        motors
-        + float(drone.latency)
-        + (float(drone.estimator_delay) + float(drone.gyro_time_constant)) / 2.0
-    )
-
-
-class Data(NamedTuple):
-    """Policies that flew one drone, all under one rule of rates."""
-
-    reality: str
-    rates: str
-    """`MATCHING`, or the rate of training."""
-    total_lag: float
-    """Of the reality [s]."""
-    policies: polars.DataFrame
-    """A row a policy: control, motor_time_constant, latency, trained (total lag in training) [s],
-    duration (mean) [s], share (of flights that reach 20 s), flights (number of)."""
-
-    @property
-    def name(self) -> str:
-        """Such as "virtual-7, matching rates"."""
-        return f"{self.reality}, {self.rates}"
-
-
-_TRAINED = ["control", "training_rate", "motor_time_constant", "latency", "number"]
-_POLICY = ["seed", *_TRAINED, "reality"]
-
-
-def simulated(path: Path, nominal: str) -> polars.DataFrame:
-    """Flights of a table: what `figure_4.gather_flights` gives, and the seed of its record.
-
-    A table without training_rate is one of policies that were trained at the rate at which their
-    structure flies.
-
-    Args:
-        path: the table.
-        nominal: the drone whose other parameters were kept in training: a name or a TOML file.
-
-    Raises:
-        InputError: not such a table, flights cut before 20 s, or policies trained for another
-            drone.
-    """
-    try:
-        comments = [
-            line
-            for line in path.read_text(encoding="utf-8").splitlines()
-            if line.startswith("# record: ")
-        ]
-        flights = polars.read_csv(path, comment_prefix="#")
-        record = json.loads(comments[0].removeprefix("# record: ")) if comments else {}
-        if "training_rate" not in flights.columns:
-            own = {kind: _own_rate(kind) for kind in CONTROLS}
-            flights = flights.with_columns(
-                polars.col("control").replace_strict(own, default=None).alias("training_rate")
-            )
-        numbers = {
-            "motor_time_constant": polars.Float64,
-            "latency": polars.Float64,
-            "duration": polars.Float64,
-        }
-        whole = {"training_rate": polars.Int64, "number": polars.Int64, "trial": polars.Int64}
-        names = {"control": polars.String, "reality": polars.String}
-        flights = flights.select(
-            *(polars.col(name).cast(kind) for name, kind in {**names, **whole, **numbers}.items())
-        )
-    except (OSError, ValueError, polars.exceptions.PolarsError) as error:
-        raise InputError(
-            f"{path}: not a table of zero-shot flights ({str(error).splitlines()[0]}). Give one "
-            "of figure_4.py."
-        ) from error
-    bad = (
-        ~polars.col("control").is_in(CONTROLS)
-        | polars.any_horizontal(polars.all().is_null())
-        | ~polars.col("duration").is_between(0, math.inf)
-    )
-    if flights.is_empty() or flights.filter(bad).height:
-        raise InputError(
-            f"{path}: {flights.filter(bad).height or 'no'} flights with gaps. Expected a row a "
-            f"flight of {', '.join(CONTROLS)}."
-        )
-    settings = record.get("settings", {})
-    if settings.get("duration", MAX_DURATION_S) < MAX_DURATION_S:
-        raise InputError(
-            f"{path}: flights were cut after {settings['duration']:g} s. Only those of "
-            f"{MAX_DURATION_S:g} s can be compared."
-        )
-    if settings.get("drone", Path(nominal).name) != Path(nominal).name:
-        raise InputError(
-            f"{path}: policies were trained around {settings['drone']}, not {Path(nominal).name}. "
-            "Give it as --nominal."
-        )
-    return flights.with_columns(polars.lit(record.get("seed", 0)).alias("seed"))
-
-
-def _own_rate(kind: str) -> int:
-    return INTERFACES[kind]().rate
-
-
-def real(folder: Path) -> polars.DataFrame:
-    """The paper's real flights in the same columns, with the latencies that training really had.
-
-    Raises:
-        InputError: the folder lacks `flights.csv`, or that lacks a column.
-    """
-    try:
-        flights = read_published_flights(folder)
-        trained = np.floor_divide(flights["latency"].to_numpy(), AUTHORS_STEP) * AUTHORS_STEP
-        told = [
-            polars.lit(0).alias("seed"),
-            polars.lit(AUTHORS_RATE).alias("training_rate"),
-            polars.Series("latency", trained),
-            polars.col("policy").alias("number"),
-            polars.lit(REAL).alias("reality"),
-        ]
-        return flights.with_columns(told).select(*_POLICY, "duration")
-    except polars.exceptions.PolarsError as error:
-        raise InputError(
-            f"{folder / 'flights.csv'}: not the authors' flights ({str(error).splitlines()[0]})."
-        ) from error
-
-
-def by_policy(flights: polars.DataFrame, nominal: Parameters) -> polars.DataFrame:
-    """Flights' means, a row a policy and reality.
-
-    `trained` is the total lag of the drone that it was trained for [s].
-    """
-    flown = flights.with_columns(polars.col("duration").clip(upper_bound=MAX_DURATION_S))
-    means = [
-        polars.col("duration").mean(),
-        (polars.col("duration") >= MAX_DURATION_S).mean().alias("share"),
-        polars.len().alias("flights"),
-    ]
-    rows = flown.group_by(_POLICY, maintain_order=True).agg(*means)
-    drones = (
-        replace(nominal, **constants)
-        for constants in rows.select("motor_time_constant", "latency").iter_rows(named=True)
-    )
-    return rows.with_columns(
-        polars.Series("trained", [total_lag(drone) for drone in drones], polars.Float64)
-    )
-
-
-def together(tables: Sequence[polars.DataFrame]) -> polars.DataFrame:
-    """Flights of all tables; one that stands in several counts once.
-
-    Raises:
-        InputError: tables of one seed tell a flight differently.
-    """
-    flights = polars.concat(
-        [table.select(*_POLICY, "trial", "duration") for table in tables]
-    ).unique(maintain_order=True)
-    twice = flights.filter(flights.select(*_POLICY, "trial").is_duplicated())
-    if twice.height:
-        which = ", ".join(
-            f"{name} {value}"
-            for name, value in twice.row(0, named=True).items()
-            if name != "duration"
-        )
-        raise InputError(
-            f"a flight is told twice, with different ends ({which}). Give tables whose policies "
-            "have seeds of their own."
-        )
-    return flights
-
-
-def data_sets(policies: polars.DataFrame, lags: Mapping[str, float]) -> list[Data]:
-    """Groups policies by place and training rate.
-
-    Matching rates together, and each rate of training that is not its structure's own.
-
-    A structure whose own rate that is, as PWM's is 100 Hz, is in both.
-    """
-    own = polars.col("control").replace_strict(
-        {kind: _own_rate(kind) for kind in CONTROLS}, return_dtype=polars.Int64
-    )
-    matches = polars.col("training_rate") == own
-    found = []
-    for (name,), here in policies.group_by("reality", maintain_order=True):
-        matched, place = here.filter(matches), str(name)
-        if matched.height and place != REAL:
-            found.append(Data(place, MATCHING, lags[place], matched))
-        for rate in (
-            [AUTHORS_RATE]
-            if place == REAL
-            else here.filter(~matches)["training_rate"].unique().sort()
-        ):
-            found.append(
-                Data(
-                    place,
-                    f"trained at {rate} Hz",
-                    lags[place],
-                    here.filter(polars.col("training_rate") == rate),
-                )
-            )
-    return found
-
-
-def slope(x: Column, y: Column) -> Any:
-    """Slope of the straight line of least squares.
-
-    0 where all x are the same, as a resample's may be.
-    """
-    centred = x - x.mean(axis=-1, keepdims=True)
-    spread = (centred**2).sum(axis=-1)
-    return np.where(spread > 1e-9, (centred * y).sum(axis=-1) / np.maximum(spread, 1e-9), 0.0)
-
-
-def rank_correlation(x: Column, y: Column) -> Any:
-    """Spearman's; 0 where all x or all y are the same."""
-    ranks = [stats.rankdata(values, axis=-1) for values in (x, y)]
-    ranks = [values - values.mean(axis=-1, keepdims=True) for values in ranks]
-    spread = np.sqrt((ranks[0] ** 2).sum(axis=-1) * (ranks[1] ** 2).sum(axis=-1))
-    return np.where(
-        spread > 1e-9, (ranks[0] * ranks[1]).sum(axis=-1) / np.maximum(spread, 1e-9), 0.0
-    )
-
-
-def mean(_: Column, y: Column) -> Any:
-    """Of y alone."""
-    return y.mean(axis=-1)
-
-
-class Estimate(NamedTuple):
-    """A value and its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
-
-    @property
-    def sign(self) -> int:
-        """1 or -1 if the whole interval is on that side of 0, else 0."""
-        return int(self.low > 0) - int(self.high < 0)
-
-
-Sample = tuple[np.ndarray, np.ndarray]
-
-
-def estimate(
-    statistic: Statistic,
-    sample: Sample,
-    less: Sample | None = None,
-    resamples: int = 9999,
-    seed: int = 0,
-) -> Estimate:
-    """A statistic of a sample, or its difference from that of another, with a bootstrap interval.
-
-    Each sample is redrawn by itself.
-    """
-    samples = [sample] if less is None else [sample, less]
-
-    def told(*places: np.ndarray, axis: int = -1) -> Any:
-        values = [
-            statistic(x[drawn], y[drawn]) for (x, y), drawn in zip(samples, places, strict=True)
-        ]
-        return values[0] if len(values) == 1 else values[0] - values[1]
-
-    places = tuple(np.arange(len(y)) for _, y in samples)
-    generator = np.random.default_rng(seed)
-    drawn = stats.bootstrap(
-        places, told, n_resamples=resamples, vectorized=True, method="percentile", rng=generator
-    )
-    low, high = drawn.confidence_interval
-    return Estimate(float(told(*places)), float(low), float(high))
-
-
-class Measure(NamedTuple):
-    """What is asked of a control structure's policies."""
-
-    statistic: str
-    """`slope`, `rank correlation` or `mean`."""
-    of: str
-    """`flight time` or `share of 20 s`."""
-    against: str = ""
-    """`distance`, `lag`, `motor_time_constant`, `latency`, or nothing for a mean."""
-    unit: str = "policy"
-    """What is redrawn: a policy, or a cell with all its policies."""
-
-
-STATISTICS: dict[str, Statistic] = {
-    "slope": slope,
-    "rank correlation": rank_correlation,
-    "mean": mean,
-}
-TIME, SHARE = "flight time", "share of 20 s"
-DISTANCES = ("distance", "lag")
-_TITLES = {
-    Measure("mean", TIME): "mean flight time, s",
-    Measure("mean", SHARE): "share of flights of 20 s",
-    Measure("slope", TIME, "distance"): "flight time with distance, s per 10 ms",
-    Measure("slope", TIME, "distance", "cell"): "  the same, cells redrawn",
-    Measure("slope", SHARE, "distance"): "  share of 20 s with distance, per 10 ms",
-    Measure("rank correlation", TIME, "distance"): "  rank correlation with distance",
-    Measure("slope", TIME, "lag"): "flight time with lag, s per 10 ms",
-    Measure("slope", TIME, "lag", "cell"): "  the same, cells redrawn",
-    Measure("slope", SHARE, "lag"): "  share of 20 s with lag, per 10 ms",
-    Measure("rank correlation", TIME, "lag"): "  rank correlation with lag",
-    Measure("slope", TIME, "motor_time_constant"): "  with motor lag alone, s per 10 ms",
-    Measure("slope", TIME, "latency"): "  with latency alone, s per 10 ms",
-}
-PAIRS = [(kind, other) for place, kind in enumerate(CONTROLS) for other in CONTROLS[place + 1 :]]
-"""Of control structures: the lower one first."""
-UNITS = {("slope", TIME): "s/10 ms", ("slope", SHARE): "1/10 ms", ("mean", TIME): "s"}
-
-
-def sample(data: Data, kind: str, measure: Measure) -> Sample:
-    """Lags or distances in 10 ms, and what is measured, of a control structure's policies."""
-    own = data.policies.filter(polars.col("control") == kind)
-    if measure.unit == "cell":
-        own = own.group_by("motor_time_constant", "latency", maintain_order=True).agg(
-            polars.col("trained", "duration", "share").mean()
-        )
-    lag = 100.0 * (own["trained"].to_numpy() - data.total_lag)
-    others = {name: 100.0 * own[name].to_numpy() for name in ("motor_time_constant", "latency")}
-    x = {"distance": np.abs(lag), "lag": lag, "": lag, **others}[measure.against]
-    return x, own["duration" if measure.of == TIME else "share"].to_numpy()
-
-
-def enough(data: Data, kind: str) -> bool:
-    """Whether a control structure has the policies that a slope needs."""
-    own = data.policies.filter(polars.col("control") == kind)
-    return own.height >= FEWEST and len(np.unique(own["trained"].to_numpy().round(6))) >= 3
-
-
-class Told(NamedTuple):
-    """A line of the statistics."""
-
-    data: str
-    control: str
-    less: str
-    """The control structure, or for the same one the data set, whose value is taken off; empty for
-    none."""
-    measure: Measure
-    estimate: Estimate
-    policies: int
-    flights: int
-
-
-def statistics(found: Sequence[Data], resamples: int, seed: int) -> list[Told]:
-    """All measures of all control structures.
-
-    Their differences between structures, and for each structure between rates.
-    """
-    lines = []
-
-    def add(
-        measure: Measure,
-        data: Data,
-        kind: str,
-        less: str = "",
-        other: tuple[Data, str] | None = None,
-    ) -> None:
-        samples = [sample(data, kind, measure), None if other is None else sample(*other, measure)]
-        told = estimate(STATISTICS[measure.statistic], samples[0], samples[1], resamples, seed)
-        sizes = [
-            one.policies.filter(polars.col("control") == name)
-            for one, name in ((data, kind), *([] if other is None else [other]))
-        ]
-        lines.append(
-            Told(
-                data.name,
-                kind,
-                less,
-                measure,
-                told,
-                sum(map(len, sizes)),
-                sum(int(size["flights"].sum()) for size in sizes),
-            )
-        )
-
-    for data in found:
-        kinds = [kind for kind in CONTROLS if enough(data, kind)]
-        for measure in _TITLES:
-            for kind in kinds:
-                add(measure, data, kind)
-            for kind, other in PAIRS:
-                if kind in kinds and other in kinds:
-                    add(measure, data, kind, other, (data, other))
-    for data, other in rate_pairs(found):
-        for kind in CONTROLS:
-            if enough(data, kind) and enough(other, kind) and not same(data, other, kind):
-                for measure in _TITLES:
-                    add(measure, data, kind, other.name, (other, kind))
-    return lines
-
-
-def rate_pairs(found: Sequence[Data]) -> list[tuple[Data, Data]]:
-    """For each reality its data of matching rates beside each of other rates."""
-    pairs = ((one, other) for one in found for other in found)
-    return [
-        (one, other)
-        for one, other in pairs
-        if one.reality == other.reality and one.rates == MATCHING != other.rates
-    ]
-
-
-def same(data: Data, other: Data, kind: str) -> bool:
-    """Whether a control structure's policies are the same in both."""
-    one, two = (
-        part.policies.filter(polars.col("control") == kind).select("seed", *_TRAINED)
-        for part in (data, other)
-    )
-    return one.equals(two)
-
-
-def look_up(
-    lines: Sequence[Told], data: str, kind: str, less: str, measure: Measure
-) -> Told | None:
-    """A line of the statistics, if it is there."""
-    wanted = (data, kind, less, measure)
-    return next(
-        (line for line in lines if (line.data, line.control, line.less, line.measure) == wanted),
-        None,
-    )
-
-
-HOLDS, FAILS, UNKNOWN = "holds", "does not hold", "cannot tell"
-
-
-def verdict(lines: Sequence[Told], data: str, measure: Measure) -> str:
-    """Whether flight time falls more steeply for PWM than for the others, as a line of text.
-
-    It holds if the intervals say that PWM's falls, and falls more steeply than attitude rate's and
-    than attitude's. (All three must say so: no correction for asking twice is due.) It does not
-    hold if they say that another structure's falls, and more steeply than PWM's. Else nobody can
-    tell. To fall is to have less flight time at more `distance`, or at less `lag` in training.
-    """
-    falling = -1 if measure.against == "distance" else 1
-    own = look_up(lines, data, "pwm", "", measure)
-    others = {
-        kind: look_up(lines, data, "pwm", kind, measure) for kind in CONTROLS if kind != "pwm"
-    }
-    there = {kind: line for kind, line in others.items() if line is not None}
-    if own is None or not there:
-        return f"{UNKNOWN} (too few policies of pwm, or of all others)"
-    signs = {kind: falling * line.estimate.sign for kind, line in there.items()}
-    words = UNKNOWN
-    if (
-        len(there) == len(others)
-        and falling * own.estimate.sign > 0
-        and all(sign > 0 for sign in signs.values())
-    ):
-        words = HOLDS
-    elif any(
-        sign < 0 and falling * _sign(look_up(lines, data, kind, "", measure)) > 0
-        for kind, sign in signs.items()
-    ):
-        words = FAILS
-    falls = {1: "falls", -1: "rises", 0: "neither falls nor rises surely"}[
-        falling * own.estimate.sign
-    ]
-    than = {1: "more steeply than", -1: "less steeply than", 0: "not surely otherwise than"}
-    return (
-        f"{words} (pwm {falls}; "
-        f"{', '.join(f'{than[sign]} {kind}' for kind, sign in signs.items())})"
-    )
-
-
-def _sign(line: Told | None) -> int:
-    return 0 if line is None else line.estimate.sign
-
-
-def worst(lines: Sequence[Told], data: str) -> int | None:
-    """Whether attitude policies fly shorter: 1 surely, -1 surely longer than one of the others.
-
-    0 if neither is sure; `None` if a control structure is missing.
-    """
-    told = [
-        look_up(lines, data, kind, "attitude", Measure("mean", TIME))
-        for kind in CONTROLS
-        if kind != "attitude"
-    ]
-    signs = [line.estimate.sign for line in told if line is not None]
-    if len(signs) < len(told):
-        return None
-    return 1 if min(signs) > 0 else -1 if min(signs) < 0 else 0
-
-
-_WORST = {
-    1: "surely the worst",
-    0: "not surely the worst",
-    -1: "surely not the worst",
-    None: "not to be compared, for want of policies",
-}
-
-
-def ranking(lines: Sequence[Told], matching: Data, other: Data) -> str:
-    """The part of the paper's ranking, attitude worst, due to the rate of training."""
-    before, after = worst(lines, other.name), worst(lines, matching.name)
-    change = look_up(lines, matching.name, "attitude", other.name, Measure("mean", TIME))
-    if before is None or after is None or change is None:
-        return f"{matching.reality}: {UNKNOWN}, for want of policies."
-    if before < 1:
-        words = f"{UNKNOWN}: the ranking does not show here in the first place"
-    elif after == 1:
-        words = "the rates are not all of it: attitude is the worst with matching rates too"
-    else:
-        words = (
-            "an artefact of the rates"
-            if after == -1
-            else "with matching rates it is no longer sure"
-        )
-    gain = f"matching rates change its mean flight time by {shown(change.estimate)} s"
-    found = f"attitude, {other.rates}, is {_WORST[before]}, and with {MATCHING} {_WORST[after]}"
-    return f"{matching.reality}: {found}; {gain}. {words.capitalize()}."
-
-
-def shown(told: Estimate, decimals: int = 2) -> str:
-    """Such as 1.20 [0.90, 1.51]."""
-    value, low, high = (f"{round(number, decimals) + 0.0:.{decimals}f}" for number in told)
-    return f"{value} [{low}, {high}]"
-
-
-def as_table(lines: Sequence[Told]) -> polars.DataFrame:
-    """A row a line."""
-    rows = [
-        {
-            "data": line.data,
-            "control": line.control,
-            "less": line.less,
-            **line.measure._asdict(),
-            **{name: round(value, 6) for name, value in line.estimate._asdict().items()},
-            "in": UNITS.get((line.measure.statistic, line.measure.of), "-"),
-            "policies": line.policies,
-            "flights": line.flights,
-        }
-        for line in lines
-    ]
-    return polars.DataFrame(rows)
-
 
 COLUMNS = 3
 NOTE = (
@@ -623,7 +92,7 @@ NOTE = (
 )
 
 
-def chart(found: Sequence[Data]) -> Figure:
+def draw_chart(found: Sequence[Data]) -> Figure:
     """Flight times over the difference of lag between training and reality.
 
     A panel per data set, a colour per structure, a dot per policy.
@@ -642,7 +111,7 @@ def chart(found: Sequence[Data]) -> Figure:
 def _panel(data: Data, across: tuple[float, float]) -> Spec:
     rows: list[Spec] = []
     for shift, (kind, colour) in zip((-1.2, 0.0, 1.2), COLOURS.items(), strict=True):
-        x, y = sample(data, kind, Measure("slope", TIME, "lag"))
+        x, y = take_sample(data, kind, Measure("slope", TIME, "lag"))
         if len(x) == 0:
             continue
         common = {"series": kind, "colour": charts.paint(colour)}
@@ -679,16 +148,18 @@ def _panel(data: Data, across: tuple[float, float]) -> Spec:
     return charts.panel(charts.rows(rows), layers, title=title, height=210, zooms=())
 
 
-def tell(found: Sequence[Data], lines: Sequence[Told]) -> None:
+def print_results(found: Sequence[Data], lines: Sequence[Line]) -> None:
     """Prints tables and verdicts."""
     for data in found:
         rows = []
-        for measure, title in _TITLES.items():
+        for measure, title in TITLES.items():
             told = (
                 look_up(lines, data.name, kind, less, measure)
                 for kind, less in (*((kind, "") for kind in CONTROLS), *PAIRS)
             )
-            rows.append([title, *("" if line is None else shown(line.estimate) for line in told)])
+            rows.append(
+                [title, *("" if line is None else format_estimate(line.estimate) for line in told)]
+            )
         counts = [data.policies.filter(polars.col("control") == kind) for kind in CONTROLS]
         rows.append(
             [
@@ -712,7 +183,7 @@ def tell(found: Sequence[Data], lines: Sequence[Told]) -> None:
         for against in DISTANCES:
             print(
                 f"  {data.name}, by {against}: "
-                f"{verdict(lines, data.name, Measure('slope', TIME, against))}"
+                f"{judge_slopes(lines, data.name, Measure('slope', TIME, against))}"
             )
             checks = {
                 SHARE: Measure("slope", SHARE, against),
@@ -721,17 +192,17 @@ def tell(found: Sequence[Data], lines: Sequence[Told]) -> None:
             print(
                 "    "
                 + "; ".join(
-                    f"{name}: {verdict(lines, data.name, one).split(' (')[0]}"
+                    f"{name}: {judge_slopes(lines, data.name, one).split(' (')[0]}"
                     for name, one in checks.items()
                 )
             )
     print("Attitude control is the worst, in mean flight time.")
     for data in found:
-        print(f"  {data.name}: attitude is {_WORST[worst(lines, data.name)]}.")
+        print(f"  {data.name}: attitude is {WORST[judge_attitude(lines, data.name)]}.")
     if rate_pairs(found):
         print("What of it is due to training at another rate than that of flight.")
     for matching, other in rate_pairs(found):
-        print(f"  {ranking(lines, matching, other)}")
+        print(f"  {describe_ranking(lines, matching, other)}")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -795,7 +266,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         parser.error(str(error))
 
 
-def named(told: Sequence[str], option: str) -> dict[str, str]:
+def read_pairs(told: Sequence[str], option: str) -> dict[str, str]:
     """What options of the form NAME=VALUE say.
 
     Raises:
@@ -813,13 +284,13 @@ def named(told: Sequence[str], option: str) -> dict[str, str]:
     return {name: value for name, _, value in parts}
 
 
-def lags_of(realities: Sequence[str], given: argparse.Namespace) -> dict[str, float]:
+def find_lags(realities: Sequence[str], given: argparse.Namespace) -> dict[str, float]:
     """Total lag [s] of each reality that is flown in: as given, or of its parameters.
 
     Raises:
         InputError: a lag is not a positive number, or nothing is known of a reality.
     """
-    lags, places = named(given.lag, "--lag"), named(given.reality, "--reality")
+    lags, places = read_pairs(given.lag, "--lag"), read_pairs(given.reality, "--reality")
     unused = [name for name in (*lags, *places) if name not in realities]
     if unused:
         raise InputError(f"no flight in {unused[0]}; there are flights in {', '.join(realities)}.")
@@ -866,25 +337,27 @@ def run(given: argparse.Namespace) -> None:
         raise InputError(f"--resamples {given.resamples}: an interval of 95 % takes 100 or more.")
     nominal, parts = parameters.read_drone(given.nominal), []
     if given.tables:
-        flown = together([simulated(path, given.nominal) for path in given.tables])
+        flown = join_tables([read_simulated_flights(path, given.nominal) for path in given.tables])
         if REAL in flown["reality"]:
             raise InputError(
                 f"a table's reality is called {REAL}, as the authors' flights are. Give it "
                 "another name."
             )
-        parts.append(by_policy(flown, nominal))
+        parts.append(average_policies(flown, nominal))
     if given.authors is not None:
-        parts.append(by_policy(real(given.authors), parameters.crazyflie()))
+        parts.append(average_policies(read_real_flights(given.authors), parameters.crazyflie()))
     policies = polars.concat(
         [part.select(sorted(part.columns)) for part in parts], how="vertical_relaxed"
     )
-    lags = lags_of(policies["reality"].unique(maintain_order=True).to_list(), given)
-    found = data_sets(policies.filter(polars.col("latency") > given.least_latency - 1e-6), lags)
-    if not any(enough(data, kind) for data in found for kind in CONTROLS):
+    lags = find_lags(policies["reality"].unique(maintain_order=True).to_list(), given)
+    found = group_policies(
+        policies.filter(polars.col("latency") > given.least_latency - 1e-6), lags
+    )
+    if not any(has_enough(data, kind) for data in found for kind in CONTROLS):
         raise InputError(
             f"no control structure has {FEWEST} policies of at least 3 lags. Give more flights."
         )
-    lines = statistics(found, given.resamples, given.seed)
+    lines = compute_statistics(found, given.resamples, given.seed)
     inputs = [
         *given.tables,
         *([given.authors / "flights.csv"] if given.authors else []),
@@ -896,10 +369,10 @@ def run(given: argparse.Namespace) -> None:
     }
     settings |= {"nominal": Path(given.nominal).name, "least_latency": given.least_latency}
     made = results.record(seed=given.seed, inputs=inputs, settings=settings)
-    text = results.table_text(_STATISTICS, made, as_table(lines).write_csv())
+    text = results.table_text(_STATISTICS, made, tabulate(lines).write_csv())
     results.write(given.output / "statistics.csv", text)
-    results.write(given.output / "hypothesis.svg", picture.svg(chart(found), note=NOTE))
-    tell(found, lines)
+    results.write(given.output / "hypothesis.svg", picture.svg(draw_chart(found), note=NOTE))
+    print_results(found, lines)
 
 
 _STATISTICS = (

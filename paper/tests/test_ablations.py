@@ -1,6 +1,7 @@
 """The script that tries the claims of the paper's Discussion runs, on little, and says what it
 measured."""
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -25,31 +26,41 @@ def ablations() -> Any:
     return script("ablations")
 
 
+@pytest.fixture(scope="module")
+def training(ablations: Any) -> Any:
+    return sys.modules["ablation_variants"]
+
+
+@pytest.fixture(scope="module")
+def effects(ablations: Any) -> Any:
+    return sys.modules["ablation_effects"]
+
+
 def test_variants_change_one_thing_and_each_control_structure_begins_with_its_baseline(
-    ablations: Any,
+    training: Any,
 ) -> None:
-    variants = ablations.VARIANTS
+    variants = training.VARIANTS
     assert len({one.folder for one in variants}) == len(variants)
-    for structure in ablations.QUICK:
+    for structure in training.QUICK:
         own = [one for one in variants if one.control == structure]
-        assert own[0] == ablations.Variant(structure)
+        assert own[0] == training.Variant(structure)
         assert all(one[2:] != own[0][2:] for one in own[1:])
         assert own[0].controller() is control.CONTROLLERS[structure]()
     drone = replace(crazyflie(), latency=0.01)
     left_out = next(one for one in variants if one.name == "neither lag nor latency").drone(drone)
     assert (float(left_out.motor_time_constant), float(left_out.latency)) == (
-        np.float32(ablations.NO_LAG),
+        np.float32(training.NO_LAG),
         0.0,
     )
     free = next(one for one in variants if one.excess == 0.0)
-    every = ablations.choose_variants(ablations.QUICK, "gradient")
+    every = training.choose_variants(training.QUICK, "gradient")
     assert every == list(variants)
-    assert ablations.choose_variants(ablations.QUICK, "ppo") == [
+    assert training.choose_variants(training.QUICK, "ppo") == [
         one for one in variants if one is not free
     ]
-    assert ablations.choose_settings(free, "gradient", None).action_excess_penalty == 0.0
-    assert ablations.choose_settings(variants[0], "ppo", None).updates == ablations.PPO_UPDATES
-    paper = ablations.choose_settings(variants[0], "ppo-paper", None)
+    assert training.choose_settings(free, "gradient", None).action_excess_penalty == 0.0
+    assert training.choose_settings(variants[0], "ppo", None).updates == training.PPO_UPDATES
+    paper = training.choose_settings(variants[0], "ppo-paper", None)
     assert (paper.updates, paper.num_envs * paper.horizon) == (500, 64_000)
     wide = next(one for one in variants if one.name == "+-360 deg/s")
     assert wide.controller() is control.attitude_rate(highest_rate=360.0)
@@ -72,7 +83,7 @@ def test_actions_are_told_from_a_flights_log(ablations: Any) -> None:
     # Flights of a shape that the script's own have, too, so that they compile once.
     flights = transfer([lively, lively], [drone], 2, duration=0.3).flights[:2]
     level = 2.0 * float(dynamics.hover_command(drone.parameters)) - 1.0
-    both = ablations.actions(lively, flights, np.full((2, 4), level))
+    both = ablations.rebuild_actions(lively, flights, np.full((2, 4), level))
     assert len(both[0]) != len(both[1])
     for done, flight in zip(both, flights, strict=True):
         assert len(done) == len(flight)
@@ -86,17 +97,15 @@ def test_actions_are_told_from_a_flights_log(ablations: Any) -> None:
 def test_activity_is_of_actions_and_commands(ablations: Any) -> None:
     done = np.array([[0.0, 1.5, -2.0, 1.0], [0.0, 0.0, 0.0, 0.0]])
     command = np.array([[0.5, 1.0, 0.0, 0.5], [0.5, 0.6, 0.4, 0.9]])
-    measured = ablations.activity(done, command)
+    measured = ablations.measure_activity(done, command)
     assert measured == pytest.approx((2 / 8, 1.2 / 4, 2 / 8))
-    assert ablations.activity(done[:1], command[:1]).change == 0.0
+    assert ablations.measure_activity(done[:1], command[:1]).change == 0.0
 
 
-def test_drones_with_other_parts_differ_in_what_they_say(ablations: Any) -> None:
+def test_drones_with_other_parts_differ_in_what_they_say(training: Any) -> None:
     drone, generator = crazyflie(), np.random.default_rng(3)
     made = [
-        ablations.with_other_parts(
-            drone, ablations.Parts({"thrust_to_weight": 0.1}, 0.05), generator
-        )
+        training.with_other_parts(drone, training.Parts({"thrust_to_weight": 0.1}, 0.05), generator)
         for _ in range(400)
     ]
     factors = np.array([float(one.thrust_to_weight / drone.thrust_to_weight) for one in made])
@@ -128,24 +137,24 @@ def told(
     ]
 
 
-def test_effects_are_of_policies_paired_where_they_are_the_same(ablations: Any) -> None:
+def test_effects_are_of_policies_paired_where_they_are_the_same(effects: Any) -> None:
     rows = told("as the paper", "itself", [10.0, 12.0, 20.0]) + told(
         "no latency", "itself", [1.0, 2.0, 3.0]
     )
     rows += told("as the paper", "posterior", [9.0, 11.5, 19.0]) + told(
         "as the paper", "posterior", [9.0, 10.5, 19.0]
     )
-    found = ablations.effects(polars.DataFrame(rows)).filter(polars.col("measure") == "duration")
+    found = effects.find_effects(polars.DataFrame(rows)).filter(polars.col("measure") == "duration")
     assert found["policies"].to_list() == [3, 3, 3]
     assert found["effect"].to_list() == pytest.approx([0.0, -12.0, -1.0])
     baseline, unpaired, paired = found.iter_rows(named=True)
     assert np.isnan(baseline["low"])
     variances = np.var([10, 12, 20], ddof=1) / 3, 1 / 3
     freedom = sum(variances) ** 2 / sum(variance**2 / 2 for variance in variances)
-    half = ablations.stats.t.ppf(0.975, freedom) * np.sqrt(sum(variances))
+    half = effects.stats.t.ppf(0.975, freedom) * np.sqrt(sum(variances))
     assert (unpaired["low"], unpaired["high"]) == pytest.approx((-12 - half, -12 + half))
     assert np.isnan(paired["low"]), "all policies lost a second"
-    weighted = ablations.by_policy(
+    weighted = effects.average_policies(
         polars.DataFrame([*told("a", "b", [1.0]), {**told("a", "b", [3.0])[0], "change": 0.06}])
     )
     assert weighted["change"].item() == pytest.approx(0.05)
@@ -153,10 +162,14 @@ def test_effects_are_of_policies_paired_where_they_are_the_same(ablations: Any) 
 
 @pytest.mark.slow
 def test_variants_are_trained_flown_and_drawn_and_nothing_twice(
-    ablations: Any, tmp_path: Path, monkeypatch: Any, capsys: pytest.CaptureFixture[str]
+    ablations: Any,
+    training: Any,
+    tmp_path: Path,
+    monkeypatch: Any,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Training itself, which takes longest to compile, is tested elsewhere."""
-    settings = ablations.AnalyticGradient(updates=1)
+    settings = training.AnalyticGradient(updates=1)
     asked = []
 
     def train(
@@ -166,13 +179,13 @@ def test_variants_are_trained_flown_and_drawn_and_nothing_twice(
         spec = PolicySpec(hidden=(8,))
         return [policy.untrained_policy(key, controller.interface, spec) for key in keys]
 
-    monkeypatch.setattr(ablations, "train", train)
-    monkeypatch.setattr(ablations, "QUICK", {"pwm": settings})
-    monkeypatch.setattr(ablations, "VARIANTS", (ablations.VARIANTS[0], ablations.VARIANTS[6]))
+    monkeypatch.setattr(training, "train", train)
+    monkeypatch.setattr(training, "QUICK", {"pwm": settings})
+    monkeypatch.setattr(training, "VARIANTS", (training.VARIANTS[0], training.VARIANTS[6]))
     monkeypatch.setattr(
-        ablations,
+        training,
         "PARTS",
-        {name: ablations.PARTS[name] for name in ("other motors", "unequal motors, 5 %")},
+        {name: training.PARTS[name] for name in ("other motors", "unequal motors, 5 %")},
     )
     arguments = [
         "--seeds",
@@ -204,7 +217,7 @@ def test_variants_are_trained_flown_and_drawn_and_nothing_twice(
     def never(*_: Any, **__: Any) -> None:
         raise AssertionError("all of it is there")
 
-    monkeypatch.setattr(ablations, "train", never)
+    monkeypatch.setattr(training, "train", never)
     monkeypatch.setattr(ablations, "transfer", never)
     (tmp_path / "ablations.svg").unlink()
     ablations.main(arguments)

@@ -2,6 +2,7 @@
 none."""
 
 import json
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -149,7 +150,9 @@ def test_intervals_hold_what_was_planted_and_nothing_when_flight_times_are_shuff
             (shuffled[0], shuffled[1], 0.0),
         ]
         for place, (sample, less, planted) in enumerate(asked):
-            told = hypothesis.estimate(hypothesis.slope, sample, less, resamples=400)
+            told = sys.modules["hypothesis_statistics"].estimate_difference(
+                hypothesis.slope, sample, less, resamples=400
+            )
             hits[place] += told.low <= planted <= told.high
     assert (hits >= 86).all(), hits
 
@@ -262,7 +265,9 @@ def test_real_flights_have_the_latencies_that_were_trained(
     data = statistics(tmp_path / "made")
     assert set(data["data"]) == {"real, trained at 100 Hz"}
     assert data.filter(less="")["policies"].unique().to_list() == [27]
-    policies = hypothesis.by_policy(hypothesis.real(tmp_path), parameters.crazyflie())
+    policies = hypothesis.average_policies(
+        hypothesis.read_real_flights(tmp_path), parameters.crazyflie()
+    )
     assert sorted(policies["latency"].unique().round(6)) == [0.0, 0.01, 0.02]
     identified = hypothesis.total_lag(
         parameters.replace(parameters.crazyflie(), **hypothesis.IDENTIFIED)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -30,6 +31,16 @@ def study() -> Any:
     return script("randomization")
 
 
+@pytest.fixture(scope="module")
+def cells(study: Any) -> Any:
+    return sys.modules["randomization_policies"]
+
+
+@pytest.fixture(scope="module")
+def shares(study: Any) -> Any:
+    return sys.modules["randomization_shares"]
+
+
 def flights(
     control: str, randomization: str, place: str, shares: Sequence[float]
 ) -> polars.DataFrame:
@@ -53,20 +64,20 @@ def flights(
     return polars.DataFrame(rows)
 
 
-def test_intervals_are_over_policies(study: Any) -> None:
+def test_intervals_are_over_policies(shares: Any) -> None:
     """Student's for three and Welch's for three against two, by hand."""
-    found = study.mean_of(np.array([0.5, 0.75, 1.0]))
+    found = shares.average(np.array([0.5, 0.75, 1.0]))
     half = 4.302653 * 0.25 / math.sqrt(3)
     np.testing.assert_allclose(found, (0.75, 0.75 - half, 0.75 + half), rtol=1e-6)
-    assert str(study.mean_of(np.array([1.0, 1.0]))) == "1.00 [1.00, 1.00]"
-    assert str(study.mean_of(np.array([0.25]))) == "0.25"
-    more = study.difference(np.array([0.25, 0.25, 0.25]), np.array([0.5, 1.0]))
+    assert str(shares.average(np.array([1.0, 1.0]))) == "1.00 [1.00, 1.00]"
+    assert str(shares.average(np.array([0.25]))) == "0.25"
+    more = shares.compare_means(np.array([0.25, 0.25, 0.25]), np.array([0.5, 1.0]))
     half = 12.7062047 * 0.25  # the first do not differ, so that one degree of freedom is left
     np.testing.assert_allclose(more, (0.5, 0.5 - half, 0.5 + half), rtol=1e-6)
-    assert str(study.difference(np.ones(3), np.zeros(3))) == "-1.00"
+    assert str(shares.compare_means(np.ones(3), np.zeros(3))) == "-1.00"
 
 
-def test_the_best_policy_is_the_one_whose_worst_place_is_best(study: Any) -> None:
+def test_the_best_policy_is_the_one_whose_worst_place_is_best(shares: Any) -> None:
     """A place of another firmware does not count; a policy may be good in the mean and miss the bar
     all the same."""
     table = polars.concat(
@@ -80,15 +91,15 @@ def test_the_best_policy_is_the_one_whose_worst_place_is_best(study: Any) -> Non
             flights("attitude", "box", "virtual:1", [0.5, 0.75]),
         ]
     )
-    assert study.best_policies(table, 20.0).rows() == [
+    assert shares.find_best_policies(table, 20.0).rows() == [
         ("pwm", "box 1", 1.0, "yes"),
         ("attitude", "box 2", 0.75, "no: virtual:1 0.75"),
     ]
-    told = study.summary(table, 20.0).row(1, named=True)
+    told = shares.summarize(table, 20.0).row(1, named=True)
     assert (told["place"], told["policies"], told["flights"]) == ("virtual:1", 2, 8)
     assert told["share of 20 s"] == "0.50 [0.00, 1.00]"
     assert (told["worst policy"], told["mean [s]"], told["most end by"]) == (0.25, 14.0, "tilt (4)")
-    (posterior, virtual) = study.differences(
+    (posterior, virtual) = shares.compare_randomizations(
         table.filter(polars.col("control") == "pwm"), 20.0
     ).rows(named=True)
     assert posterior["box - none"].startswith("-0.25 [")
@@ -113,13 +124,13 @@ def identified(folder: Path) -> Path:
 
 @pytest.mark.slow
 def test_drones_of_each_randomization_and_the_task_of_the_recipe(
-    study: Any, tmp_path: Path
+    cells: Any, tmp_path: Path
 ) -> None:
     file, drone = str(identified(tmp_path)), parameters.crazyflie()
     keys = jax.random.split(jax.random.key(0), 200)
 
     def drawn(name: str) -> Any:
-        distribution = distribution_of(file, study.RANDOMIZATIONS[name], control.attitude())
+        distribution = distribution_of(file, cells.RANDOMIZATIONS[name], control.attitude())
         np.testing.assert_allclose(distribution.centre.time_step, 0.002)
         return jax.vmap(partial(randomize, distribution))(keys)
 
@@ -131,16 +142,17 @@ def test_drones_of_each_randomization_and_the_task_of_the_recipe(
     unknown = parameters.write_drone(tmp_path / "plain.toml", drone)
     plain = jax.vmap(partial(randomize, distribution_of(unknown, "wide", control.pwm())))(keys)
     assert not np.any(plain.torque_bias)
-    assert "yaw penalty" not in study.task_of("box").name
-    assert "yaw penalty" in study.task_of("recipe").name
+    assert "yaw penalty" not in cells.choose_task("box").name
+    assert "yaw penalty" in cells.choose_task("recipe").name
 
 
 @pytest.mark.slow
 def test_policies_train_and_fly_and_a_second_run_draws_from_the_tables(
-    study: Any, tmp_path: Path, monkeypatch: Any, capsys: pytest.CaptureFixture[str]
+    study: Any, cells: Any, tmp_path: Path, monkeypatch: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    settings = study.AnalyticGradient(updates=1, num_envs=2, horizon=2, episodes=2)
+    settings = cells.AnalyticGradient(updates=1, num_envs=2, horizon=2, episodes=2)
     monkeypatch.setattr(study, "QUICK", {"pwm": settings})
+    monkeypatch.setattr(cells, "QUICK", {"pwm": settings})
     made = tmp_path / "made"
     few = [
         "--seeds",
@@ -188,8 +200,8 @@ def test_policies_train_and_fly_and_a_second_run_draws_from_the_tables(
     def never(*_: Any, **__: Any) -> None:
         raise AssertionError("all is there")
 
-    for name in ("train", "predict_flight_times", "transfer"):
-        monkeypatch.setattr(study, name, never)
+    for owner, name in ((cells, "train"), (study, "predict_flight_times"), (study, "transfer")):
+        monkeypatch.setattr(owner, name, never)
     before = {path: path.read_bytes() for path in made.rglob("*") if path.is_file()}
     study.main(arguments)
     assert {path: path.read_bytes() for path in made.rglob("*") if path.is_file()} == before
