@@ -34,7 +34,7 @@ class Trials(NamedTuple):
     """What each trial of each policy flies."""
     keys: Array
     """Of each trial."""
-    wanted: Bool[Any, "policies lanes"]
+    included: Bool[Any, "policies lanes"]
     """Whether a trial is simulated; the others end at once."""
 
 
@@ -112,7 +112,7 @@ def fly_together(
         )
 
     def fly(trials: Trials, limits: Limits) -> FlightOutcome:
-        policies, drones, keys, wanted = trials
+        policies, drones, keys, included = trials
 
         def decide(now: tuple[Array, Any, FlightOutcome]) -> tuple[Array, Any, FlightOutcome]:
             row, before, flights = now
@@ -138,8 +138,8 @@ def fly_together(
             return row + every, after, FlightOutcome(end, largest, distance)
 
         begun = jax.vmap(jax.vmap(take_over, in_axes=(None, 0, 0)))(policies, drones, keys)
-        end = End(jnp.zeros(wanted.shape, jnp.int32), jnp.where(wanted, 0, failures.TIME_LIMIT))
-        nothing = jnp.zeros(wanted.shape)
+        end = End(jnp.zeros(included.shape, jnp.int32), jnp.where(included, 0, failures.TIME_LIMIT))
+        nothing = jnp.zeros(included.shape)
         flights = FlightOutcome(end, Excursion(nothing, nothing, nothing), nothing)
         first = jnp.zeros((), jnp.int32), begun, flights
         return lax.while_loop(lambda now: jnp.any(now[-1].end.reason == 0), decide, first)[-1]

@@ -158,8 +158,8 @@ def _path(flight: Flight, design: Parameters, rate: int, steps: int, thrust: flo
         state = scipy.signal.sosfiltfilt(smooth, state, axis=0)
     # As the regulator's own model of the motors.
     decay = np.exp(-flight.period / float(design.motor_time_constant))
-    wanted = np.sqrt(np.maximum(flight.command.astype(float), 0.0))
-    speed = scipy.signal.lfilter([1 - decay], [1, -decay], wanted, 0, decay * wanted[:1])[0]
+    commanded = np.sqrt(np.maximum(flight.command.astype(float), 0.0))
+    speed = scipy.signal.lfilter([1 - decay], [1, -decay], commanded, 0, decay * commanded[:1])[0]
     columns = np.column_stack([flight.command * thrust, state, speed * np.sqrt(thrust)])
     own = np.arange(len(flight)) * flight.period
     # A command of a zero-order hold is one of a row, else one of many between two rows.
@@ -185,15 +185,15 @@ def _fly(
         def command(
             memory: _Memory, _: Array, measurement: Measurement, setpoint: Array
         ) -> tuple[_Memory, Array]:
-            wanted = path.state[memory.number]
+            planned = path.state[memory.number]
             attitude = rotations.to_attitude(measurement.quaternion)
-            turned = attitude - wanted[6:9]
+            turned = attitude - planned[6:9]
             turned = (turned + jnp.pi) % (2 * jnp.pi) - jnp.pi
-            moved = _in_heading(measurement.position - wanted[:3], attitude[2])
-            faster = _in_heading(measurement.velocity - wanted[3:6], attitude[2])
-            rates = measurement.body_rates - wanted[9:]
+            shift = _in_heading(measurement.position - planned[:3], attitude[2])
+            velocity = _in_heading(measurement.velocity - planned[3:6], attitude[2])
+            rates = measurement.body_rates - planned[9:]
             speeds = memory.rotor_speed - path.rotor_speed[memory.number]
-            deviation = jnp.concatenate([moved, faster, turned, rates, speeds])
+            deviation = jnp.concatenate([shift, velocity, turned, rates, speeds])
             action = jnp.clip(path.command[memory.number] - gain @ deviation, 0.0, 1.0)
             decay = jnp.exp(-period / design.motor_time_constant)
             after = jnp.sqrt(action) + decay * (memory.rotor_speed - jnp.sqrt(action))

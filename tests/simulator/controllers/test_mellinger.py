@@ -25,10 +25,10 @@ QUICK = replace(noiseless(crazyflie()), latency=0.005, time_step=0.002, thrust_t
 ticked = jax.jit(mellinger.tick)
 
 
-def motors(state: Measurement = LEVEL, wanted: FullState = ASKED) -> np.ndarray:
+def motors(state: Measurement = LEVEL, target: FullState = ASKED) -> np.ndarray:
     """Commands [counts] of the second of two equal ticks, the first being special."""
-    memory, _ = ticked(mellinger.switched_on(), wanted, state)
-    return np.asarray(ticked(memory, wanted, state)[1])
+    memory, _ = ticked(mellinger.switched_on(), target, state)
+    return np.asarray(ticked(memory, target, state)[1])
 
 
 def torque(counts: np.ndarray) -> np.ndarray:
@@ -59,7 +59,7 @@ def test_gains_are_those_of_the_firmware() -> None:
     spinning = LEVEL._replace(body_rates=jnp.array([0.0, 0.0, 0.2]))
     by = motors(spinning)
     assert abs(by[0] - by[1]) == pytest.approx(2 * 12000 * 0.2, rel=1e-3)
-    far = motors(wanted=ASKED._replace(position=UP + jnp.array([0.0, 0.0, 0.1])))
+    far = motors(target=ASKED._replace(position=UP + jnp.array([0.0, 0.0, 0.1])))
     assert far.mean() - HOVER == pytest.approx(132000 * 0.125, rel=1e-2)
 
 
@@ -68,8 +68,8 @@ def test_it_leans_towards_what_is_asked(name: str) -> None:
     """Forward is nose down (positive pitch), left is left side down (negative roll)."""
     for axis, lean in ((0, [0, 1, 0]), (1, [-1, 0, 0])):
         asked = getattr(ASKED, name) + 0.2 * jnp.eye(3)[axis]
-        np.testing.assert_array_equal(torque(motors(wanted=ASKED._replace(**{name: asked}))), lean)
-    raised = motors(wanted=ASKED._replace(**{name: getattr(ASKED, name) + 0.2 * jnp.eye(3)[2]}))
+        np.testing.assert_array_equal(torque(motors(target=ASKED._replace(**{name: asked}))), lean)
+    raised = motors(target=ASKED._replace(**{name: getattr(ASKED, name) + 0.2 * jnp.eye(3)[2]}))
     assert (raised > HOVER + 100).all()
 
 

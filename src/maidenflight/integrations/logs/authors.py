@@ -93,9 +93,9 @@ def _flight(table: dict[str, np.ndarray], name: str) -> Flight:
     with np.errstate(invalid="ignore"):  # checking drops what is not a number
         command = battery.thrust_command(ratio, voltage[:, None], battery.AUTHORS)
     # Where the network commanded the motors, its own command equals that of the motors.
-    wanted = (np.clip(columns("n0", "n1", "n2", "n3"), -1.0, 1.0) + 1.0) / 2.0
+    commanded = (np.clip(columns("n0", "n1", "n2", "n3"), -1.0, 1.0) + 1.0) / 2.0
     free = np.isfinite(command) & (ratio < _SATURATED)
-    zero_order_hold = bool(free.any() and np.median(np.abs(command - wanted)[free]) < 0.02)
+    zero_order_hold = bool(free.any() and np.median(np.abs(command - commanded)[free]) < 0.02)
     # A network commands up to u = 1, the firmware's mixer up to full PWM.
     largest = 1.0 if zero_order_hold else battery.MOST_COUNTS / battery.COUNTS
     command = np.minimum(command, np.float32(largest))

@@ -55,8 +55,8 @@ def _read(reader: Any) -> tuple[Messages, dict[str, float]]:
     rows: dict[str, list[list[float]]] = {}
     fields: dict[str, list[str]] = {}
     parameters: dict[str, float] = {}
-    wanted = {"PARM", *ardupilot.MESSAGES}
-    while (message := reader.recv_match(type=wanted)) is not None:
+    kinds = {"PARM", *ardupilot.MESSAGES}
+    while (message := reader.recv_match(type=kinds)) is not None:
         kind = message.get_type()
         if kind == "PARM":
             parameters[str(message.Name)] = float(message.Value)

@@ -107,9 +107,9 @@ def _answer(measured: Stream, desired: Stream, parameters: Parameters) -> Stream
     if cutoff > 0.0:
         share = 1 / (1 + _RATE / (2 * np.pi * cutoff))
         change = scipy.signal.lfilter([share], [1.0, share - 1.0], change, axis=0)
-    wanted = _on_lines(at, desired.part(np.asarray(np.isfinite(desired.values).all(axis=1))))
-    error = gain("P") * (wanted - rates) - gain("D") * change
-    return Stream(at, gain("K") * error + gain("FF") * wanted)
+    target = _on_lines(at, desired.part(np.asarray(np.isfinite(desired.values).all(axis=1))))
+    error = gain("P") * (target - rates) - gain("D") * change
+    return Stream(at, gain("K") * error + gain("FF") * target)
 
 
 def _on_lines(at: Float[np.ndarray, "N"], signal: Stream) -> Float[np.ndarray, "N K"]:

@@ -237,13 +237,13 @@ def _steps(field: str) -> list[str | int]:
 
 
 def _collected(
-    bag: Bag, wanted: Mapping[str, tuple[str, ...]]
+    bag: Bag, needed: Mapping[str, tuple[str, ...]]
 ) -> tuple[dict[str, _Fields], list[str]]:
     """Fields of topics, and notes on what of the recording is damaged."""
-    logs = {topic: _Fields(fields) for topic, fields in wanted.items()}
+    logs = {topic: _Fields(fields) for topic, fields in needed.items()}
     faults, stopped = 0, ""
     try:
-        for topic, stamp, message in bag.messages(list(wanted)):
+        for topic, stamp, message in bag.messages(list(needed)):
             if message is None:
                 faults += 1
                 if faults > MOST_FAULTS:
@@ -268,12 +268,12 @@ def _of_px4(bag: Bag) -> list[tuple[Flight, np.ndarray, list[str]]]:
             drones.setdefault(parts[1], {})[topic] = parts[3]
     logs = []
     for mark, drone_types in drones.items():
-        wanted = {
+        needed = {
             topic: ("timestamp", "timestamp_sample", *_PX4_FIELDS[kind])
             for topic, kind in drone_types.items()
         }
-        _refuse_undefined(bag, wanted)
-        read, notes = _collected(bag, wanted)
+        _refuse_undefined(bag, needed)
+        read, notes = _collected(bag, needed)
         topics = {}
         for topic, fields in read.items():
             _, _, rows = fields.table()
@@ -303,11 +303,11 @@ def _of_mavros(bag: Bag) -> list[tuple[Flight, np.ndarray, list[str]]]:
 def _of_layout(bag: Bag, name: str, layout: Layout) -> tuple[Flight, np.ndarray, list[str]]:
     sources = layout.sources
     _refuse_missing(bag, name, [source.topic for source in sources.values()])
-    wanted: dict[str, tuple[str, ...]] = {}
+    needed: dict[str, tuple[str, ...]] = {}
     for source in sources.values():
-        wanted[source.topic] = (*wanted.get(source.topic, ()), *source.fields)
-    _refuse_undefined(bag, wanted)
-    read, notes = _collected(bag, wanted)
+        needed[source.topic] = (*needed.get(source.topic, ()), *source.fields)
+    _refuse_undefined(bag, needed)
+    read, notes = _collected(bag, needed)
     for topic, fields in read.items():
         if fields.lacking and topic in {source.topic for source in sources.values()}:
             raise InputError(

@@ -231,11 +231,11 @@ def examine(
     drone.set("kalman.resetEstimation", 1)
     clock.sleep(RESET)
     drone.set("kalman.resetEstimation", 0)
-    wanted = expected.limits if expected is not None and drone.has_policy else {}
-    drone.confirm(wanted)
+    bounds = expected.limits if expected is not None and drone.has_policy else {}
+    drone.confirm(bounds)
     drone.variance.clear()
     drone.count_rows()
-    wait(SETTLING, lambda: settled(drone.variance) and not drone.unconfirmed(wanted))
+    wait(SETTLING, lambda: settled(drone.variance) and not drone.unconfirmed(bounds))
     if drone.lost or drone.latest is None:
         down = f"the link is down ({drone.lost or 'no rows'}); connect again"
         return [Finding("link", "down", down)]
@@ -248,6 +248,6 @@ def examine(
         link=drone.link_quality,
         charge=drone.charge,
         propellers_passed=passed,
-        unconfirmed=drone.unconfirmed(wanted),
+        unconfirmed=drone.unconfirmed(bounds),
     )
     return findings(standing, limits, expected)

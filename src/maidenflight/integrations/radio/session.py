@@ -61,14 +61,14 @@ class Course:
         Raises:
             InputError: one is looser than the app's own.
         """
-        wanted = {LONGEST: self.duration + MARGIN, **self.on_board}
-        looser = [name for name, value in wanted.items() if not 0.0 < value <= LIMITS[name]]
+        bounds = {LONGEST: self.duration + MARGIN, **self.on_board}
+        looser = [name for name, value in bounds.items() if not 0.0 < value <= LIMITS[name]]
         if looser and self.policy:
             raise InputError(
-                f"{looser[0]} = {wanted[looser[0]]:g}; expected more than 0 and at most "
+                f"{looser[0]} = {bounds[looser[0]]:g}; expected more than 0 and at most "
                 f"{LIMITS[looser[0]]:g}, the limit of the app on board."
             )
-        return {**LIMITS, **wanted}
+        return {**LIMITS, **bounds}
 
     def plan(self, seed: int) -> Plan:
         """Plans a flight, with random steps of a seed."""
@@ -197,8 +197,8 @@ def stop_requests() -> Iterator[Callable[[], int]]:
         count_so_far += 1
 
     names = "SIGINT", "SIGTERM", "SIGHUP"
-    wanted = [getattr(signal, name) for name in names if hasattr(signal, name)]
-    before = {number: signal.signal(number, count) for number in wanted}
+    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    before = {number: signal.signal(number, count) for number in numbers}
     try:
         yield lambda: count_so_far
     finally:

@@ -66,9 +66,11 @@ class Raptor:
             measurement: Measurement, setpoint: Float[np.ndarray, "3"]
         ) -> Float[np.ndarray, "4"]:
             nonlocal remembered, calls, last
-            wanted = velocity_at(calls // every / self.rate)
+            feedforward = velocity_at(calls // every / self.rate)
             memory.state = remembered
-            action = network.evaluate_step(observed(measurement, setpoint, wanted, last)[None])[0]
+            action = network.evaluate_step(
+                observed(measurement, setpoint, feedforward, last)[None]
+            )[0]
             if calls % every == 0:
                 remembered = memory.state
             last, calls = action, calls + 1

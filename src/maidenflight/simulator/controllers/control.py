@@ -276,11 +276,11 @@ def _attitude(
         measurement: Measurement,
         setpoint: Float[Array, "3"],
     ) -> tuple[Memory, Float[Array, "4"]]:
-        wanted = NOTHING._replace(
+        target = NOTHING._replace(
             mode=mode, attitude=attitude_setpoint[1:], thrust=attitude_setpoint[0]
         )
         memory, motors = tick(
-            memory, wanted, sensed(measurement), firmware, position_due=False, mixer=mixer
+            memory, target, sensed(measurement), firmware, position_due=False, mixer=mixer
         )
         return memory, _shares(motors, interface)
 

@@ -154,12 +154,12 @@ def position_loops(
         velocity_setpoint = jnp.where(
             setpoint.velocity_body, _turn(velocity_setpoint, -yaw), velocity_setpoint
         )
-    position, wanted = pid(memory.position, target, place, POSITION_GAINS, firmware)
+    position, reference = pid(memory.position, target, place, POSITION_GAINS, firmware)
     absolute = setpoint.mode[:3] == ABSOLUTE
     position = choose(absolute, position, memory.position)
     velocity, out = pid(
         memory.velocity,
-        jnp.where(absolute, wanted, velocity_setpoint),
+        jnp.where(absolute, reference, velocity_setpoint),
         speed,
         VELOCITY_GAINS,
         firmware,
@@ -191,15 +191,15 @@ def attitude_loops(
     tilt = jnp.where(by_hand, setpoint.attitude[:2], memory.desired[:2])
     desired = jnp.concatenate([tilt, memory.desired[2:]])
     thrust = jnp.where(mode[2] == DISABLE, setpoint.thrust, memory.thrust)
-    attitude, wanted = pid(
+    attitude, reference = pid(
         memory.attitude, desired, state.attitude, ATTITUDE_GAINS, firmware, heading=True
     )
     # Only roll and pitch: a yaw rate has moved the desired yaw instead.
     by_rate = (mode[3:] == VELOCITY) & np.array([True, True, False])
-    wanted = jnp.where(by_rate, setpoint.body_rates, wanted)
+    reference = jnp.where(by_rate, setpoint.body_rates, reference)
     if firmware == "2021.10":
         attitude = choose(by_rate, PIDMemory(jnp.zeros(3), jnp.zeros(3)), attitude)
-    rate, torque = pid(memory.rate, wanted, state.body_rates, RATE_GAINS, firmware)
+    rate, torque = pid(memory.rate, reference, state.body_rates, RATE_GAINS, firmware)
     return memory._replace(
         attitude=attitude, rate=rate, desired=desired, thrust=thrust, torque=cut(torque)
     )
@@ -276,11 +276,11 @@ def tick(
         changed = first if fixed else jnp.any(memory.mode != setpoint.mode)
         memory = choose(changed, reset(memory, state, firmware)._replace(desired=level), memory)
     memory = memory._replace(mode=jnp.zeros_like(memory.mode) if fixed else setpoint.mode)
-    moved = memory.desired[2] + setpoint.body_rates[2] * (1 / ATTITUDE_RATE)
+    heading = memory.desired[2] + setpoint.body_rates[2] * (1 / ATTITUDE_RATE)
     yaw_setpoint = setpoint.attitude[2]
     if firmware == "2026.08":
         yaw_setpoint = jnp.where(setpoint.mode[5] == DISABLE, memory.desired[2], yaw_setpoint)
-    yaw = wrap(jnp.where(setpoint.mode[5] == VELOCITY, moved, yaw_setpoint))
+    yaw = wrap(jnp.where(setpoint.mode[5] == VELOCITY, heading, yaw_setpoint))
     memory = choose(attitude_due, memory._replace(desired=with_third(memory.desired, yaw)), memory)
     if position_due is not False:
         memory = choose(position_due, position_loops(memory, setpoint, state, firmware), memory)

@@ -121,7 +121,7 @@ def desired_axes(force: Vector) -> tuple[Vector, Vector, Vector]:
 
 def tick(
     memory: Memory,
-    wanted: FullState,
+    target: FullState,
     state: Measurement,
     firmware: Generation = "2021.10",
     mixer: Mixer | None = None,
@@ -130,7 +130,7 @@ def tick(
 
     Args:
         memory: of the tick before.
-        wanted: the set-point.
+        target: the set-point.
         state: what is measured.
         firmware: generation of the mixer; static.
         mixer: of another frame than the firmware's X; static.
@@ -138,11 +138,11 @@ def tick(
     Returns:
         Memory, and the four motors' commands [counts], not yet compensated for the battery.
     """
-    error = wanted.position - state.position
+    error = target.position - state.position
     place = jnp.clip(memory.position + error * PERIOD, -POSITION_LIMIT, POSITION_LIMIT)
-    lift = wanted.acceleration + jnp.array([0.0, 0.0, GRAVITY])
+    lift = target.acceleration + jnp.array([0.0, 0.0, GRAVITY])
     p, d, i = POSITION
-    force = MASS_KG * lift + p * error + d * (wanted.velocity - state.velocity) + i * place
+    force = MASS_KG * lift + p * error + d * (target.velocity - state.velocity) + i * place
     x, y, z = (jnp.stack(axis) for axis in rotations.axes(state.quaternion))
     thrust = COUNTS_PER_NEWTON * jnp.dot(force, z)
     to_x, to_y, to_z = desired_axes(force)
@@ -153,7 +153,7 @@ def tick(
             jnp.dot(to_y, x) - jnp.dot(to_x, y),
         ]
     )
-    rates = wanted.body_rates - state.body_rates
+    rates = target.body_rates - state.body_rates
     change = jnp.where(memory.step > 0, (rates - memory.rates) / PERIOD, 0.0)
     rotation = jnp.clip(memory.rotation - turned * PERIOD, -ATTITUDE_LIMIT, ATTITUDE_LIMIT)
     p, d, i, dd = ATTITUDE
@@ -202,11 +202,11 @@ def _mellinger(
         memory: Memory, action: Float[Array, "4"], measurement: Measurement, setpoint: Vector
     ) -> tuple[Memory, Float[Array, "4"]]:
         still = jnp.zeros(3)
-        wanted = FullState(setpoint, still, still, still)
+        target = FullState(setpoint, still, still, still)
         if reference is not None:
             time = jnp.asarray(memory.step, jnp.float32) * PERIOD
-            wanted = full_state(reference, time, setpoint)
-        memory, motors = tick(memory, wanted, measurement, firmware, mixer)
+            target = full_state(reference, time, setpoint)
+        memory, motors = tick(memory, target, measurement, firmware, mixer)
         return memory, jnp.maximum(motors / full_scale_counts + action, 0.0)
 
     mixed = partial(_mellinger, reference, firmware, full_scale_counts)

@@ -85,13 +85,13 @@ def _cascade(
         measurement: Measurement,
         setpoint: Float[Array, "3"],
     ) -> tuple[CascadeMemory, Float[Array, "4"]]:
-        wanted = NOTHING._replace(mode=mode, position=setpoint)
+        target = NOTHING._replace(mode=mode, position=setpoint)
         if heading is not None:
             yaw = jnp.degrees(heading(memory.step))
-            wanted = wanted._replace(attitude=jnp.zeros(3).at[2].set(yaw))
+            target = target._replace(attitude=jnp.zeros(3).at[2].set(yaw))
         due = memory.step % every == 0
         inner, motors = tick(
-            memory.firmware, wanted, sensed(measurement), firmware, position_due=due, mixer=mixer
+            memory.firmware, target, sensed(measurement), firmware, position_due=due, mixer=mixer
         )
         added = jnp.maximum(motors / interface.full_scale_counts + action, 0.0)
         return CascadeMemory(inner, memory.step + 1), added

@@ -61,7 +61,7 @@ def rates_switched_on() -> RateMemory:
 def rate_tick(
     memory: RateMemory,
     thrust: Float[Array, ""],
-    wanted: Float[Array, "3"],
+    setpoint: Float[Array, "3"],
     yaw: Float[Array, ""],
     body_rates: Float[Array, "3"],
     firmware: Generation,
@@ -72,7 +72,7 @@ def rate_tick(
     Args:
         memory: of the tick before.
         thrust: commanded [counts].
-        wanted: commanded body rates [deg/s]; the third moves the desired yaw.
+        setpoint: commanded body rates [deg/s]; the third moves the desired yaw.
         yaw: measured [deg].
         body_rates: measured [deg/s]; `vectors.Entries`, where the memory's vectors are.
         firmware: generation; static.
@@ -90,9 +90,9 @@ def rate_tick(
         jnp.zeros_like(memory.first),
     )
     memory = choose(memory.first, stopped, memory)
-    heading = wrap(memory.heading + wanted[2] * (1 / ATTITUDE_RATE))
+    heading = wrap(memory.heading + setpoint[2] * (1 / ATTITUDE_RATE))
     turning, turn = pid(memory.yaw, heading, yaw, YAW_GAINS, firmware, heading=True)
-    desired = like(body_rates, [wanted[0], wanted[1], turn])
+    desired = like(body_rates, [setpoint[0], setpoint[1], turn])
     rate, motors = follow_rates(memory.rate, thrust, desired, body_rates, firmware, mixer)
     after = RateMemory(turning, rate, heading, stopped.first)
     return choose(thrust == 0.0, stopped, after), motors
@@ -101,7 +101,7 @@ def rate_tick(
 def follow_rates(
     memory: PIDMemory,
     thrust: Float[Array, ""],
-    wanted: Float[Array, "3"],
+    setpoint: Float[Array, "3"],
     body_rates: Float[Array, "3"],
     firmware: Generation,
     mixer: Mixer | None = None,
@@ -111,7 +111,7 @@ def follow_rates(
     Args:
         memory: of the rate PIDs.
         thrust: commanded [counts].
-        wanted: body rates [deg/s].
+        setpoint: body rates [deg/s].
         body_rates: measured [deg/s].
         firmware: generation; static.
         mixer: see `mix`.
@@ -121,7 +121,7 @@ def follow_rates(
 
     Source: controller_pid.c, controllerPid.
     """
-    after, torque = pid(memory, wanted, body_rates, RATE_GAINS, firmware)
+    after, torque = pid(memory, setpoint, body_rates, RATE_GAINS, firmware)
     off = thrust == 0.0
     memory = tree.map(lambda value: jnp.where(off, 0.0, value), after)
     torque = each(lambda about: jnp.where(off, 0.0, cut(about)), torque)

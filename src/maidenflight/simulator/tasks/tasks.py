@@ -306,10 +306,10 @@ def tracking(
         trajectory, latest_start = courses.random_course(), courses.COURSE_S - duration
     if not duration > 0.0:
         raise InputError(f"duration = {duration} s of an episode; expected more than 0.")
-    wanted = "3 numbers, a position [m], of a time [s]"
-    shape = check_traced("the trajectory", trajectory, wanted, jnp.zeros(())).shape
+    kind = "3 numbers, a position [m], of a time [s]"
+    shape = check_traced("the trajectory", trajectory, kind, jnp.zeros(())).shape
     if shape != (3,):
-        raise InputError(f"the trajectory gives an array of shape {shape}; expected {wanted}.")
+        raise InputError(f"the trajectory gives an array of shape {shape}; expected {kind}.")
     reset = _reset_near(trajectory, CIRCLE_START, latest_start, moving=True)
     reward, failed, margin = (
         partial(rule, farthest=farthest) for rule in (paper_reward, strayed, position_margin)
