@@ -35,6 +35,8 @@ from maidenflight.parameters import replace as changed
 
 PAGE = Path(__file__).parent / "notes" / "truth-board.md"
 TOTAL = "lag + latency"
+PER_SQUARE = "thrust by squared speed [N s2]"
+"""Of a rotor, where speeds were measured: what the identified curve gives, over them."""
 LAG_FOLDERS = ("brushed", "brushless", "payload")
 EVERY = (1, 2, 5)
 """Rows of a log to one that is kept, in the table of lags."""
@@ -109,6 +111,7 @@ DRONES = {
         428.0,
         {
             TOTAL: (0.0265, 0.0285),
+            PER_SQUARE: (2.66e-7, 2.66e-7),
             "thrust_to_weight": (4.29, 4.29),
             "thrust_linear": (0.54, 0.54),
             "inertia_x": (7.206e-4, 7.206e-4),
@@ -210,25 +213,40 @@ def speed_share(flights: Sequence[Flight], drone: Parameters) -> float | None:
     return float(explained / whole) if whole else None
 
 
+def per_square(flights: Sequence[Flight], found: Identification) -> np.ndarray:
+    """Samples of a rotor's thrust over its squared speed, means over the flights."""
+    command = np.concatenate([one.command for one in flights]).clip(0.0).astype(float)
+    speeds = [one.rotor_speed for one in flights if one.rotor_speed is not None]
+    linear = found.posterior.get("thrust_linear", float(found.parameters.thrust_linear))
+    shares = (1 - linear) * command.mean() + linear * np.sqrt(command).mean()
+    weight = float(found.parameters.mass * found.parameters.gravity) / 4
+    square = np.mean(np.square(np.concatenate(speeds), dtype=float))
+    return found.posterior["thrust_to_weight"] * shares * weight / square
+
+
 def rows_of(
-    name: str, drone: Drone, found: Identification, share: float | None
+    name: str,
+    drone: Drone,
+    found: Identification,
+    share: float | None,
+    flights: Sequence[Flight] = (),
 ) -> Iterator[dict[str, Any]]:
     """A row for each quantity that was measured, SI units."""
     for quantity, (least, most) in drone.truth.items():
-        draws = (
-            found.posterior["motor_time_constant"] + found.posterior["latency"]
-            if quantity == TOTAL
-            else found.posterior.get(quantity)
-        )
+        if quantity == TOTAL:
+            draws = found.posterior["motor_time_constant"] + found.posterior["latency"]
+        elif quantity == PER_SQUARE:
+            draws = per_square(flights, found)
+        else:
+            draws = found.posterior.get(quantity)
         row = {"drone": name, "quantity": quantity, "least": least, "most": most}
         row |= {"rotor_speed_r2": share, "source": drone.source}
         if draws is None:
             yield row | dict.fromkeys(("found", "low", "high", "high_over_low", "inside"))
             continue
         low, value, high = (float(end) for end in np.quantile(draws, [0.025, 0.5, 0.975]))
-        told = quantity in found.estimates or (
-            quantity == TOTAL and "motor_time_constant" in found.estimates
-        )
+        needs = {TOTAL: "motor_time_constant", PER_SQUARE: "thrust_to_weight"}
+        told = needs.get(quantity, quantity) in found.estimates
         yield row | {
             "found": value if told else None,
             "low": low,
@@ -243,7 +261,7 @@ def real_rows(name: str, data: Path) -> Iterator[dict[str, Any]]:
     drone, flights = DRONES[name], read(DRONES[name], data)
     used = [replace(one, rotor_speed=None) if drone.hide else one for one in flights]
     found = mf.identify(used, start=drone.parameters, key=jax.random.key(0))
-    yield from rows_of(name, drone, found, speed_share(flights, found.parameters))
+    yield from rows_of(name, drone, found, speed_share(flights, found.parameters), flights)
 
 
 def lag_rows(data: Path) -> Iterator[dict[str, Any]]:

@@ -24,7 +24,11 @@ from maidenflight.identification.likelihood.estimator import (
 from maidenflight.identification.likelihood.fit import Fit, box_of
 from maidenflight.identification.likelihood.inertial_errors import AccelerometerErrors, GyroErrors
 from maidenflight.identification.likelihood.laplace import Others
-from maidenflight.identification.likelihood.loop_inertia import inertia_of_loop, with_inertia_z
+from maidenflight.identification.likelihood.loop_inertia import (
+    inertia_of_loop,
+    inertia_of_speeds,
+    with_inertia_z,
+)
 from maidenflight.identification.likelihood.observation import MOTORS
 from maidenflight.identification.likelihood.sensor_errors import SensorErrors
 from maidenflight.identification.methods import Likelihood
@@ -361,8 +365,11 @@ def _torque(
         }
         return answer, removed_ranges
 
-    answer, removed_ranges = ask({})
-    loop = inertia_of_loop(problem, motors, known, drone) if removed_ranges else {}
+    speeds = inertia_of_speeds(problem, drone)
+    answer, removed_ranges = ask(speeds)
+    # Measured speeds pass over what the loop would tell.
+    is_untold = bool(removed_ranges) and not speeds
+    loop = inertia_of_loop(problem, motors, known, drone) if is_untold else {}
     if inertia := {name: samples for name, samples in loop.items() if name in removed_ranges}:
         answer, removed_ranges = ask(inertia)
     return answer.without(removed_ranges, problem.start, problem.generator)

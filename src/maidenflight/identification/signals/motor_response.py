@@ -42,13 +42,13 @@ ARRIVAL = 3e-4
 physics step of 1 ms (1 / sqrt(12))."""
 _UNUSUAL = 0.03
 """Share of drones of which nothing of the kind is known."""
-_FEWEST, _LONGEST, _MOST = 3.0, 10.0, 16
+SHORTEST, _LONGEST, _MOST = 3.0, 10.0, 16
 """Length of a stretch at least and at most [s], and stretches beyond which they are longer."""
 _COHERENT = 0.7
 """Coherence of commands and measured speeds below which the reading is broken."""
 _CLEAR = 5.0
 """How much stronger than what their samples fold commands must be."""
-_LIKE, _OWN = 0.05, 0.03
+LIKE, OWN = 0.05, 0.03
 """Least errors of the joined lag and of a stretch's, shares: no motor is quite of first order."""
 _NARROWER = 0.7
 """Share of the usual interval's width that a latency's must be below to be told."""
@@ -228,11 +228,11 @@ def _inertia_per_thrust(
         gain, slope, own_lag, deviation = np.array(columns)[:, :, place].T
         chosen = places == place
         middle = float(np.mean(log_lag[chosen]))
-        joined, error = _random_effects(
-            gain + slope * (middle - own_lag), np.hypot(deviation, _OWN) ** 2
+        joined, error = random_effects(
+            gain + slope * (middle - own_lag), np.hypot(deviation, OWN) ** 2
         )
         moved = np.mean(slope) * (log_lag[chosen] - middle)
-        noise = np.hypot(error, _LIKE) * generator.normal(size=chosen.sum())
+        noise = np.hypot(error, LIKE) * generator.normal(size=chosen.sum())
         samples[chosen] = np.exp(-(joined + moved + noise))
     return samples
 
@@ -243,12 +243,12 @@ def _expect(
     """Returns the standard deviations of lag and latency together, and of latency, to expect.
 
     From twice the flight the variance of joined stretches is halved, from measured speeds each
-    stretch has the least error; `_LIKE` stays.
+    stretch has the least error; `LIKE` stays.
     """
-    own = float(joined.weight @ (joined.error**2 - _LIKE**2))
+    own = float(joined.weight @ (joined.error**2 - LIKE**2))
     expected = {TWICE: (float(np.sqrt(joined.moments[1] - own / 2)), float(np.std(latency)))}
     if all(one.signal != _ROTORS for one in stretches):
-        error = float(np.hypot(_LIKE, _OWN / np.sqrt(len(stretches) / len(_GYRO))))
+        error = float(np.hypot(LIKE, OWN / np.sqrt(len(stretches) / len(_GYRO))))
         expected[SPEEDS] = error, _OF_SPEEDS
     return expected
 
@@ -288,7 +288,7 @@ def _stretches(flight: Flight, drone: Parameters, longest: float) -> Iterator[_S
     ends = np.linspace(0, len(flight), parts + 1).astype(int)
     for begin, end in zip(ends[:-1], ends[1:], strict=True):
         part = flight.part(begin, end)
-        if len(part) * part.period < _FEWEST:
+        if len(part) * part.period < SHORTEST:
             continue
         for signal, one, delay in _signals(part, drone):
             rotors = signal == _ROTORS
@@ -342,15 +342,15 @@ def _joined(stretches: Sequence[_Stretch], before: Float[np.ndarray, "D"]) -> _J
             continue
         lag = np.exp([one.log_lag[place] for one in here])
         total = np.maximum(lag + latency, LAG_BOUNDS[0] / 2)
-        errors = np.hypot([one.deviation[place] for one in here] * lag / total, _OWN)
-        mean[place], error[place] = _random_effects(np.log(total), errors**2)
-    return _Joined(weight / weight.sum(), mean, np.hypot(error, _LIKE))
+        errors = np.hypot([one.deviation[place] for one in here] * lag / total, OWN)
+        mean[place], error[place] = random_effects(np.log(total), errors**2)
+    return _Joined(weight / weight.sum(), mean, np.hypot(error, LIKE))
 
 
-def _random_effects(
+def random_effects(
     values: Float[np.ndarray, "n"], variances: Float[np.ndarray, "n"]
 ) -> tuple[float, float]:
-    """Mean of estimates that may differ by more than their variances, and its error.
+    """Returns the mean of estimates that may differ by more than their variances, and its error.
 
     Source: DerSimonian and Laird 1986, Meta-analysis in clinical trials.
     """

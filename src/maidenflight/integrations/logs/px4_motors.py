@@ -112,7 +112,10 @@ def rotors(name: str, parameters: Parameters) -> Rotors:
     number_at = {corner: number for number, corner in quadrants.items()}
     order = tuple(number_at[corner] for corner in corners)
     text = ", ".join(f"({placed[number][0]:.3g}, {placed[number][1]:.3g})" for number in order)
-    notes = [f"{name}: rotors at {text} m forward, left; PX4's motors {_numbered(order)}"]
+    notes = [
+        f"{name}: rotors at {text} forward, left (CA_ROTORn; their scale does not matter to PX4, "
+        f"nor here); PX4's motors {_numbered(order)}"
+    ]
     turns = [parameters.get(f"CA_ROTOR{number}_KM", 0.0) for number in order]
     if all(turns) and [np.sign(turn) for turn in turns] != [1, -1, 1, -1]:
         notes.append(joining.note_reversed_rotors(name, "CA_ROTORn_KM"))
