@@ -167,7 +167,8 @@ def test_the_study_by_ppo_flies_the_cells_of_that_by_gradients(figure_4: Any) ->
         figure_4.find_flown_tasks(figure_4.read_study(PAPER / f"{name}.toml"))
         for name in ("zero_shot_ppo", "zero_shot")
     )
-    for (trained, flown), (other, _) in zip(by_ppo, by_gradients, strict=True):
+    assert [task.settings["seed"] for task, _ in by_ppo] == [0] * 27 + [1] * 27 + [2] * 27
+    for (trained, flown), (other, _) in zip(by_ppo, 3 * by_gradients, strict=True):
         assert flown.settings["reality"] == ["near:7", "virtual:7", "far:7"]
         training = Train.from_settings(trained.settings)
         assert isinstance(training, Train)
