@@ -52,10 +52,12 @@ def inertia_of_speeds(problem: Problem, drone: Parameters) -> dict[str, Float[np
     ]
     inertia = {}
     for axis, name in enumerate(("inertia_x", "inertia_y")):
-        told = [one for flight in flights if (one := _log_inertia(flight, drone, axis)) is not None]
-        if not told:
+        estimates = [
+            one for flight in flights if (one := _log_inertia(flight, drone, axis)) is not None
+        ]
+        if not estimates:
             continue
-        values, errors = np.array(told).T
+        values, errors = np.array(estimates).T
         mean, error = random_effects(values, np.hypot(errors, OWN) ** 2)
         noise = np.linalg.norm([error, LIKE, _THRUST]) * problem.generator.standard_normal(
             RESAMPLES
@@ -74,20 +76,23 @@ def _log_inertia(flight: Flight, drone: Parameters, axis: int) -> tuple[float, f
     thrust = float(drone.mass) * force_along_z(flight).mean() / squares.sum(axis=1).mean()
     torque = thrust * squares @ levers(drone)[:, [axis]]
     rates = flight.body_rates[:, [axis]].astype(float)
-    seen = spectra(torque, rates, flight.period, zero_order_hold=False, differentiate=True)
+    spectrum = spectra(torque, rates, flight.period, zero_order_hold=False, differentiate=True)
     fits = []
     for delay in _DELAYS:
-        cross, weight = np.real(seen.cross * np.exp(seen.s * delay)), np.ones(len(seen.s))
+        cross, weight = (
+            np.real(spectrum.cross * np.exp(spectrum.s * delay)),
+            np.ones(len(spectrum.s)),
+        )
         gain = 0.0
         for _ in range(_ROUNDS):
-            gain = (weight @ cross) / (weight @ seen.drive)
-            left = seen.means(seen.motion - 2 * gain * cross + gain**2 * seen.drive)
-            weight = 1.0 / left[seen.band]
-        fits.append((float(-np.log(weight).sum()), float(gain), float(weight @ seen.drive)))
+            gain = (weight @ cross) / (weight @ spectrum.drive)
+            left = spectrum.means(spectrum.motion - 2 * gain * cross + gain**2 * spectrum.drive)
+            weight = 1.0 / left[spectrum.band]
+        fits.append((float(-np.log(weight).sum()), float(gain), float(weight @ spectrum.drive)))
     _, gain, information = min(fits)
     if not (np.isfinite(information) and gain > 0):
         return None
-    return -np.log(gain * seen.scale), 1 / (gain * np.sqrt(2 * seen.averages * information))
+    return -np.log(gain * spectrum.scale), 1 / (gain * np.sqrt(2 * spectrum.averages * information))
 
 
 def inertia_of_loop(

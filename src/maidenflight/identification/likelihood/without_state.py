@@ -368,8 +368,8 @@ def _torque(
     speeds = inertia_of_speeds(problem, drone)
     answer, removed_ranges = ask(speeds)
     # Measured speeds pass over what the loop would tell.
-    is_untold = bool(removed_ranges) and not speeds
-    loop = inertia_of_loop(problem, motors, known, drone) if is_untold else {}
+    needs_loop = bool(removed_ranges) and not speeds
+    loop = inertia_of_loop(problem, motors, known, drone) if needs_loop else {}
     if inertia := {name: samples for name, samples in loop.items() if name in removed_ranges}:
         answer, removed_ranges = ask(inertia)
     return answer.without(removed_ranges, problem.start, problem.generator)
