@@ -142,17 +142,16 @@ def find_change(
     return row.select("mean", "effect", "low", "high").row(0)
 
 
-def judge_loss(flights: polars.DataFrame, control: str, variant: str) -> Finding:
+def judge_loss(changes: polars.DataFrame, control: str, variant: str) -> Finding:
     """Judges whether a change shortens flights, by its 95 % interval over policies."""
-    mean, effect, low, high = find_change(find_effects(flights), control, variant)
+    mean, effect, low, high = find_change(changes, control, variant)
     verdict = REPRODUCED if high < 0 else OPPOSITE if low > 0 else NOT_SEEN
     ends = "" if math.isnan(low) else f" [{low:.1f}, {high:.1f}]"
     return Finding(f"{mean:.1f} s, {effect:+.1f}{ends}", verdict)
 
 
-def judge_parts(flights: polars.DataFrame) -> Finding:
+def judge_parts(changes: polars.DataFrame) -> Finding:
     """Judges whether PWM policies fly as long, to a second, with other propellers and motors."""
-    changes = find_effects(flights)
     gains = {name: find_change(changes, "pwm", BASELINE, name)[1] for name in PARTS}
     kept = [gain > -1.0 for gain in gains.values()]
     figure = ", ".join(f"{name} {gain:+.1f} s" for name, gain in gains.items())
@@ -223,22 +222,22 @@ CLAIMS = (
     Claim(
         "Accurate actuators are crucial: PWM without lag and latency in training",
         "ablations",
-        lambda flights: judge_loss(flights, "pwm", "neither lag nor latency"),
+        lambda changes: judge_loss(changes, "pwm", "neither lag nor latency"),
     ),
     Claim(
         "Without penalties of actions transfer drops: PWM",
         "ablations",
-        lambda flights: judge_loss(flights, "pwm", "neither penalty"),
+        lambda changes: judge_loss(changes, "pwm", "neither penalty"),
     ),
     Claim(
         "Without penalties of actions transfer drops: attitude rate",
         "ablations",
-        lambda flights: judge_loss(flights, "attitude_rate", "neither penalty"),
+        lambda changes: judge_loss(changes, "attitude_rate", "neither penalty"),
     ),
     Claim(
         "Attitude rates of +-360 deg/s do not work",
         "ablations",
-        lambda flights: judge_loss(flights, "attitude_rate", "+-360 deg/s"),
+        lambda changes: judge_loss(changes, "attitude_rate", "+-360 deg/s"),
     ),
     Claim("Policies tolerate changed propellers and motors", "ablations", judge_parts),
     Claim("A history of H = 2 is best", "history", judge_history),
@@ -246,7 +245,7 @@ CLAIMS = (
 
 
 def read_tables(folder: Path) -> dict[str, polars.DataFrame]:
-    """Reads the studies' tables that a folder holds.
+    """Reads the studies' tables that a folder holds; of ablations the effects.
 
     Raises:
         InputError: it holds none.
@@ -259,6 +258,8 @@ def read_tables(folder: Path) -> dict[str, polars.DataFrame]:
     }
     if not tables:
         raise InputError(f"{folder}: holds none of {', '.join(TABLES.values())}.")
+    if "ablations" in tables:
+        tables["ablations"] = find_effects(tables["ablations"])
     return tables
 
 

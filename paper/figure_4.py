@@ -131,8 +131,8 @@ def gather_flights(study: Study, folder: Path) -> polars.DataFrame:
         rows, _ = run_folder.FLIGHTS.read(place)
         control, drone = trained.settings["control"], trained.settings["set"]
         rate = trained.settings["rate"] or INTERFACES[control]().rate
-        made = polars.col("policy").str.extract(r"(\d+)$").cast(polars.Int64)
-        number = made + trained.settings["seed"] * trained.settings["policies"]
+        number = polars.col("policy").str.extract(r"(\d+)$").cast(polars.Int64)
+        number += trained.settings["seed"] * trained.settings["policies"]
         delays = "_".join(f"{1e3 * drone[name]:g}ms" for name in CELL)
         cell = [
             polars.lit(control).alias("control"),

@@ -93,10 +93,10 @@ def test_a_change_counts_by_its_interval(claims: Any, worse: float, verdict: str
         for variant, shift in (("as the paper", 0.0), ("neither penalty", worse))
         for number in (1, 2, 3)
     ]
-    flights = polars.DataFrame(rows)
-    assert claims.judge_loss(flights, "pwm", "neither penalty").verdict == verdict
+    changes = claims.find_effects(polars.DataFrame(rows))
+    assert claims.judge_loss(changes, "pwm", "neither penalty").verdict == verdict
     with pytest.raises(InputError, match="no flights"):
-        claims.judge_loss(flights, "pwm", "no latency")
+        claims.judge_loss(changes, "pwm", "no latency")
 
 
 def test_columns_stand_beside_each_other_and_absent_ones_stay_empty(

@@ -400,6 +400,12 @@ def test_settings_that_make_no_sense_are_refused_by_name(settings, wrong):
         settings(**wrong)
 
 
+def test_only_a_replay_may_begin_at_rest():
+    assert Replay(lead_in=0).lead_in == 0
+    with pytest.raises(InputError, match=r"Likelihood.lead_in"):
+        Likelihood(lead_in=0)
+
+
 def test_trims_differ_as_they_did_between_flights_and_nothing_else_does() -> None:
     drone = replace(crazyflie(), torque_bias=np.array([0.0, 1e-4, 2e-5], np.float32))
     estimates = {

@@ -67,12 +67,13 @@ class Replay:
             raise InputError(
                 f"unknown method {self.method!r} of a replay; known are {', '.join(METHODS)}."
             )
-        _must_be_positive(self, free=("lead_in",) if self.lead_in == 0 else ())
+        _must_be_positive(self, or_zero="lead_in")
 
 
-def _must_be_positive(settings: Any, free: tuple[str, ...] = ()) -> None:
+def _must_be_positive(settings: Any, or_zero: str = "") -> None:
     for name, value in vars(settings).items():
-        if name not in free and isinstance(value, int | float) and not value > 0:
+        usable = not isinstance(value, int | float) or value > 0
+        if not usable and (name, value) != (or_zero, 0):
             raise InputError(
                 f"{type(settings).__name__}({name}={value!r}); expected a positive number."
             )
