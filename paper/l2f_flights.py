@@ -64,7 +64,7 @@ def _mean_length(vectors: Float[np.ndarray, "n 3"]) -> float:
 
 
 class Log(NamedTuple):
-    """A real flight of L2F's policy: time [s], set-point [m] and its error [m], level with z = 0."""
+    """A real flight of L2F's policy: time [s], set-point and its error [m], about z = 0."""
 
     time: Float[np.ndarray, "n"]
     setpoint: Float[np.ndarray, "n 3"]
