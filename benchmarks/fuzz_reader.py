@@ -3,12 +3,14 @@
 import importlib
 import random
 import sys
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import fuzz_damage as damage
+import fuzz_trees
 import numpy as np
 from fuzz_damage import Damaged, Kind
 
@@ -51,6 +53,10 @@ def made(name: str) -> Any:
     return importlib.import_module(name)
 
 
+def toml(content: bytes) -> dict[str, Any]:
+    return tomllib.loads(content.decode())
+
+
 def table_damaged(
     needed: Sequence[str], truncated: str, shown: Sequence[str] = ()
 ) -> Callable[[random.Random, bytes, bytes], Damaged]:
@@ -79,7 +85,7 @@ def tree_damaged(
     def damaged(generator: random.Random, good: bytes, other: bytes) -> Damaged:
         chance = generator.random()
         if chance < 0.6:
-            return damage.of_tree(generator, known(good), needed, language)
+            return fuzz_trees.of_tree(generator, known(good), needed, language)
         if chance < 0.65:
             return damage.of_encoding(generator, good)
         return damage.of_bytes(generator, good, other, kind)

@@ -12,10 +12,9 @@ from fuzz_files import (
     drone,
     drone_needs,
     small_policy,
-    toml,
     unsound_drone,
 )
-from fuzz_reader import Good, Reader, made, table_damaged, tree_damaged
+from fuzz_reader import Good, Reader, made, table_damaged, toml, tree_damaged
 
 from maidenflight import manifest, policy_file, run_folder
 from maidenflight.flights import log

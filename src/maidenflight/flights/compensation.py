@@ -108,6 +108,13 @@ def reread(
     return LAWS[other](motors / wide, wide).astype(np.float32)
 
 
+def full_scale_volts(law: str) -> float:
+    """Returns the motors' voltage [V] that u = 1 stands for, by a law of which it is known."""
+    if law == BRUSHLESS:
+        return 2.85 - 0.30
+    return float(battery.LAWS[law].volts(np.array(MOST_COUNTS)))
+
+
 def usual_laws(
     command: Float[np.ndarray, "N 4"], volts: Float[np.ndarray, "N"], law: str
 ) -> dict[str, float]:

@@ -122,7 +122,13 @@ SPOILINGS: Mapping[str, tuple[Callable[[Flight], Flight], str, str]] = {
         "rotor speeds",
         "follows its command to",
     ),
-    "a load": (loaded, "one drone", "by -13 %"),
+    "a load": (loaded, "one drone", "gave way. Cut the log there: it is of two drones"),
+    "a load or a battery": (
+        lambda flight: replace(loaded(flight), battery=np.full(len(flight), np.nan, FLOAT)),
+        "one drone",
+        "by -13 % after 6 s: it may be the battery, whose voltage is not logged, or a load or "
+        "propeller. Log the battery's voltage",
+    ),
 }
 
 

@@ -54,6 +54,7 @@ def test_intervals_hold_what_the_laws_say_and_values_stay() -> None:
         *(polars.DataFrame(), {"thrust_to_weight": thrust}, ()),
     )
     averaged = average_laws(found, [flight], generator)
+    assert "u = 1, 3.08 V at the motors, 83 % PWM at the flights' 3.70 V" in averaged.notes[0]
     low, high = averaged.estimates["thrust_to_weight"].interval
     for chance in law_chances([flight]):
         if chance.probability > 0.05:

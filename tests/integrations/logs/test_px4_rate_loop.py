@@ -11,11 +11,12 @@ NO_FILTERS = {"IMU_GYRO_CUTOFF": 0.0, "IMU_DGYRO_CUTOFF": 0.0}
 
 
 def logged(noise: float) -> tuple[Stream, dict[str, dict[str, np.ndarray]], np.ndarray]:
-    """Set-points at 50 Hz of a proportional controller, a gyro at 250 Hz, and all torques."""
+    """Set-points at 50 Hz of a PI controller, a gyro at 250 Hz, and all torques."""
     generator = np.random.default_rng(0)
     stamps = 1_000_000 + 4000 * np.arange(2500)
     rates = generator.normal(0.0, 0.1, (2500, 3))
-    torque = -np.array([0.15, 0.15, 0.2]) * rates + 0.02
+    turned = np.cumsum(rates, axis=0) * 4e-3
+    torque = 0.02 - np.array([0.15, 0.15, 0.2]) * rates - np.array([0.2, 0.2, 0.1]) * turned
     gyro = rates + noise * generator.normal(size=rates.shape)
     topics = {
         "sensor_combined": {

@@ -50,11 +50,22 @@ def check_load(pieces: Sequence[Flight]) -> CheckResult:
     if abs(step) < STEP or abs(step) < CERTAIN * error:
         text = f"thrust per command stays within {100 * abs(step):.1f} %"
         return CheckResult(NAME, PASSES, text, step, threshold)
-    sentence = (
+    change = (
         f"thrust per command changes by {100 * np.expm1(step):+.0f} % after "
-        f"{place * _BLOCK_S:.0f} s: a load was taken up or lost, or a propeller or battery gave "
-        "way. Cut the log there: it is of two drones."
+        f"{place * _BLOCK_S:.0f} s"
     )
+    volts = np.concatenate([piece.battery for piece in pieces])
+    if np.isfinite(volts).any():
+        sentence = (
+            f"{change}: a load was taken up or lost, or a propeller or battery gave way. Cut the "
+            "log there: it is of two drones."
+        )
+    else:
+        sentence = (
+            f"{change}: it may be the battery, whose voltage is not logged, or a load or "
+            "propeller. Log the battery's voltage, which tells; only if the load or a propeller "
+            "changed, cut the log there."
+        )
     return CheckResult(NAME, WARNS, sentence, step, threshold)
 
 

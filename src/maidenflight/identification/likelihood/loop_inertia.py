@@ -10,7 +10,7 @@ from maidenflight.identification.likelihood.other_ways import ABOUT_Z
 from maidenflight.identification.outcome.plausible import HOVERING, Ranges
 from maidenflight.identification.outcome.posterior import RESAMPLES
 from maidenflight.identification.outcome.problem import Problem
-from maidenflight.identification.signals.flight_signals import force_along_z
+from maidenflight.identification.signals.flight_signals import force_along_z, means
 from maidenflight.identification.signals.loop_spectra import spectra
 from maidenflight.identification.signals.motor_response import (
     LIKE,
@@ -26,9 +26,12 @@ _DELAYS = 5e-4 * np.arange(25)
 """Delays of the gyro behind the speeds that are tried [s]."""
 _ROUNDS = 5
 """Solutions of the weighted least squares."""
-_THRUST = 0.05
-"""Standard error of thrust by squared speed, a share: of a drone whose bench is known, logs say
-2.6 to 8.5 % more than it."""
+_BLOCK = 0.5
+"""Time over which thrust by squared speed is taken [s]: the median of such blocks passes over hands
+that throw or catch, falls and landings, which carry a drone without its rotors."""
+_TORQUE = 0.07
+"""Standard error of the rotors' torque by their thrust, a share: a frame below a rotor takes some
+of the thrust nearer to the middle than the rotor gives it (paper/notes/identification.md)."""
 
 
 def inertia_of_speeds(problem: Problem, drone: Parameters) -> dict[str, Float[np.ndarray, "N"]]:
@@ -59,7 +62,7 @@ def inertia_of_speeds(problem: Problem, drone: Parameters) -> dict[str, Float[np
             continue
         values, errors = np.array(estimates).T
         mean, error = random_effects(values, np.hypot(errors, OWN) ** 2)
-        noise = np.linalg.norm([error, LIKE, _THRUST]) * problem.generator.standard_normal(
+        noise = np.linalg.norm([error, LIKE, _TORQUE]) * problem.generator.standard_normal(
             RESAMPLES
         )
         inertia[name] = np.exp(mean + noise)
@@ -73,7 +76,9 @@ def _log_inertia(flight: Flight, drone: Parameters, axis: int) -> tuple[float, f
     Whittle 1953.
     """
     squares = np.asarray(flight.rotor_speed, float) ** 2
-    thrust = float(drone.mass) * force_along_z(flight).mean() / squares.sum(axis=1).mean()
+    pushes = np.column_stack([force_along_z(flight), squares.sum(axis=1)])
+    force, square = means(pushes, round(_BLOCK / flight.period)).T
+    thrust = float(drone.mass) * np.median(force / np.maximum(square, 1e-9))
     torque = thrust * squares @ levers(drone)[:, [axis]]
     rates = flight.body_rates[:, [axis]].astype(float)
     spectrum = spectra(torque, rates, flight.period, zero_order_hold=False, differentiate=True)

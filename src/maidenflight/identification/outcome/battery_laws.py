@@ -125,9 +125,13 @@ def average_laws(
         f"{one.thrust * value:.3g} by the law of the {one.law} ({100 * one.probability:.0f} %)"
         for one in chances
     )
+    # Full PWM gives more than u = 1 where the battery has more than this.
+    full = compensation.full_scale_volts(chances[0].law)
+    volts = float(np.nanmean(np.concatenate([one.battery for one in flights])))
     note = (
         f"the log does not name its battery law: thrust_to_weight is {laws}; intervals hold them. "
-        "Give --battery-law if you know it."
+        f"It is that of u = 1, {full:.2f} V at the motors, {100 * full / volts:.0f} % PWM at the "
+        f"flights' {volts:.2f} V. Give --battery-law if you know it."
     )
     return replace(result, posterior=samples, estimates=estimates, notes=(note, *result.notes))
 
