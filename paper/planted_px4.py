@@ -51,7 +51,7 @@ class Drone(NamedTuple):
     inertia: np.ndarray
 
 
-def drawn(generator: np.random.Generator) -> Drone:
+def draw_drone(generator: np.random.Generator) -> Drone:
     """A drone at random."""
     return Drone(
         generator.uniform(1.6, 2.8),
@@ -75,7 +75,8 @@ class _Filter:
     """Butterworth of second order, sample by sample."""
 
     def __init__(self, cutoff: float) -> None:
-        self.above, self.below = butter(2, cutoff, fs=RATE)
+        coefficients: Any = butter(2, cutoff, fs=RATE)
+        self.above, self.below = coefficients
         self.state = np.zeros((2, 3))
 
     def __call__(self, value: np.ndarray) -> np.ndarray:
@@ -100,9 +101,9 @@ def gains(drone: Drone) -> dict[str, float]:
 def fly(drone: Drone, generator: np.random.Generator) -> Signals:
     """Flies a drone by tilts that a pilot asks for."""
     rows, period = round(SECONDS * RATE), 1 / RATE
-    tuned = gains(drone)
+    controller = gains(drone)
     p, i, d = (
-        np.array([tuned[f"MC_{axis}RATE_{name}"] for axis in ("ROLL", "PITCH", "YAW")])
+        np.array([controller[f"MC_{axis}RATE_{name}"] for axis in ("ROLL", "PITCH", "YAW")])
         for name in "PID"
     )
     full = MASS * GRAVITY * drone.thrust_to_weight / 4
@@ -110,36 +111,37 @@ def fly(drone: Drone, generator: np.random.Generator) -> Signals:
     hover = np.sqrt(1 / drone.thrust_to_weight)
     late = max(0, round(drone.latency * RATE))
     gyro_filter, change_share = _Filter(40.0), 1 / (1 + RATE / (2 * np.pi * 30.0))
-    sent = np.full((rows + late, 4), hover)
+    command = np.full((rows + late, 4), hover)
     answer = Signals(*(np.zeros((rows, n)) for n in (3, 3, 3, 4, 4)))
     noise = generator.normal(size=(rows, 9))
-    held = np.repeat(generator.uniform(-1, 1, (rows // 960 + 1, 3)), 960, axis=0)[:rows]
+    steps = np.repeat(generator.uniform(-1, 1, (rows // 960 + 1, 3)), 960, axis=0)[:rows]
     speed, rates, attitude = np.full(4, hover), np.zeros(3), np.zeros(3)
     integral, before, change = np.zeros(3), np.zeros(3), np.zeros(3)
-    gust, climb, wanted = np.zeros(3), 0.0, np.zeros(3)
+    gust, climb, tilt_command = np.zeros(3), 0.0, np.zeros(3)
     for row in range(rows):
-        measured = rates + 0.3 * noise[row, :3]
-        quiet = gyro_filter(measured)
+        reading = rates + 0.3 * noise[row, :3]
+        quiet = gyro_filter(reading)
         change += change_share * ((quiet - before) * RATE - change)
         before = quiet
-        wanted += period / 0.15 * (held[row] * [0.25, 0.25, 1.0] - wanted)
-        setpoint = 6.5 * np.array([*(wanted[:2] - attitude[:2]), 0.0]) + [0, 0, 0.3 * wanted[2]]
+        tilt_command += period / 0.15 * (steps[row] * [0.25, 0.25, 1.0] - tilt_command)
+        tilt = 6.5 * (tilt_command[:2] - attitude[:2])
+        setpoint = np.array([*tilt, 0.3 * tilt_command[2]])
         error = setpoint - quiet
         torque = p * error + integral - d * change
         integral = np.clip(integral + period * i * error, -0.3, 0.3)
-        push = hover * (1 - 0.25 * (climb - wanted[2])) / np.prod(np.cos(attitude[:2]))
-        asked = np.array([*torque, -np.clip(push, 0.1, 0.95)])
-        sent[row + late] = px4_allocation.motors(asked[None], ROTORS)[0]
-        speed = speed + (1 - np.exp(-period / drone.motor_time_constant)) * (sent[row] - speed)
+        push = hover * (1 - 0.25 * (climb - tilt_command[2])) / np.prod(np.cos(attitude[:2]))
+        demand = np.array([*torque, -np.clip(push, 0.1, 0.95)])
+        command[row + late] = px4_allocation.motors(demand[None], ROTORS)[0]
+        speed = speed + (1 - np.exp(-period / drone.motor_time_constant)) * (command[row] - speed)
         torques = to_torque @ (full * speed**2)
         gust += period / 0.3 * -gust + np.sqrt(period) * 0.06 * noise[row, 3:6]
         force = (torques[3] + MASS * 1.0 * gust[2]) / MASS - 0.3 * -climb
-        answer.rates[row], answer.force[row, 2] = measured, force + noise[row, 6]
+        answer.rates[row], answer.force[row, 2] = reading, force + noise[row, 6]
         answer.force[row, :2] = 0.3 * noise[row, 7:]
-        answer.rate_setpoint[row], answer.torque_thrust[row] = setpoint, asked
-        answer.motors[row] = sent[row + late]
-        turned = torques[:3] + gust - np.cross(rates, drone.inertia * rates)
-        rates = rates + period * turned / drone.inertia
+        answer.rate_setpoint[row], answer.torque_thrust[row] = setpoint, demand
+        answer.motors[row] = command[row + late]
+        moment = torques[:3] + gust - np.cross(rates, drone.inertia * rates)
+        rates = rates + period * moment / drone.inertia
         attitude = attitude + period * rates
         climb += period * (-force * np.prod(np.cos(attitude[:2])) - GRAVITY)
     return answer
@@ -165,14 +167,14 @@ def topics_of(signals: Signals) -> dict[str, dict[str, np.ndarray]]:
     combined |= {"gyro_integral_dt": span, "accelerometer_integral_dt": span}
     some = slice(None, None, EVERY["set-points"])
     at = {"timestamp": stamps[some], "timestamp_sample": stamps[some]}
-    asked = signals.torque_thrust[some]
-    down = np.column_stack([np.zeros((len(asked), 2)), asked[:, 3]])
+    demands = signals.torque_thrust[some]
+    down = np.column_stack([np.zeros((len(demands), 2)), demands[:, 3]])
     names = zip(("roll", "pitch", "yaw"), signals.rate_setpoint[some].T, strict=True)
     motors = slice(None, None, EVERY["actuator_motors"])
     rare = stamps[:: EVERY["battery_status"]]
     return {
         "sensor_combined": combined,
-        "vehicle_torque_setpoint": at | vector("xyz", asked[:, :3]),
+        "vehicle_torque_setpoint": at | vector("xyz", demands[:, :3]),
         "vehicle_thrust_setpoint": at | vector("xyz", down),
         "vehicle_rates_setpoint": at | dict(names),
         "actuator_motors": {"timestamp": stamps[motors], "timestamp_sample": stamps[motors]}
@@ -183,29 +185,29 @@ def topics_of(signals: Signals) -> dict[str, dict[str, np.ndarray]]:
 
 def parameters_of(drone: Drone) -> dict[str, float]:
     """PX4's parameters of a drone."""
-    found = {"CA_ROTOR_COUNT": 4.0, "IMU_GYRO_RATEMAX": float(RATE), "IMU_GYRO_CUTOFF": 40.0}
+    values = {"CA_ROTOR_COUNT": 4.0, "IMU_GYRO_RATEMAX": float(RATE), "IMU_GYRO_CUTOFF": 40.0}
     for number, one in enumerate(ROTORS):
         place = {"PX": one.forward, "PY": one.right, "KM": one.moment}
-        found |= {f"CA_ROTOR{number}_{key}": float(value) for key, value in place.items()}
-    return found | gains(drone)
+        values |= {f"CA_ROTOR{number}_{key}": float(value) for key, value in place.items()}
+    return values | gains(drone)
 
 
-def logged(drone: Drone, generator: np.random.Generator, name: str) -> list[Flight]:
+def read_log(drone: Drone, generator: np.random.Generator, name: str) -> list[Flight]:
     """Checked flights of a drone, as read from its log."""
     flight, time, notes = px4.flight(name, topics_of(fly(drone, generator)), parameters_of(drone))
     return check_log([Logged(name, [(flight, time)], notes)]).pieces
 
 
-def judged(seeds: range) -> Iterator[dict[str, Any]]:
+def judge_drones(seeds: range) -> Iterator[dict[str, Any]]:
     """A row for each drone and quantity: found, its interval and the truth, SI units."""
     start = read_start("x500", 1e3 * MASS).parameters
     for seed in seeds:
         generator = np.random.default_rng(seed)
-        drone = drawn(generator)
-        found = mf.identify(
-            logged(drone, generator, f"drone_{seed}"), start=start, key=jax.random.key(seed)
+        drone = draw_drone(generator)
+        result = mf.identify(
+            read_log(drone, generator, f"drone_{seed}"), start=start, key=jax.random.key(seed)
         )
-        draws = dict(found.posterior)
+        draws = dict(result.posterior)
         if {"motor_time_constant", "latency"} <= draws.keys():
             draws["lag + latency"] = draws["motor_time_constant"] + draws["latency"]
         truth = {
@@ -216,10 +218,10 @@ def judged(seeds: range) -> Iterator[dict[str, Any]]:
             "inertia_y": drone.inertia[1],
         }
         for name, value in truth.items():
-            told = name in found.estimates or (
-                name == "lag + latency" and "motor_time_constant" in found.estimates
+            is_identified = name in result.estimates or (
+                name == "lag + latency" and "motor_time_constant" in result.estimates
             )
-            row = {"drone": seed, "quantity": name, "truth": value, "told": told}
+            row = {"drone": seed, "quantity": name, "truth": value, "identified": is_identified}
             if name in draws:
                 low, middle, high = np.quantile(draws[name], [0.025, 0.5, 0.975]) / value
                 row |= {"found": middle, "low": low, "high": high, "held": low <= 1 <= high}
@@ -232,12 +234,12 @@ def main() -> None:
     parser.add_argument("--drones", type=int, default=6)
     parser.add_argument("--first", type=int, default=0, help="seed of the first")
     parser.add_argument("-o", "--output", type=Path, default=Path("planted_px4"))
-    given = parser.parse_args()
-    rows = list(judged(range(given.first, given.first + given.drones)))
-    found = polars.DataFrame(rows, infer_schema_length=None)
-    results.write(given.output / "planted_px4.csv", found.write_csv())
+    arguments = parser.parse_args()
+    rows = list(judge_drones(range(arguments.first, arguments.first + arguments.drones)))
+    table = polars.DataFrame(rows, infer_schema_length=None)
+    results.write(arguments.output / "planted_px4.csv", table.write_csv())
     with polars.Config(tbl_rows=200, tbl_cols=20, tbl_hide_dataframe_shape=True):
-        print(found)
+        print(table)
 
 
 if __name__ == "__main__":

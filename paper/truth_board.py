@@ -114,10 +114,11 @@ DRONES = {
             PER_SQUARE: (2.66e-7, 2.66e-7),
             "thrust_to_weight": (4.29, 4.29),
             "thrust_linear": (0.54, 0.54),
-            "inertia_x": (7.206e-4, 7.206e-4),
-            "inertia_y": (7.757e-4, 7.757e-4),
+            # 7.206e-4 and 7.757e-4; its makers put 8 % on the pendulum's length.
+            "inertia_x": (6.63e-4, 7.78e-4),
+            "inertia_y": (7.14e-4, 8.38e-4),
         },
-        "bench",
+        "bench; inertia by pendulum, 7.21e-4 and 7.76e-4 within its makers' 8 %",
         hide=False,
         arms=(0.0455, 0.0635),
     ),
@@ -125,8 +126,9 @@ DRONES = {
         ("real/neural_swarm/randomwalk*",),
         "crazyflie_2.0",
         34.0,
-        {"thrust_to_weight": (1.39, 1.42)},
-        "load cell, 1.70 at 3.49 V and 1.84 at 3.69 V, at the 3.08 V that u = 1 stands for",
+        {"thrust_to_weight": (1.48, 1.55)},
+        "load cell at the PWM of u = 1, 83 % at 3.69 V and 88 % at 3.49 V; over 34 g, and over what "
+        "it says of hovering",
     ),
     "SimpleFlight cf0": Drone(
         ("real/simpleflight/cf0*",),
