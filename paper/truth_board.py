@@ -127,8 +127,8 @@ DRONES = {
         "crazyflie_2.0",
         34.0,
         {"thrust_to_weight": (1.48, 1.55)},
-        "load cell at the PWM of u = 1, 83 % at 3.69 V and 88 % at 3.49 V; over 34 g, and over what "
-        "it says of hovering",
+        "load cell at the PWM of u = 1, 83 % at 3.69 V and 88 % at 3.49 V; over 34 g, and over "
+        "what it says of hovering",
     ),
     "SimpleFlight cf0": Drone(
         ("real/simpleflight/cf0*",),
@@ -312,7 +312,8 @@ HEAD = """# Truth board
 
 What `identify` finds on public drones of which something was measured, beside the measured value,
 with 95 % intervals. Measured rotor speeds are hidden and only judge (R2: share of their variance
-from 0.5 to 20 Hz that the identified motors predict from commands), but those of INDIflight.
+from 0.5 to 20 Hz that the identified motors predict from commands), but those of INDIflight; read,
+they say 84 ms of the brushed drone.
 Drones of l2f and crazyflow are recorded by our PID, 4 flights of 30 s, and identified from three
 starts; their lag is that about hover, and inertia that of the start's mass and arm. Rebuilt by
 `python paper/truth_board.py --data ../shared/data`.
