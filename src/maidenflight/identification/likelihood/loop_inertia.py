@@ -30,8 +30,8 @@ _BLOCK = 0.5
 """Time over which thrust by squared speed is taken [s]: the median of such blocks passes over hands
 that throw or catch, falls and landings, which carry a drone without its rotors."""
 _TORQUE = 0.07
-"""Standard error of the rotors' torque by their thrust, a share: a frame below a rotor takes some
-of the thrust nearer to the middle than the rotor gives it (paper/notes/identification.md)."""
+"""Standard error of the rotors' torque, a share: planted drones that are thrown leave 9 % and more
+(paper/notes/identification.md)."""
 
 
 def inertia_of_speeds(problem: Problem, drone: Parameters) -> dict[str, Float[np.ndarray, "N"]]:
