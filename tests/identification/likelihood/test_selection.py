@@ -26,13 +26,14 @@ FEW = {name: GROUPS[name] for name in ("flapping_moment", "spin_down_ratio", "ro
 choose: Any = selection.choose
 """Also of stand-ins for a drone and its flights."""
 PLANTED = {"spin_down_ratio": 1.8, "rotor_momentum": 3e-5}
+TRIM = {"torque_bias_y": 8e-5}
 
 
 @pytest.fixture(scope="module")
 def found():
     """Chosen from 100 s of flight of a drone with noisy motors and sensors, and the steps as they
     were told."""
-    truth = replace(planted.drone(1.75, 0.07, 0.012), actuator_noise=0.019, **PLANTED)
+    truth = replace(planted.drone(1.75, 0.07, 0.012), actuator_noise=0.019, **PLANTED, **TRIM)
     flights = planted.with_noise(planted.logs(truth, 48), seed=1)
     told = []
     with pytest.MonkeyPatch.context() as patch:
@@ -52,6 +53,8 @@ def test_what_was_planted_is_chosen_and_what_buys_nothing_is_not(found):
     assert list(dict.fromkeys(now.gain for now in told if now.gain)) == list(identified.gains)
     assert set(identified.estimates) - set(BY_MOMENT) == {*FIRST, *PLANTED}
     assert not np.any(identified.parameters.flapping_moment)
+    low, high = identified.estimates["torque_bias_y"].interval
+    assert 0.0 < low < TRIM["torque_bias_y"] < high
     for step in identified.gains:
         assert (step.log_likelihood_gain > 0.05) == step.is_in_model
         assert 0 < step.standard_error < 0.02
