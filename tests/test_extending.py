@@ -23,8 +23,8 @@ PARAMETER: Patches = {
         "    flapping_moment: Any = quantity(",
     ),
     "parameters/named.py": (
-        "        flapping_moment=0.0,\n",
-        "        flapping_moment=0.0,\n        buoyancy=0.0,\n",
+        "        flapping_moment=(0.0, 0.0),\n",
+        "        flapping_moment=(0.0, 0.0),\n        buoyancy=0.0,\n",
     ),
     "simulator/physics/dynamics.py": (
         "lift[2] - parameters.gravity",

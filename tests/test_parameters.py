@@ -189,9 +189,9 @@ def edited(name, value):
 
 WRONG = {
     "broken": (GOOD + "[", "not valid TOML"),
-    "empty": ("", "format = None, expected 5"),
-    "later format": (edited("format", 6), "format = 6, expected 5"),
-    "earlier format": (edited("format", 4), "format = 4, expected 5.*rotor_x"),
+    "empty": ("", "format = None, expected 6"),
+    "later format": (edited("format", 7), "format = 7, expected 6"),
+    "earlier format": (edited("format", 4), "format = 4, expected 6.*rotor_x"),
     "missing": (edited("mass", None), "missing mass"),
     "misspelt": (
         edited("mass", "0.028\nmas = 1.0"),
@@ -202,7 +202,7 @@ WRONG = {
         edited("mass", "0.028\nlatency = 0.01"),
         r"unknown key 'latency' in \[body\]; did you mean .* \[motors\]",
     ),
-    "value for a table": ("format = 5\nbody = 3\n", r"body is a value, expected a table \[body\]"),
+    "value for a table": ("format = 6\nbody = 3\n", r"body is a value, expected a table \[body\]"),
     "text": (edited("mass", '"28 g"'), "mass = '28 g', expected a number"),
     "truth value": (edited("mass", "true"), "mass = True, expected a number"),
     "list for a number": (edited("mass", "[0.028, 0.028]"), "mass has 2 values, expected 1"),
@@ -316,7 +316,7 @@ def test_a_noiseless_drone_does_not_walk():
 
 def test_every_single_number_of_a_drone_is_a_component_once():
     singles = [name for name in FIELDS if QUANTITIES[name].size == 1]
-    parts = {1: "", 3: "xyz", 4: "1234"}
+    parts = {1: "", 2: "xy", 3: "xyz", 4: "1234"}
     vectors = [f"{name}_{part}" for name in FIELDS for part in parts[QUANTITIES[name].size]]
     assert list(COMPONENTS) == singles + vectors
     assert len(COMPONENTS) == sum(leaf.size for leaf in jax.tree.leaves(crazyflie()))

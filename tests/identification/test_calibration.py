@@ -55,7 +55,7 @@ def test_lag_and_latency_are_also_taken_together() -> None:
 @pytest.mark.parametrize("flapping", [0.0, 3e-4])
 def test_the_regulator_pushes_back(flapping: float) -> None:
     # Beside, ahead or above: it leans back or gives less thrust; turned or turning, it turns back.
-    drone = replace(crazyflie(), flapping_moment=np.float32(flapping))
+    drone = replace(crazyflie(), flapping_moment=np.full(2, flapping, np.float32))
     gain = path_flights._gain(drone, 500, 0.03)
     command = -gain  # of a deviation of one, by column
     assert (command[:, [2, 5]] < 0).all()

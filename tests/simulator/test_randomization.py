@@ -160,7 +160,7 @@ def test_a_wide_box_holds_the_drone_with_all_its_trims_and_what_published_drones
         assert factors.max() == pytest.approx(high, abs=0.01), name
     for name in ("flapping_moment", "gyro_noise"):
         np.testing.assert_array_equal(
-            getattr(drawn, name), np.full(len(KEYS), getattr(drone, name))
+            getattr(drawn, name), np.stack([getattr(drone, name)] * len(KEYS))
         )
     np.testing.assert_array_equal(
         many(wide_box(drone, structure), KEYS[:3]).torque_bias, [drone.torque_bias] * 3

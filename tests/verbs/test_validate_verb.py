@@ -31,6 +31,13 @@ def test_a_drone_is_doubted_where_it_predicts_worse(
     assert len(said) == doubts
 
 
+def test_each_flights_own_trim_is_judged_apart_and_no_rival() -> None:
+    trimmed = validate._TRIMMED.format("mine")
+    table = errors(**{"mine": 6.2, trimmed: 0.5, "persistence": 0.71})
+    assert len(validate._compare("mine", {"mine": 14.0}, table)) == 1
+    assert validate._compare("mine", {"mine": 14.0}, table, trimmed) == []
+
+
 @pytest.mark.parametrize(("logged", "notes"), [(1.5, 0), (1.9, 0), (2.98, 1), (1.0, 1)])
 def test_thrust_far_from_the_starts_is_noted(logged: float, notes: int) -> None:
     check = CheckResult("thrust to weight", PASSES, "hovering", logged, "above 1.02")

@@ -15,7 +15,7 @@ from maidenflight.parameters.quantities import QUANTITIES, Parameters
 
 def part_names(size: int) -> str:
     """Returns what the parts of a vector are called: its axes, or the numbers of four motors."""
-    return "xyz" if size == 3 else "1234"
+    return "xyz"[:size] if size <= 3 else "1234"
 
 
 COMPONENTS: dict[str, tuple[str, int | None]] = {

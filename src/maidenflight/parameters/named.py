@@ -40,7 +40,7 @@ def crazyflie() -> Parameters:
         inertia=(1.33e-5, 1.33e-5, 2.64e-5),
         **x_frame(0.0396),
         drag=(0.0, 0.0, 0.0),
-        flapping_moment=0.0,
+        flapping_moment=(0.0, 0.0),
         rotational_damping=0.0,
         torque_bias=(0.0, 0.0, 0.0),
         gravity=9.81,

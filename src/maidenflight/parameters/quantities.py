@@ -195,8 +195,9 @@ class Parameters:
         "c_f",
         "N s",
         (-1.0, 1.0),
-        "moment against the flight's direction per velocity; 0 in the paper's model",
+        "moment about body x and y against a velocity along the other; 0 in the paper's model",
         "Hoffmann et al. 2007, eq. 7-10",
+        2,
     )
     rotational_damping: Any = quantity(
         "body",

@@ -50,6 +50,7 @@ if TYPE_CHECKING:
         PERSISTENCE,
         predicted_windows,
         prediction_error,
+        with_own_trim,
     )
     from maidenflight.identification.start import note_mass, note_start_at_bounds, read_start
     from maidenflight.identification.truth import read_truth

@@ -18,6 +18,8 @@ _WORSE = 1.2
 """Ratio of errors beyond which a drone is worse."""
 _JUDGED_S = 0.1
 """Horizon at which errors are compared [s]."""
+_TRIMMED = "{}, each flight's trim"
+"""Name of a drone with the constant torques of each flight."""
 
 
 class Validate(Verb):
@@ -26,8 +28,9 @@ class Validate(Verb):
     DRONE is a TOML file or a name, LOGS a flight log or a folder of them. First stands the log
     likelihood of a row given the row before, the measure to compare drones by. Then, from every
     tenth row, the drone is simulated with the recorded commands alone; the table shows how far it
-    is from the flight after some time. Beside it stand the paper's Crazyflie and the persistence
-    baseline: position, velocity, attitude and body rates stay as they are.
+    is from the flight after some time. Beside it stand the same drone with each flight's own trim,
+    as batteries are put in anew, the paper's Crazyflie and the persistence baseline: position,
+    velocity, attitude and body rates stay as they are.
 
     With --calibration it is the intervals that are tested, on the logs that the drone was
     identified from.
@@ -92,7 +95,8 @@ class Validate(Verb):
         if self.calibration:
             return calibrate(self, self.drone, self.logs, self.draws, output, progress)
         file = core.drone_file.read(self.drone)
-        models = {Path(self.drone).name: file.parameters, "paper's crazyflie": core.crazyflie()}
+        name = Path(self.drone).name
+        models = {name: file.parameters, "paper's crazyflie": core.crazyflie()}
         law, commands = self.battery_law, self.commands
         read = partial(core.read_flights, self.logs, battery_law=law, faulty=self.faulty)
         flights = read(core.logs.count_files(progress), commands=commands)
@@ -102,7 +106,8 @@ class Validate(Verb):
             flights = read(commands=commands)
         progress.move(0, None, "compiling and predicting")
         key, horizons = self.key, list(self.horizons)
-        errors = core.prediction_error(flights, models, horizons, key=key)
+        own = {_TRIMMED.format(name): partial(core.with_own_trim, file.parameters)}
+        errors = core.prediction_error(flights, models | own, horizons, key=key)
         windows = core.predicted_windows(flights, models, max(horizons), key=key)
         drone, places = shared.own_files(self.drone), self.places(output)
         record = self.make_record([*drone, *flights.paths], commands=commands)
@@ -118,10 +123,13 @@ class Validate(Verb):
             *core.at_bounds(file.estimates).values(),
         ]
         simulated, rows = any(one.simulated for one in flights), errors.to_dicts()
-        doubts = _compare(next(iter(models)), likelihoods, rows)
+        doubts = _compare(name, likelihoods, rows)
         verdict = "this drone explains these flights no worse than what it is compared with"
         remark = ""
-        if doubts:
+        if doubts and not _compare(name, likelihoods, rows, _TRIMMED.format(name)):
+            verdict += f" if each has its own trim; by the drone's, {'; '.join(doubts)}"
+            doubts = []
+        elif doubts:
             verdict = f"this drone does not explain these flights: {'; '.join(doubts)}"
             remark = "look whether these logs and those it was identified from are sound"
         return Result(
@@ -152,19 +160,21 @@ class Validate(Verb):
         )
 
 
-def _compare(name: str, likelihoods: Mapping[str, float], errors: list[Row]) -> list[str]:
-    """Lists in what a drone is worse than the baseline or another drone.
+def _compare(
+    name: str, likelihoods: Mapping[str, float], errors: list[Row], model: str = ""
+) -> list[str]:
+    """Lists in what a drone, or a model of it, is worse than the baseline or another drone.
 
     Judged after about `_JUDGED_S`, while a flight does not yet diverge, by attitude, or by body
     rates where there is none.
     """
     nearest = min((row["horizon"] for row in errors), key=lambda one: abs(one - _JUDGED_S))
     rows = {row["model"]: row for row in errors if row["horizon"] == nearest}
-    own, doubts = rows[name], []
+    own, doubts = rows[model or name], []
     compared = "attitude" if own["attitude"] == own["attitude"] else "body_rates"
     unit = core.ERRORS[compared]
     for other, row in rows.items():
-        if other != name and own[compared] > _WORSE * row[compared]:
+        if not other.startswith(name) and own[compared] > _WORSE * row[compared]:
             doubts.append(
                 f"its {unit.name} is off by {own[compared] * unit.scale:.3g} {unit.unit} after "
                 f"{nearest:.2g} s, that of {other} by {row[compared] * unit.scale:.3g}"

@@ -256,7 +256,7 @@ def test_a_lag_can_be_named_without_a_latency(excited: list[Flight]) -> None:
 
 
 @pytest.mark.parametrize(
-    "over", [["drag_x"], ["inertia_z", "torque_to_thrust"], ["flapping_moment", "inertia_x"]]
+    "over", [["drag_x"], ["inertia_z", "torque_to_thrust"], ["flapping_moment_x", "inertia_x"]]
 )
 def test_what_these_sensors_do_not_show_is_refused(excited: list[Flight], over: list[str]) -> None:
     with pytest.raises(InputError, match=over[0]):

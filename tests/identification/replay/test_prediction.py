@@ -1,4 +1,5 @@
 import dataclasses
+from functools import partial
 
 import jax
 import numpy as np
@@ -15,6 +16,7 @@ from maidenflight.identification.replay.prediction import (
     PERSISTENCE,
     predicted_windows,
     prediction_error,
+    with_own_trim,
 )
 from maidenflight.parameters import replace
 
@@ -49,6 +51,22 @@ def test_the_model_that_made_the_data_predicts_it(table):
     assert np.all(errors(table, "true") < 0.02 * errors(table, PERSISTENCE))
     assert np.all(errors(table, "true") < 2e-3)
     assert np.all(errors(table, PERSISTENCE) > 5e-3)
+
+
+def test_a_drone_with_each_flights_own_trim_predicts_flights_of_several_trims():
+    torques = [(0.0, 0.0, 0.0), (6e-5, -3e-5, 0.0)]
+    each = [replace(TRUE, torque_bias=np.array(torque, np.float32)) for torque in torques]
+    flown = [
+        dataclasses.replace(flight, name=f"{number}")
+        for number, drone in enumerate(each)
+        for flight in planted.logs(drone, count=1)
+    ]
+    drones = [with_own_trim(TRUE, [flight]) for flight in flown]
+    for drone, truth in zip(drones, each, strict=True):
+        np.testing.assert_allclose(drone.torque_bias, truth.torque_bias, atol=1e-5)
+    models = {"same": TRUE, "own": partial(with_own_trim, TRUE)}
+    rates = [errors(prediction_error(flown, models), name)[:, 3] for name in models]
+    assert np.all(rates[1] < 0.2 * rates[0])
 
 
 def test_errors_of_a_wrong_model_grow_with_the_horizon(table):

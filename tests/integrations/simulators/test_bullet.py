@@ -134,7 +134,7 @@ def test_bullet_tends_to_our_equations_at_first_order_and_meets_them_at_a_tenth_
 
 
 FURTHER = {
-    "flapping_moment": 1e-4,
+    "flapping_moment": (1e-4, 2e-4),
     "rotational_damping": 2e-5,
     "rotor_momentum": 3e-5,
     "torque_bias": (2e-5, -3e-5, 1e-5),

@@ -23,7 +23,7 @@ PAPER = crazyflie()
 INTEGRATORS = [dynamics.euler, dynamics.midpoint, dynamics.rk4]
 FURTHER = replace(
     PAPER,
-    flapping_moment=1e-4,
+    flapping_moment=(1e-4, 2e-4),
     rotational_damping=2e-5,
     rotor_momentum=3e-5,
     torque_bias=(2e-5, -3e-5, 1e-5),
@@ -302,18 +302,21 @@ def test_the_papers_crazyflie_has_no_further_torque(attitude, velocity, rates, c
 
 @given(attitudes, vectors, vectors)
 def test_flapping_torque_is_the_moment_against_the_flights_direction(attitude, velocity, rates):
-    """-c_f z x v by hand, v in the body's axes: it neither turns about z nor about the direction of
-    flight."""
+    """-z x v times c_f by hand, v in the body's axes: it does not turn about z, and where both
+    moments are one not about the direction of flight."""
     state = drone(velocity=velocity, attitude=attitude, body_rates=rates)
     in_body = Rotation.from_quat(np.asarray(state.quaternion)).inv().apply(velocity)
-    found = float64(further_torque(state, STILL, replace(PAPER, flapping_moment=1e-4)))
-    np.testing.assert_allclose(found, -1e-4 * np.cross([0, 0, 1], in_body), atol=1e-8)
+    for rolling in (1e-4, 2e-4):
+        flapping = replace(PAPER, flapping_moment=(rolling, 1e-4))
+        found = float64(further_torque(state, STILL, flapping))
+        expected = -np.cross([0, 0, 1], np.array([1e-4, rolling, 0.0]) * in_body)
+        np.testing.assert_allclose(found, expected, atol=1e-8)
 
 
 @pytest.mark.parametrize(("velocity", "axis"), [((2, 0, 0), 0), ((0, 2, 0), 1), ((-2, 0, 0), 0)])
 def test_flapping_lifts_the_side_that_flies_ahead(velocity, axis):
     """Forward flight pitches the nose up, which is a negative torque about y."""
-    parameters = replace(PAPER, flapping_moment=1e-4, gravity=9.81)
+    parameters = replace(PAPER, flapping_moment=(1e-4, 1e-4), gravity=9.81)
     hover = dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), parameters)
     moving = hover._replace(velocity=float32(velocity))
     if velocity[0] > 0:

@@ -38,7 +38,7 @@ FRAMES = {
 WHOLE = replace(
     crazyflie(),
     rotor_momentum=7e-5,
-    flapping_moment=3e-4,
+    flapping_moment=(3e-4, 3e-4),
     rotational_damping=2e-6,
     drag=(0.3, 0.3, 0.1),
     inertia=(1.5e-5, 1.5e-5, 2.6e-5),

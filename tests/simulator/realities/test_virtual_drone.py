@@ -115,7 +115,8 @@ def test_a_near_drone_is_of_the_papers_model_with_other_numbers(seed):
 def test_a_far_drone_has_what_flights_of_the_authors_drone_tell(seed):
     far, virtual = check(virtual_drone(seed, "far").parameters), virtual_drone(seed).parameters
     for name, (low, high) in FAR_RANGES.items():
-        assert np.float32(low) <= getattr(far, name) <= np.float32(high), name
+        value = np.asarray(getattr(far, name))
+        assert np.all((np.float32(low) <= value) & (value <= np.float32(high))), name
     assert np.all(far.torque_bias != 0)
     for name in ("drag", "inertia", "latency", "estimator_delay", "battery_resistance"):
         np.testing.assert_array_equal(getattr(far, name), getattr(virtual, name), err_msg=name)

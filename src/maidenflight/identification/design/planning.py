@@ -310,7 +310,7 @@ def _names(interest: Sequence[str] | None, flight: Flight | None) -> tuple[str, 
     if flight is not None:
         parameter_groups = parameter_groups[flight.accelerometer is None :][:1]
     groups = (names for some in parameter_groups for group in some.values() for names in group)
-    names = tuple(dict.fromkeys((*selection.FIRST, *groups)))
+    names = tuple(dict.fromkeys((*selection.ALWAYS, *groups)))
     for name in interest or ():
         if name not in names:
             raise InputError(

@@ -48,7 +48,10 @@ FILTER = 1e-3
 commands are samples of a faster loop, half a row is added."""
 
 
-_LACKING = ("thrust_linear", "rotational_damping", "flapping_moment", "drag_x", "drag_y")
+_LACKING = (
+    *("thrust_linear", "rotational_damping"),
+    *("flapping_moment_x", "flapping_moment_y", "drag_x", "drag_y"),
+)
 """What a drone may lack: the curve of its thrust, the lag of its sensors, and its air."""
 _CONTRADICTED = 10.0
 """Log-likelihood gain of all rows [nats] by what is lacking, beyond which flights contradict a

@@ -10,20 +10,22 @@ from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import SHORTEST_LEAD_IN
 from maidenflight.identification.drone_file import GroupGain
 from maidenflight.identification.likelihood import one_step
-from maidenflight.identification.likelihood.observation import ObservationModel
+from maidenflight.identification.likelihood.observation import BY_MOMENT, ObservationModel
 from maidenflight.identification.signals.flight_signals import stride
 from maidenflight.parameters import Parameters
 
 FIRST = ("thrust_to_weight", "motor_time_constant", "latency")
 """The paper's three, which every model has."""
+ALWAYS = (*FIRST, *BY_MOMENT)
+"""What every model of logs with a state has. Mean errors tell the trims, and the likelihood cannot
+judge them: it takes what lasts for noise."""
 GROUPS: dict[str, tuple[str, ...]] = {
     "motor_coasting": ("motor_coasting",),
     "spin_down_ratio": ("spin_down_ratio",),
     "inertia": ("inertia_x", "inertia_y"),
     "torque_to_thrust": ("torque_to_thrust",),
     "rotor_momentum": ("rotor_momentum",),
-    "torque_bias": ("torque_bias_x", "torque_bias_y", "torque_bias_z"),
-    "flapping_moment": ("flapping_moment",),
+    "flapping_moment": ("flapping_moment_x", "flapping_moment_y"),
     "drag": ("drag_x", "drag_y"),
 }
 """What may be added, a group at a time: its name, and the parameters in it.
@@ -58,7 +60,8 @@ def groups(flights: Sequence[Flight], has_measured_lag: bool) -> dict[str, tuple
         has_measured_lag: whether they show the motors' lag by themselves.
     """
     square = np.mean(np.concatenate([flight.velocity for flight in flights]) ** 2, axis=0)
-    still = {"drag_x", "drag_y", "flapping_moment"} if square[0] + square[1] < MOVING**2 else set()
+    level = {*GROUPS["drag"], *GROUPS["flapping_moment"]}
+    still = level if square[0] + square[1] < MOVING**2 else set()
     still |= {"drag_z"} if square[2] < MOVING**2 else set()
     parameter_groups = WITH_KNOWN_LAG if has_measured_lag else GROUPS
     remaining = {

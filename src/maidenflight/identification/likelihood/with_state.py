@@ -201,7 +201,7 @@ def _expected_intervals(
     if names is None or parameter_groups is None:
         every = selection.WITH_KNOWN_LAG if measured else selection.GROUPS
         names, parameter_groups = (
-            tuple(dict.fromkeys([*selection.FIRST, *measured, *itertools.chain(*some.values())]))
+            tuple(dict.fromkeys([*selection.ALWAYS, *measured, *itertools.chain(*some.values())]))
             for some in (every, _groups(problem, measured))
         )
     priors = prior_ranges(problem.start, box_of(problem, names).limits)
@@ -286,7 +286,7 @@ def _question(
         InputError: no requested parameter is identifiable.
     """
     (coarse, fine), start, parts = models, problem.start, None
-    request = problem.over or tuple(dict.fromkeys([*selection.FIRST, *measured]))
+    request = problem.over or tuple(dict.fromkeys([*selection.ALWAYS, *measured]))
     names = tuple(name for name in request if name not in unidentifiable)
     if problem.over is None:
         parts = _parts(problem.flights, settings)

@@ -26,7 +26,7 @@ from maidenflight.identification.outcome.posterior import interval
 OF_TORQUE = (
     *(f"inertia_{axis}" for axis in "xyz"),
     *(f"torque_bias_{axis}" for axis in "xyz"),
-    *("rotor_momentum", "flapping_moment", "rotational_damping"),
+    *("rotor_momentum", "flapping_moment_x", "flapping_moment_y", "rotational_damping"),
 )
 """Parameters in proportion to the torque of a command."""
 _BLOCKS, _MOST = 20.0, 5.0

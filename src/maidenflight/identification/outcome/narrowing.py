@@ -19,7 +19,7 @@ _OTHERS = {
     "rotor_momentum": "yaw to and fro",
     "drag_z": "climb and sink",
     "drag_": "fly faster than 1 m/s along x and y",
-    "flapping_moment": "fly faster than 1 m/s along x and y",
+    "flapping_moment_": "fly faster than 1 m/s along x and y",
     "motor_coasting": "cut the throttle now and then",
     "spin_down_ratio": "cut the throttle now and then",
     "thrust_linear": "use throttle from a fifth to four fifths",

@@ -5,7 +5,7 @@ much as body rates. Every model stands beside the persistence baseline, which pr
 changes.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 
 import jax
@@ -17,8 +17,16 @@ from jaxtyping import Array, Float, Int
 from scipy.spatial.transform import Rotation
 
 from maidenflight.errors import InputError
-from maidenflight.flights.log import GROUPS, Flight, averaged
-from maidenflight.flights.windows import EVERY, LEAD_IN, Windows, first_start, windows
+from maidenflight.flights import trims
+from maidenflight.flights.log import GROUPS, Flight, averaged, by_log
+from maidenflight.flights.windows import (
+    EVERY,
+    LEAD_IN,
+    Windows,
+    first_start,
+    segment_names,
+    windows,
+)
 from maidenflight.identification.outcome.posterior import RESAMPLES, interval
 from maidenflight.identification.outcome.problem import generator_of
 from maidenflight.identification.replay.open_loop import (
@@ -39,6 +47,8 @@ PERSISTENCE = "persistence"
 the window's start."""
 LOGGED = "logged"
 """Name of what was measured, among what models predict."""
+Model = Parameters | Callable[[Sequence[Flight]], Parameters]
+"""A drone, or that of the pieces of a log."""
 _SIGNALS = [
     column
     for group in ("position", "velocity", "attitude", "body_rates")
@@ -49,7 +59,7 @@ _STEP = f"physics steps of {PHYSICS_STEP * 1e3:g} ms"
 
 def prediction_error(
     flights: Iterable[Flight],
-    models: Mapping[str, Parameters],
+    models: Mapping[str, Model],
     horizons: Sequence[float] = HORIZONS,
     lead_in: int = LEAD_IN,
     key: Array | None = None,
@@ -65,7 +75,7 @@ def prediction_error(
     Args:
         flights: checked flights of one rate; held out, that is not those that the models were
             identified from.
-        models: drones by name.
+        models: drones by name, or what makes the drone of a log, such as `with_own_trim`.
         horizons: times after a window's start [s]; each is taken to the nearest row.
         lead_in: rows of commands before a window, from which its motors' speed is inferred.
         key: random key of the intervals; `jax.random.key(0)` by default.
@@ -93,8 +103,10 @@ def prediction_error(
     rows = _rows(horizons, period)
     window_set = windows(flights, int(rows[-1]), lead_in=lead_in)
     start = _start(window_set)
+    names = np.array(segment_names(flights, int(rows[-1])))[window_set.segment]
     predictions = {
-        name: predict(window_set, drone, period)[:, rows - 1] for name, drone in models.items()
+        name: _by_log(window_set, names, flights, model, period)[:, rows - 1]
+        for name, model in models.items()
     }
     for name, rows_ahead in predictions.items():
         if not np.all(np.isfinite(rows_ahead)):
@@ -243,6 +255,28 @@ def predict(
     drone = jax.tree.map(jnp.asarray, replace(parameters, time_step=time_step))
     simulated = np.asarray(_simulate(in_chunks(window_set), drone, steps))
     return simulated.reshape(-1, *simulated.shape[2:])[: len(window_set.segment)]
+
+
+def with_own_trim(drone: Parameters, pieces: Sequence[Flight]) -> Parameters:
+    """Returns a drone with the constant torques of a flight, where its log tells them."""
+    of_flight = trims.trim(pieces, drone).torque_bias
+    torques = np.where(np.isfinite(of_flight), of_flight, drone.torque_bias)
+    return replace(drone, torque_bias=torques.astype(np.float32))
+
+
+def _by_log(
+    window_set: Windows, names: np.ndarray, flights: Sequence[Flight], model: Model, period: float
+) -> Float[np.ndarray, "W T 12"]:
+    """Predicts windows, those of each log by its drone."""
+    if isinstance(model, Parameters):
+        return predict(window_set, model, period)
+    ahead = np.empty_like(window_set.measured)
+    for name, pieces in by_log(flights).items():
+        here = names == name
+        if here.any():
+            of_log = jax.tree.map(lambda each, here=here: each[here], window_set)
+            ahead[here] = predict(of_log, model(pieces), period)
+    return ahead
 
 
 @partial(jax.jit, static_argnums=2)

@@ -107,7 +107,7 @@ class Bullet:
         """A step on the host.
 
         Args:
-            rows: 13 numbers of the body, 7 of the motors and 22 constants each.
+            rows: 13 numbers of the body, 7 of the motors and 23 constants each.
 
         Returns:
             The 13 numbers of each body after the step.
@@ -155,16 +155,18 @@ class _World:
         self.settings: tuple[Any, ...] = ()
 
     def set_up(
-        self, constants: Float[np.ndarray, "22"], linear_damping: float, angular_damping: float
+        self, constants: Float[np.ndarray, "23"], linear_damping: float, angular_damping: float
     ) -> None:
         """Makes the body this drone's; `constants` are those of `_constants`."""
         settings = (constants.tobytes(), linear_damping, angular_damping)
         if settings == self.settings:
             return
         values = constants.tolist()
-        mass, ix, iy, iz, *drag, self.flapping, self.damping, gravity, step = values[:11]
-        self.wind = values[11:14]
-        self.places = [[x, y, 0.0] for x, y in zip(values[14:18], values[18:22], strict=True)]
+        mass, ix, iy, iz = values[:4]
+        drag, self.flapping = values[4:7], values[7:9]
+        self.damping, gravity, step = values[9:12]
+        self.wind = values[12:15]
+        self.places = [[x, y, 0.0] for x, y in zip(values[15:19], values[19:23], strict=True)]
         self.drag = [mass * share for share in drag]
         self.bullet.setGravity(0.0, 0.0, -gravity, **self.client)
         self.bullet.setTimeStep(step, **self.client)
@@ -189,7 +191,7 @@ class _World:
         for force, place in zip(forces, self.places, strict=True):
             bullet.applyExternalForce(self.body, -1, (0.0, 0.0, force), place, frame, **self.client)
         bullet.applyExternalTorque(self.body, -1, further, frame, **self.client)
-        if any(self.drag) or self.flapping or self.damping:
+        if any(self.drag) or any(self.flapping) or self.damping:
             x, y, z, w = bullet.getBasePositionAndOrientation(self.body, **self.client)[1]
             moving, turning = bullet.getBaseVelocity(self.body, **self.client)
             through_air = [of - air for of, air in zip(moving, self.wind, strict=True)]
@@ -199,8 +201,8 @@ class _World:
             slowing = [-share * speed for share, speed in zip(self.drag, velocity, strict=True)]
             bullet.applyExternalForce(self.body, -1, slowing, (0.0, 0.0, 0.0), frame, **self.client)
             pitching = (
-                self.flapping * velocity[1] - self.damping * rates[0],
-                -self.flapping * velocity[0] - self.damping * rates[1],
+                self.flapping[0] * velocity[1] - self.damping * rates[0],
+                -self.flapping[1] * velocity[0] - self.damping * rates[1],
                 0.0,
             )
             bullet.applyExternalTorque(self.body, -1, pitching, frame, **self.client)
@@ -266,7 +268,7 @@ def _state(parts: Any, rotor_speed: Any) -> State:
     return State(position, velocity, quaternion, body_rates, rotor_speed)
 
 
-def _constants(parameters: Parameters) -> Float[Array, "22"]:
+def _constants(parameters: Parameters) -> Float[Array, "23"]:
     """Mass, inertia, drag, flapping, damping, gravity, time step, wind and rotors' places."""
     names = (
         "mass",

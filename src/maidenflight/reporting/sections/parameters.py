@@ -43,7 +43,7 @@ _EFFECTS = {
     "coasting motors": ("motor_coasting",),
     "rotors whose momentum turns the body": ("rotor_momentum",),
     "a constant torque": ("torque_bias_x", "torque_bias_y", "torque_bias_z"),
-    "flapping rotors": ("flapping_moment",),
+    "flapping rotors": ("flapping_moment_x", "flapping_moment_y"),
     "damped rates": ("rotational_damping",),
     "another thrust curve": ("thrust_offset", "thrust_linear"),
     "late estimates": ("estimator_delay",),

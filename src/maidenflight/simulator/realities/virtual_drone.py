@@ -220,6 +220,9 @@ def virtual_drone(
         torques = FAR_TORQUE_BIAS_STD_N_M * generator.standard_normal(3).astype(np.float32)
         if centre is not None:
             further, torques = _far_about(further, drone, centre), torques * _size(centre)
+        flapping = further.pop("flapping_moment", None)
+        if flapping is not None:
+            further |= {"flapping_moment_x": flapping, "flapping_moment_y": flapping}
         drone = replace(drone, **further, torque_bias=torques)
     compensated = centre is None or float(centre.mass) <= LARGEST_CRAZYFLIE
     law = thrust_law if compensated else None
@@ -281,7 +284,7 @@ def _far_about(
     lacking = {
         name: further[name] * _size(centre)
         for name in ("rotor_momentum", "flapping_moment")
-        if not getattr(centre, name)
+        if not np.any(getattr(centre, name))
     }
     thrust = 0.9 * float(drone.thrust_to_weight)
     return {
