@@ -100,10 +100,7 @@ class Policy:
             )
 
     def check(self, place: str = "policy") -> None:
-        """Checks that shapes and numbers make sense.
-
-        Args:
-            place: what errors name, such as the file.
+        """Checks that shapes and numbers make sense; errors name the place, such as the file.
 
         Raises:
             InputError: they do not.

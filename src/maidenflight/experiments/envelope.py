@@ -223,10 +223,7 @@ def _speeds_reached(
 def steps_done(rows: Rows, rate: int, estimated: bool = False) -> int:
     """Returns rows until a guard trips or the distance's mean over `WINDOW_S` exceeds `WITHIN_M`.
 
-    Args:
-        rows: one flight.
-        rate: its rows a second.
-        estimated: whether the drone's estimates are judged.
+    The flight has `rate` rows a second; with `estimated` the drone's estimates are judged.
     """
     steps, reason = rows.end(LOST, estimated)
     # The row in which it is lost does not count; the tilt that speed takes trips no guard here.

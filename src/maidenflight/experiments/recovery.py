@@ -22,10 +22,8 @@ LASTS = END_REASONS[TIME_LIMIT]
 def recovery(errors: Float[np.ndarray, "F T"], rate: float, at: float) -> Float[np.ndarray, "F"]:
     """Returns the time after the change from which a flight stays within `WITHIN_M`, to its end.
 
-    Args:
-        errors: distances from the set-point [m], one row a flight.
-        rate: distances a second [Hz]; the first is at the flight's start.
-        at: when the drone changes [s].
+    Errors are distances from the set-point [m], one row a flight and so many a second, the first at
+    its start; the drone changes at `at` [s].
 
     Returns:
         [s]; infinite where a flight is never back, or ends before the drone changes.
@@ -44,11 +42,7 @@ def distance(flight: Flight) -> Float[np.ndarray, "N"]:
 
 
 def of_flights(table: polars.DataFrame, flights: Sequence[Flight]) -> polars.DataFrame:
-    """Returns the flights whose drone changes, as the names of their realities say.
-
-    Args:
-        table: rows of a transfer.
-        flights: their logs, in the same order.
+    """Returns the flights of a transfer whose drone changes, as the names of their realities say.
 
     Returns:
         One row a flight: place (in `table`, from 0), policy, reality, at [s], lasts (whether no

@@ -50,13 +50,7 @@ def first_start(flight: Flight, stride: int = 1) -> int:
 
 
 def segment_names(flights: Iterable[Flight], length: int, stride: int = 1) -> list[str]:
-    """Returns the name of the flight of each segment that `windows` numbers, in their order.
-
-    Args:
-        flights: as of `windows`.
-        length: as of `windows`.
-        stride: as of `windows`.
-    """
+    """Returns the name of the flight of each segment that `windows` numbers, in their order."""
     return [
         flight.name
         for flight in flights

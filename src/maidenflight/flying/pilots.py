@@ -157,12 +157,9 @@ AnyPolicy = Policy | ForeignPolicy
 def pilots_of(
     policies: Sequence[AnyPolicy], controller: Controller | None = None
 ) -> list[PolicyPilot | ForeignPilot]:
-    """Returns a pilot of each policy.
+    """Returns a pilot of each policy, ours of one kind or others'.
 
-    Args:
-        policies: ours, of one kind, and others'.
-        controller: what carries out commands; `control.controller_for` their interface unless
-            given.
+    The controller is by default `control.controller_for` their interface.
 
     Raises:
         InputError: ours are of different kinds, or the controller is of another interface.
@@ -205,11 +202,10 @@ def _controller_of(policies: Sequence[Policy], controller: Controller | None) ->
 def cascade(
     controller: Controller, act: Callable[[Measurement, Float[np.ndarray, "3"]], Any]
 ) -> Fly:
-    """Returns the motors' commands that a controller makes of actions.
+    """Returns the motors' commands that a controller makes of actions in one flight.
 
-    Args:
-        controller: the control structure; its memory stays here, for one flight.
-        act: measurement and set-point to action, called at the rate of the controller's interface.
+    `act` gives an action of a measurement and a set-point, at the rate of the controller's
+    interface. The controller's memory stays here.
     """
     compiled, every = _compiled(controller), controller.command_rate // controller.interface.rate
     memory, action, calls = controller.init(), np.zeros(4, np.float32), 0

@@ -95,11 +95,7 @@ def noiseless(parameters: Parameters) -> Parameters:
 
 
 def check(parameters: Parameters, place: str = "parameters") -> Parameters:
-    """Returns one drone's parameters if every value lies in its physical range.
-
-    Args:
-        parameters: a point, without batch axes.
-        place: what the error names, usually a file.
+    """Returns one drone's parameters, a point, if every value lies in its physical range.
 
     Raises:
         InputError: a value is not a finite number, has the wrong number of components or is out of

@@ -96,9 +96,7 @@ def rotors(drone: "Parameters") -> Float[np.ndarray, "4 3"]:
 
 
 def levers(drone: "Parameters") -> Float[np.ndarray, "4 3"]:
-    """Returns what a newton of each rotor turns about.
-
-    Y [m], -x [m] and its direction [-], of a point.
+    """Returns what a newton of each rotor turns about, of a point: y [m], -x [m] and direction [-].
 
     Source: the torque r x F of a thrust along body z.
     """
@@ -117,11 +115,7 @@ def effectiveness(drone: "Parameters") -> Float[np.ndarray, "4 4"]:
 
 
 def check(drone: "Parameters", place: str) -> "Parameters":
-    """Returns a drone whose rotors can hover it and turn it about every axis.
-
-    Args:
-        drone: a point.
-        place: what the error names, usually a file.
+    """Returns a point, a drone whose rotors can hover it and turn it about every axis.
 
     Raises:
         InputError: a direction is neither 1 nor -1, the rotors' thrusts cannot make thrust and

@@ -151,10 +151,7 @@ def x500() -> Parameters:
 
 
 def racer_5_inch() -> Parameters:
-    """Returns a racing quadrotor with propellers of five inches.
-
-    All of it is guessed, see `DRONES`.
-    """
+    """Returns a racing quadrotor with propellers of five inches; all of it is guessed."""
     mass, arm = 0.65, 0.11
     flat = mass * arm**2
     return replace(
@@ -303,12 +300,7 @@ def drone(name: str, mass: float | None = None) -> Parameters:
 
 
 def sources(name: str, mass: float | None = None) -> dict[str, str]:
-    """Sources of a named drone's values that are not the paper's, by field.
-
-    Args:
-        name: of `DRONES`.
-        mass: as in `named`.
-    """
+    """Returns sources of a named drone's values that are not the paper's, by field; see `drone`."""
     drone = DRONES[name]
     if mass is None or drone.frameless:
         return dict(drone.sources)

@@ -33,17 +33,7 @@ def quantity(
     source: str,
     size: int = 1,
 ) -> Any:
-    """Returns a field of `Parameters`, with what is known of it.
-
-    Args:
-        table: of the TOML file, in which it stands.
-        symbol: in formulas.
-        unit: SI; "-" for a pure number.
-        bounds: smallest value with a physical meaning and largest plausible one.
-        meaning: in words.
-        source: where the model or the named drone's value comes from.
-        size: number of components.
-    """
+    """Returns a field of `Parameters`, with what is known of it; see `Quantity`."""
     return field(
         metadata={"quantity": Quantity(symbol, unit, *bounds, meaning, source, table, size)}
     )

@@ -187,9 +187,7 @@ def read_run(source: StrPath | None = None, options: FileOptions | None = None) 
 def read_flights_of(source: StrPath | None, options: FileOptions) -> Sequence[Flight]:
     """Reads the flights of a run: test flights, else recorded ones.
 
-    Args:
-        source: see `find_files`; or a log or a folder of logs, of any known format.
-        options: see `find_files`.
+    The source is as of `find_files`, or a log or a folder of logs, of any known format.
 
     Raises:
         InputError: nothing is there, or a log cannot be used.
@@ -229,7 +227,7 @@ def _name(path: Path) -> str:
 def _recorded(
     files: RunFiles, records: dict[str, Mapping[str, Any]]
 ) -> tuple[list[tuple[Path, Flight]], list[str]]:
-    """The flights in logs of any format, and why others cannot be used.
+    """Returns the flights in logs of any format, and why others cannot be used.
 
     Our own logs count whole, of others the gapless pieces in which the drone flies, if any.
     """

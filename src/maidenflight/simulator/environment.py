@@ -191,7 +191,7 @@ def remember(history: Float[Array, "H 20"], instant: Float[Array, "20"]) -> Floa
 def observation(environment: Environment, env_state: EnvState) -> Float[Array, "20H+3K+M"]:
     """Returns the policy's input.
 
-    The last H instants, oldest first, the K points of a look-ahead, and what it remembers.
+    It is the last H instants, oldest first, the K points of a look-ahead, and what it remembers.
     """
     spec = environment.spec
     points = spec.points(environment.task.reference, env_state.time)
@@ -206,16 +206,9 @@ def begin(
     parameters: Parameters,
     key: Array,
 ) -> EnvState:
-    """Returns an episode that starts in some state.
+    """Returns an episode that starts in some state, at a time [s] of the reference's clock.
 
     Its delay line holds the task's first command.
-
-    Args:
-        environment: what is simulated.
-        state: first state.
-        time: the reference's clock [s].
-        parameters: the drone.
-        key: random key for bias and sensor noise.
 
     Raises:
         InputError: the state holds a number that is not finite (raised outside compiled functions

@@ -21,11 +21,7 @@ class Engine(Protocol):
         ...
 
     def ended(self, timeout: float) -> Sequence[TaskResult]:
-        """Tasks that have ended since the last call.
-
-        Args:
-            timeout: longest wait for one [s].
-        """
+        """Tasks that have ended since the last call; waits for one at most so long [s]."""
         ...
 
     def close(self) -> None:

@@ -153,11 +153,11 @@ def of(
     """Returns a study of tables.
 
     Args:
-        entries: a list of them, as `read` reads.
+        entries: a list of them, as `read_study` reads.
         home: folder that paths in them are relative to.
         place: what holds them, for errors.
-        cpus: see `read`.
-        gpus: see `read`.
+        cpus: see `read_study`.
+        gpus: see `read_study`.
 
     Raises:
         InputError: an entry is unknown, missing or out of range; a file is not there; an input

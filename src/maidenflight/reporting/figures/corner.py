@@ -32,12 +32,8 @@ def corner(
     """Draws posterior samples of each pair of parameters, with distributions on the diagonal.
 
     Of more than `MAX_PARAMETERS` those with the strongest correlations stand; the title says so.
-
-    Args:
-        draws: N values by parameter [SI], names as in `parameters.COMPONENTS`; an entry of each
-            belongs together.
-        optimum: the point that is marked; none by default.
-        level: share of the draws in the central interval that is marked.
+    Draws are in SI units, by names of `parameters.COMPONENTS`; the optimum is marked where it is
+    known.
 
     Raises:
         InputError: no draws, draws that are not finite, or of different numbers.

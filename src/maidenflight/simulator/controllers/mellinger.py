@@ -88,12 +88,7 @@ def switched_on() -> Memory:
 
 
 def full_state(reference: Trajectory, time: Float[Array, ""], position: Vector) -> FullState:
-    """Returns the full state of a reference at a time; yaw is zero.
-
-    Args:
-        reference: of time [s] to position [m].
-        time: [s].
-        position: of the reference [m].
+    """Returns the full state of a reference at a time [s] and its position there [m]; yaw is zero.
 
     Source: Mellinger and Kumar 2011, sec. III (body rates by differential flatness).
     """
@@ -127,13 +122,6 @@ def tick(
     mixer: Mixer | None = None,
 ) -> tuple[Memory, Float[Array, "4"]]:
     """Returns one tick of 2 ms.
-
-    Args:
-        memory: of the tick before.
-        target: the set-point.
-        state: what is measured.
-        firmware: generation of the mixer; static.
-        mixer: of another frame than the firmware's X; static.
 
     Returns:
         Memory, and the four motors' commands [counts], not yet compensated for the battery.

@@ -69,18 +69,10 @@ def actuate(
     normal: Float[Array, "4"],
     supply: Supply,
 ) -> tuple[Actuators, Float[Array, "4"]]:
-    """Turns a thrust command into the rotor speed command that enters the delay line.
-
-    Args:
-        actuators: state before.
-        command: u, from 0; a firmware's PID may ask for more than 1.
-        period: time for which the command holds [s].
-        parameters: uses the noise and `battery` fields.
-        normal: draws from the standard normal distribution.
-        supply: what becomes of the command before the motors.
+    """Turns a thrust command u, which may exceed 1, into the rotor speed command of the delay line.
 
     Returns:
-        New state and sqrt(u) of the noisy command, within what the supply allows.
+        New state and sqrt(u) of the noisy command, within what the supply allows, for a period [s].
     """
     noise = ornstein_uhlenbeck(actuators.noise, period, parameters, normal)
     ratio = battery.motor_ratio(command, actuators.voltage, supply)

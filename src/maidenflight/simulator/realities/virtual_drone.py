@@ -93,11 +93,7 @@ class VirtualDrone:
     ) -> Environment:
         """Returns the environment in which this drone flies a task under a control structure.
 
-        Args:
-            task: the task to fly.
-            controller: what carries out the commands.
-            spec: what the policy sees.
-            changing: whether the caller makes the drone become what `later` says.
+        `changing`: the caller makes the drone become what `later` says.
 
         Raises:
             InputError: the drone changes in the course of a flight, and the caller does not make
@@ -121,12 +117,8 @@ class VirtualDrone:
 def must_be_virtual(reality: object, cure: str) -> VirtualDrone:
     """Returns a virtual drone.
 
-    Args:
-        reality: any.
-        cure: what to do where its physics are not ours.
-
     Raises:
-        InputError: it is none.
+        InputError: it is none; `cure` says what to do then.
     """
     if not isinstance(reality, VirtualDrone):
         name = getattr(reality, "name", reality)

@@ -43,12 +43,9 @@ def _draw_points(random: np.random.Generator) -> Places:
 def _draw_curve(
     random: np.random.Generator, curve: Callable[[Places], Places], bend: float
 ) -> Places:
-    """Two rounds of a closed curve, turned and tilted, that speeds up and slows down smoothly.
+    """Draws two rounds of a closed curve of unit size, turned and tilted, at a smooth speed.
 
-    Args:
-        random: what draws size, speed and direction.
-        curve: angle to place, of unit size.
-        bend: its greatest curvature at unit size.
+    `bend` is its greatest curvature.
     """
     size = random.uniform(0.15, 0.8) if bend == 1.0 else random.uniform(0.4, 1.2)
     speed = min(random.uniform(*SPEEDS), np.sqrt(MOST_ACCELERATION * size / bend))

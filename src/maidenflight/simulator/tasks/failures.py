@@ -62,11 +62,7 @@ def excursion(
 ) -> Excursion:
     """Returns how far a drone is from hover at its set-point.
 
-    Args:
-        position: [m].
-        attitude: roll, pitch, yaw [rad].
-        body_rates: [rad/s].
-        setpoint: [m].
+    Position is in m, attitude roll, pitch and yaw [rad], and body rates are in rad/s.
     """
     values: list[Any] = [setpoint, position, attitude, body_rates]
     library: Any = jnp
@@ -133,10 +129,7 @@ def too_steep(state: State) -> Bool[Array, ""]:
 
 
 def reason(**failures: Bool[ArrayLike, "..."]) -> Int[Any, "..."]:
-    """Returns the index of the first of `END_REASONS` that holds, 0 if none does.
-
-    Names have _ for a blank.
-    """
+    """Returns the index of the first of `END_REASONS` that holds, 0 if none; _ is a blank."""
     of_jax = any(isinstance(holds, jax.Array) for holds in failures.values())
     library: Any = jnp if of_jax else np
     reason_index = library.zeros((), library.int32)

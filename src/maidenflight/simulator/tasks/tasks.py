@@ -108,13 +108,9 @@ TAKE_OFF_START = InitialStateRange(
 def _reset_near(
     reference: Trajectory, start_range: InitialStateRange, latest: float = 0.0, moving: bool = False
 ) -> Reset:
-    """A reset near a reference.
+    """Makes a reset near a reference, up to the latest time on its clock [s], uniformly.
 
-    Args:
-        reference: set-point [m] at a time [s].
-        start_range: half widths of the first state.
-        latest: the start on the reference's clock is uniform up to it [s].
-        moving: whether the drone starts with the reference's velocity, else about at rest.
+    The drone starts with the reference's velocity if it is moving, else about at rest.
     """
     tilt = np.radians(np.array(start_range.attitude, np.float32))
     spin = np.radians(np.array(start_range.body_rates, np.float32))
@@ -140,14 +136,10 @@ def _reset_near(
 
 @cache
 def with_yaw_penalty(task: Task, yaw_penalty: float) -> Task:
-    """Returns the task with a cost of yaw.
+    """Returns the task with a cost of a radian of yaw, per control period, and the same failures.
 
     The paper's rewards do not depend on yaw, and its episodes last 5 s. Constant torques and the
     gyro's bias turn a drone further than in training, where the policy fails.
-
-    Args:
-        task: the task; its failures stay the same.
-        yaw_penalty: cost of a radian of yaw, per control period.
     """
 
     def reward(

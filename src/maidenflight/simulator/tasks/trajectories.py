@@ -143,9 +143,7 @@ def accelerating(
 def hastening(trajectory: Trajectory, fastest: float) -> Trajectory:
     """Returns the same path, faster: its speed grows evenly to `fastest` times its own.
 
-    Args:
-        trajectory: the trajectory, for ever.
-        fastest: of its own speed, after `RAMP_DURATION_S` [-].
+    That is reached after `RAMP_DURATION_S`.
     """
 
     def reference(time: Float[Array, ""]) -> Float[Array, "3"]:
