@@ -6,7 +6,6 @@ RL-tools.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -75,8 +74,3 @@ def untrained_gru(key: Array, inputs: int, size: int) -> Gru:
         jnp.asarray(biases),
         jnp.zeros(rows),
     )
-
-
-def fields_of(gru: Gru) -> dict[str, Any]:
-    """Returns the arrays by name."""
-    return {name: getattr(gru, name) for name in Gru.__dataclass_fields__}

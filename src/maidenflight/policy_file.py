@@ -16,7 +16,7 @@ from jaxtyping import Array
 
 from maidenflight import inputs, results
 from maidenflight.errors import InputError
-from maidenflight.gru import Gru, fields_of
+from maidenflight.gru import Gru
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import GEOMETRY
 from maidenflight.policy import Policy
@@ -53,12 +53,25 @@ class PolicyFile:
 
     @classmethod
     def read(cls, path: StrPath, control: str | None = None) -> "PolicyFile":
-        """Reads a policy file, ours or the authors'; see `read`.
+        """Reads a policy file, ours or the authors', recognised by content.
+
+        Args:
+            path: the file.
+            control: what the authors' policy commands; by default, the control structure that the
+                file's name begins with, such as `attitude_rate_066.json`, or that its folder is
+                called. Ours say it themselves.
 
         Raises:
-            InputError: as of `read`.
+            InputError: no such file; or see `from_json`.
         """
-        return read_policy(path, control)
+        path = Path(path)
+        if path.is_dir():
+            first = min(path.glob("*.json"), default=None)
+            cure = f"Give one file of it, such as {first}." if first else _SUCH_AS
+            raise InputError(f"{path}: a folder, not a policy. {cure}")
+        if not path.exists():
+            raise InputError(f"{path}: cannot be read as a policy: no such file. {_SUCH_AS}")
+        return from_json(inputs.readable(path, "a policy"), str(path), control)
 
     def write(self, path: StrPath) -> Path:
         """Writes the policy with its record.
@@ -144,8 +157,7 @@ def to_json(policy: Policy, record: Mapping[str, Any] | None = None) -> str:
         "layers": layers,
     }
     if policy.gru is not None:
-        arrays = fields_of(policy.gru)
-        content["gru"] = {name: _decimals(array) for name, array in arrays.items()}
+        content["gru"] = {name: _decimals(array) for name, array in vars(policy.gru).items()}
     return json.dumps(content)
 
 
@@ -249,23 +261,4 @@ def write_policy(path: StrPath, policy: Policy, record: Mapping[str, Any] | None
     return results.write(path, to_json(policy, record) + "\n")
 
 
-def read_policy(path: StrPath, control: str | None = None) -> PolicyFile:
-    """Reads a policy file, ours or the authors', recognised by content.
-
-    Args:
-        path: the file.
-        control: what the authors' policy commands; by default, the control structure that the
-            file's name begins with, such as `attitude_rate_066.json`, or that its folder is called.
-            Ours say it themselves.
-
-    Raises:
-        InputError: no such file; or see `from_json`.
-    """
-    path = Path(path)
-    if path.is_dir():
-        first = min(path.glob("*.json"), default=None)
-        cure = f"Give one file of it, such as {first}." if first else _SUCH_AS
-        raise InputError(f"{path}: a folder, not a policy. {cure}")
-    if not path.exists():
-        raise InputError(f"{path}: cannot be read as a policy: no such file. {_SUCH_AS}")
-    return from_json(inputs.readable(path, "a policy"), str(path), control)
+read_policy = PolicyFile.read

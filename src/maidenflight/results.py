@@ -28,12 +28,7 @@ _LOCK_TIMEOUT = 0.2
 def write(path: StrPath, content: str | bytes) -> Path:
     """Writes a file atomically: even after a power cut it has its old content or the new.
 
-    Args:
-        path: where to write; missing folders are made.
-        content: text (UTF-8, newlines as they are) or bytes.
-
-    Returns:
-        The path.
+    Missing folders are made; text is UTF-8 with newlines as they are.
 
     Raises:
         WriteError: the folder or the file cannot be written; its former content stays.
@@ -63,17 +58,13 @@ def write(path: StrPath, content: str | bytes) -> Path:
 
 
 def claim(path: StrPath, timeout: float = _LOCK_TIMEOUT) -> Callable[[], None]:
-    """Locks a place against other processes of this computer and user.
-
-    Args:
-        path: a file or a folder; it need not exist, and nothing is written to it.
-        timeout: longest wait for another process [s].
+    """Locks a place, which need not exist, against other processes of this computer and user.
 
     Returns:
         A function that releases the lock. The end of the process releases it too, even a kill.
 
     Raises:
-        InputError: another process holds the lock.
+        InputError: another process holds the lock for longer than the timeout [s].
     """
     from filelock import FileLock, Timeout
 

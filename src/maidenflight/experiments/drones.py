@@ -125,13 +125,9 @@ def possible_drones(
 ) -> Parameters:
     """Returns the drones that predicted flights fly: a point, or drones along a first axis.
 
-    Args:
-        drone: a drone file, its path, or a named drone.
-        randomization: half width of a box about the drone; `POSTERIOR`: each flight is of another
-            posterior sample; `TRIMS`: constant torques differ between flights as between those that
-            the drone was identified from.
-        seed: random seed.
-        today: logs of the day, from which the constant torques and the thrust are estimated.
+    The randomization is the half width of a box about the drone; `POSTERIOR`: each flight is of
+    another posterior sample; or `TRIMS`: constant torques differ between flights as between those
+    that the drone was identified from. Logs of `today` say the constant torques and the thrust.
 
     Raises:
         InputError: see `drone_of_the_day` and `trim_ensemble`; or a randomization that the day's

@@ -268,12 +268,9 @@ def _succeeds(flight: SimulatedFlight) -> bool:
 def summary(flights: polars.DataFrame) -> polars.DataFrame:
     """Returns the envelope of each policy and reality along each axis, with a 95 % interval.
 
-    Args:
-        flights: rows of `envelope`.
-
     Returns:
-        One row a policy, reality and axis: flights, envelope (what `SHARE` of the flights reach),
-        low and high (percentiles of a bootstrap over flights), median, unit, hardest and limit.
+        One row a policy, reality and axis of `envelope`: flights, envelope (what `SHARE` of them
+        reach), low and high (percentiles of a bootstrap), median, unit, hardest and limit.
         NaN: more than the other flights fly nothing at all.
 
     Source: Efron and Tibshirani 1993, An introduction to the bootstrap, sec. 13.3.

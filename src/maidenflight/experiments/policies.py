@@ -128,12 +128,10 @@ def find_policies(places: Sequence[StrPath]) -> list[Path]:
 
 
 def read_policies(places: Sequence[StrPath], control: str | None = None) -> Policies:
-    """Reads policies.
+    """Reads policies, ours and by others, from files and folders.
 
-    Args:
-        places: files and folders of policies, and policies by others.
-        control: what the authors' policies command; what their files' names say by default. Or
-            `MODULE:NAME`, a control structure of your own that policies command.
+    `control` is what the authors' policies command, by default what their files' names say, or
+    `MODULE:NAME`, a control structure of your own that policies command.
 
     Raises:
         InputError: one is no policy, or commands something else; or one by others needs a package

@@ -122,12 +122,7 @@ class ForeignPolicy(Protocol):
         ...
 
     def begin(self, hover: float, task: Task) -> Fly:
-        """Begins a flight.
-
-        Args:
-            hover: thrust command at which the drone hovers.
-            task: what it follows; some policies see its velocity.
-        """
+        """Begins a flight of a drone that hovers at this command; some see a task's velocity."""
         ...
 
 

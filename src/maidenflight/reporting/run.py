@@ -128,7 +128,7 @@ _TABLES: Mapping[manifest.Kind, Table] = {
     "prediction": run_folder.PREDICTION,
     "study": run_folder.STUDY,
 }
-"""Tables of a run but that of test flights, by kind."""
+"""Tables of a run but that of test flights, by kind, which are fields of `Run`."""
 
 
 def read_run(source: StrPath | None = None, options: FileOptions | None = None) -> Run:
@@ -140,7 +140,7 @@ def read_run(source: StrPath | None = None, options: FileOptions | None = None) 
     files = find_files(source, options or {})
     first = {kind: path for kind in files.files if (path := files.first(kind)) is not None}
     tables = {kind: table.read(first[kind]) for kind, table in _TABLES.items() if kind in first}
-    rows = {kind: rows for kind, (rows, _) in tables.items()}
+    rows: dict[str, Any] = {kind: rows for kind, (rows, _) in tables.items()}
     drones = {kind: drone_file.read(first[kind]) for kind in ("truth", "drone") if kind in first}
     records = {first[kind].name: drone.record for kind, drone in drones.items()}
     records |= {first[kind].name: record for kind, (_, record) in tables.items()}
@@ -160,24 +160,19 @@ def read_run(source: StrPath | None = None, options: FileOptions | None = None) 
         logs=len(files.files.get("logs", ())) - len(refused),
         drone=drone,
         kinds=kinds,
-        validation=rows.get("validation"),
-        windows=rows.get("windows"),
-        calibration=rows.get("calibration"),
         predicted=predicted,
         used=used,
         judged=judged,
         policies=len(files.files.get("policies", ())),
         controls={} if table is None else trained.controls(policies, table["policy"]),
-        training=rows.get("training"),
         table=table,
         flights=flights,
-        prediction=rows.get("prediction"),
-        study=rows.get("study"),
         records={name: one for name, one in records.items() if isinstance(one, dict) and one},
         seconds=run_folder.read_stages(first["stages"]) if "stages" in first else {},
         refused=tuple(refused),
         missing_files=files.missing,
         other_files=files.others,
+        **rows,
     )
     if not run.known:
         raise nothing_here(Path(source or ""), files.missing)

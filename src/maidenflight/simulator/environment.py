@@ -125,10 +125,6 @@ class Environment:
         """Returns the time for which an action holds [s]."""
         return self.commands_per_action * self.command_period(parameters)
 
-    def delay_slots(self) -> int:
-        """Returns the length of the delay line, from the controller's nominal rate."""
-        return latency.slots(1.0 / self.controller.command_rate)
-
 
 class EnvState(NamedTuple):
     """All that changes while a drone flies."""
@@ -229,7 +225,8 @@ def begin(
     return EnvState(
         state=state,
         delay_line=jnp.broadcast_to(
-            actuators.rotor_speed_command(command), (environment.delay_slots(), 4)
+            actuators.rotor_speed_command(command),
+            (latency.slots(1.0 / environment.controller.command_rate), 4),
         ),
         actuators=actuators.switched_on(command, parameters, environment.supply),
         controller=environment.controller.init(),

@@ -145,11 +145,11 @@ def _segments(signals: Float[np.ndarray, "M 8"], count: int) -> list[Float[np.nd
     return parts
 
 
-def responses(motion: Spectra, delays: Float[np.ndarray, "D"] = DELAYS_S) -> Responses:
+def responses(motion: Spectra) -> Responses:
     """Evaluates all lags and delays."""
     turn = 2j * np.pi * motion.frequency
     lag = 1 / (1 + turn * LAGS_S[:, None])
-    filters = lag[:, None] * np.exp(-turn * delays[:, None])
+    filters = lag[:, None] * np.exp(-turn * DELAYS_S[:, None])
     products, power, channels = [], [], []
     for channel in range(4):
         own, weight = motion.channels[:, channel], motion.weight(channel)

@@ -66,7 +66,7 @@ def section(run: Run) -> Markup:
         gains=_gains(run),
         intervals=_intervals(run),
         delays=_delays(run),
-        calibration=_calibration(run),
+        calibration=None if run.calibration is None else ranks(summarize(run.calibration)),
         advice=_advice(run),
         truth=_shape_of_truth(run),
         corner=corner.corner(draws, best) if draws else None,
@@ -87,11 +87,6 @@ def _intervals(run: Run) -> Figure | None:
     return identification_figures.estimates(
         run.estimates, run.unidentified, references, run.drone.parameters
     )
-
-
-def _calibration(run: Run) -> Figure | None:
-    """Returns the ranks of a calibration, if there is one."""
-    return None if run.calibration is None else ranks(summarize(run.calibration))
 
 
 def _advice(run: Run) -> Markup | str:

@@ -161,15 +161,10 @@ def mellinger(
 ) -> Controller:
     """Returns a controller that holds a set-point, or follows a reference of which it knows all.
 
-    As with `position_pid` the action is added to the four commands; zero is the plain
-    controller.
-
-    Args:
-        reference: of the time since the flight began [s] to position [m], as a task's, for
-            velocity, acceleration and body rates; by default they are zero, as in a set-point of
-            position alone.
-        firmware: generation of the mixer, `"2021.10"` or `"2026.08"`.
-        full_scale_counts: see `ControlInterface`.
+    As with `position_pid` the action is added to the four commands; zero is the plain controller. A
+    reference of the time since the flight began [s], as a task's, gives velocity, acceleration and
+    body rates [SI] too; by default they are zero, as in a set-point of position alone. The firmware
+    is the mixer's generation, `"2021.10"` or `"2026.08"`.
 
     Raises:
         InputError: there is no such firmware.

@@ -181,12 +181,8 @@ def accelerometer(
 ) -> Float[np.ndarray, "N 3"]:
     """Returns what an accelerometer behind its low-pass filter reads in a flight [m/s2].
 
-    Args:
-        velocity: true velocity, world [m/s].
-        attitude: true roll, pitch and yaw [rad].
-        period: time between rows [s], at most 1/60 s.
-        gravity: [m/s2].
-        generator: random numbers for the noise.
+    Velocity is true and in the world [m/s], attitude true roll, pitch and yaw [rad], and the period
+    between rows at most 1/60 s.
 
     Returns:
         Specific force along body x, y and z.

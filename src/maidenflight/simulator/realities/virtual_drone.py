@@ -180,14 +180,14 @@ def virtual_drone(
 
     Args:
         seed: a whole number, not negative; the same seed is the same drone.
-        centre: the drone about which constants are drawn, each in the same proportion as about the
-            Crazyflie; what it lacks, such as drag or a battery that sags, is drawn as the
-            Crazyflie's. A drone of more than `LARGEST_CRAZYFLIE` has no battery compensation. The
-            published Crazyflies by default.
         variant: `near`: the paper's model with other numbers, and the mean motor lag of the virtual
             drone of the same seed. `virtual`: the effects above. `far`: in addition a lower
             thrust-to-weight ratio, motors that slow down half as fast as they speed up, the
             rotors' angular momentum, a flapping moment and constant torques.
+        centre: the drone about which constants are drawn, each in the same proportion as about the
+            Crazyflie; what it lacks, such as drag or a battery that sags, is drawn as the
+            Crazyflie's. A drone of more than `LARGEST_CRAZYFLIE` has no battery compensation. The
+            published Crazyflies by default.
         thrust_law: of its firmware.
 
     Raises:

@@ -167,17 +167,9 @@ def read_reference(file: StrPath) -> tuple[Trajectory, float]:
 
 
 def waypoints(file: StrPath, smooth: bool = False, fastest: float = MOST_M_S) -> Trajectory:
-    """Returns the trajectory through the way-points of a CSV file.
+    """Returns the trajectory through a CSV file's way-points, `minimum_snap` if smooth or `zigzag`.
 
-    The same rows give the same object.
-
-    Args:
-        file: as of `read_waypoints`.
-        smooth: `minimum_snap` instead of `zigzag`.
-        fastest: highest mean speed between two points [m/s].
-
-    Raises:
-        InputError: as of `read_waypoints`.
+    The same rows give the same object. `fastest` and errors are those of `read_waypoints`.
     """
     points = read_waypoints(file, fastest)
     return minimum_snap(points) if smooth else zigzag(points)
