@@ -72,8 +72,8 @@ def _small(picture: Path, to: Path, width: int) -> None:
 
 def _of_report(run: Path, to: Path) -> None:
     page = (run / "report.html").read_text()
-    with tempfile.TemporaryDirectory() as made:
-        home = Path(made)
+    with tempfile.TemporaryDirectory() as folder:
+        home = Path(folder)
         shot = f"--screenshot={home / 'shot.png'}"
         _browsed(page, home, "1120,1590", shot)
         _small(home / "shot.png", to / "report.png", 1000)
@@ -130,8 +130,8 @@ def _of_terminal(run: Path, to: Path) -> None:
 
 
 def _of_rerun(run: Path, to: Path) -> None:
-    with tempfile.TemporaryDirectory() as made:
-        recording, shot = Path(made, "view.rrd"), Path(made, "shot.png")
+    with tempfile.TemporaryDirectory() as folder:
+        recording, shot = Path(folder, "view.rrd"), Path(folder, "shot.png")
         flight = run / "transfer" / "flight_01.csv"
         subprocess.run([*_MAIDENFLIGHT, "report", flight, "--view", recording], check=True)
         subprocess.run(

@@ -93,45 +93,45 @@ def work(program: Any) -> Counter[str]:
     A loop whose number of turns is an argument counts once. Of branches that depend on data the
     costlier counts; over a batch they are both computed and are no branches.
     """
-    found: Counter[str] = Counter()
+    costs: Counter[str] = Counter()
     for equation in program.eqns:
         name, parameters = equation.primitive.name, equation.params
         if name == "scan":
             inner, length = parameters["jaxpr"].jaxpr, parameters["length"]
             for kind, amount in work(inner).items():
-                found[kind] += amount * length
+                costs[kind] += amount * length
             carried = parameters["num_carry"]
             stacked = equation.outvars[carried:]
             read = equation.invars[parameters["num_consts"] + carried :]
-            found[MOVED] += sum(_bytes(one) for one in (*stacked, *read))
+            costs[MOVED] += sum(_bytes(one) for one in (*stacked, *read))
         elif name == "cond":
-            found += max((work(branch.jaxpr) for branch in parameters["branches"]), key=_total)
+            costs += max((work(branch.jaxpr) for branch in parameters["branches"]), key=_total)
         elif name == "dot_general":
             (contracted, _), _ = parameters["dimension_numbers"]
             shape = equation.invars[0].aval.shape
             length = int(np.prod([shape[axis] for axis in contracted]))
-            found["arithmetic"] += 2 * _size(equation.outvars[0]) * length
+            costs["arithmetic"] += 2 * _size(equation.outvars[0]) * length
         elif name == "shard_map":
             # What one device does of its share.
             for kind, amount in work(parameters["jaxpr"]).items():
-                found[kind] += amount * parameters["mesh"].size
+                costs[kind] += amount * parameters["mesh"].size
         elif name == "while":
-            found += work(parameters["body_jaxpr"].jaxpr)
+            costs += work(parameters["body_jaxpr"].jaxpr)
         elif subs := [
             getattr(value, "jaxpr", value)
             for value in parameters.values()
             if isinstance(value, core.Jaxpr | core.ClosedJaxpr)
         ]:
             # Of a function with a derivative of its own, the function.
-            found += work(subs[0])
+            costs += work(subs[0])
         elif name in KIND:
             sizes = [_size(one) for one in equation.outvars]
             reduces = name.startswith(("reduce", "arg"))
             amount = _size(equation.invars[0]) if reduces else max(sizes)
             if name == "integer_pow":
                 amount *= max(1, int(abs(parameters["y"])).bit_length() - 1)
-            found[KIND[name]] += amount
-    return found
+            costs[KIND[name]] += amount
+    return costs
 
 
 def _size(variable: Any) -> int:
@@ -144,8 +144,8 @@ def _bytes(variable: Any) -> int:
     return _size(variable) * width
 
 
-def _total(found: Counter[str]) -> int:
-    return sum(found.values())
+def _total(costs: Counter[str]) -> int:
+    return sum(costs.values())
 
 
 def machine(seconds: float) -> dict[str, float]:
@@ -154,7 +154,7 @@ def machine(seconds: float) -> dict[str, float]:
     keys = jax.random.split(jax.random.key(0), CORES)
 
     def looped(step: Callable[[Any], Any], turns: int = TURNS) -> Callable[[Any], Any]:
-        return lambda given: lax.fori_loop(0, turns, lambda _, now: step(now), given)
+        return lambda inputs: lax.fori_loop(0, turns, lambda _, now: step(now), inputs)
 
     def chains(now: Any) -> Any:
         # Independent products and sums in one pass over the array, which stay in registers.
@@ -182,8 +182,8 @@ def machine(seconds: float) -> dict[str, float]:
         "random": (looped(drawn, TURNS // 4), keys, ELEMENTS * TURNS / 4),
     }
     rates = {
-        kind: CORES * amount / median_time(jax.pmap(program), (given,), seconds)
-        for kind, (program, given, amount) in programs.items()
+        kind: CORES * amount / median_time(jax.pmap(program), (inputs,), seconds)
+        for kind, (program, inputs, amount) in programs.items()
     }
     # Beyond every cache, and in place, so that no time goes to the system for new pages.
     large, passes = jnp.zeros((CORES, 2**25), jnp.float32), 16
@@ -192,14 +192,14 @@ def machine(seconds: float) -> dict[str, float]:
     return rates | {MOVED: 2 * passes * large.nbytes / copied}
 
 
-def median_time(function: Callable[..., Any], given: tuple[Any, ...], seconds: float) -> float:
+def median_time(function: Callable[..., Any], inputs: tuple[Any, ...], seconds: float) -> float:
     """Median seconds of a call after two for warming up."""
     for _ in range(2):
-        jax.block_until_ready(function(*given))
+        jax.block_until_ready(function(*inputs))
     times: list[float] = []
     while sum(times) < seconds or len(times) < 5:
         start = time.perf_counter()
-        jax.block_until_ready(function(*given))
+        jax.block_until_ready(function(*inputs))
         times.append(time.perf_counter() - start)
     return statistics.median(times)
 
@@ -236,14 +236,14 @@ def evaluated(name: str, policies: int = 2) -> HotPath:
     """Episodes with which training scores policies."""
     env, boxes = Environment(task=tasks.circle()), stacked([relative_box(crazyflie())] * policies)
     episodes = 128
-    made = jax.vmap(untrained_policy)(jax.random.split(jax.random.key(0), policies))
+    policy_batch = jax.vmap(untrained_policy)(jax.random.split(jax.random.key(0), policies))
     starts = starts_of(env, episodes, boxes)
 
-    def score(made: Any) -> Any:
-        return evaluate_together(env, episodes, made, starts)
+    def score(policy_batch: Any) -> Any:
+        return evaluate_together(env, episodes, policy_batch, starts)
 
     steps = round(env.task.duration * env.controller.interface.rate)
-    return HotPath(name, "environment step", policies * episodes * steps, score, (made,))
+    return HotPath(name, "environment step", policies * episodes * steps, score, (policy_batch,))
 
 
 def identified(name: str, rows: int = 200) -> HotPath:
@@ -308,13 +308,13 @@ PATHS: tuple[Callable[[], HotPath], ...] = (
 
 def fused(seconds: float) -> dict[str, float]:
     """Times of the paths [ns] in a process that compiles with fused loops."""
-    said = subprocess.run(
+    text = subprocess.run(
         [sys.executable, __file__, "--seconds", str(seconds), "--times"],
         env={**os.environ, "XLA_FLAGS": compiler.FUSED},
         stdout=subprocess.PIPE,
         check=True,
     ).stdout
-    return json.loads(said)
+    return json.loads(text)
 
 
 @click.command(help=__doc__)

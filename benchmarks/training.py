@@ -135,7 +135,7 @@ def trained(
     recipe: Recipe, drones: RelativeBox, updates: int | None
 ) -> tuple[tuple[Policy, ...], list[tuple[float, Progress]]]:
     """Policies of all seeds in one call, and when which score was heard [s]."""
-    heard: list[tuple[float, Progress]] = []
+    evaluations: list[tuple[float, Progress]] = []
     began = time.perf_counter()
     settings: Any = defaults.choose_settings(recipe.control, recipe.task, "gradient", recipe.spec)
     settings = settings if updates is None else dataclasses.replace(settings, updates=updates)
@@ -143,15 +143,17 @@ def trained(
     keys = jax.random.split(jax.random.key(0), SEEDS)
 
     def hear(progress: Progress) -> None:
-        heard.append((time.perf_counter() - began, progress))
+        evaluations.append((time.perf_counter() - began, progress))
 
-    return train(task, controller, drones, keys, settings, recipe.spec, on_progress=hear), heard
+    return train(
+        task, controller, drones, keys, settings, recipe.spec, on_progress=hear
+    ), evaluations
 
 
-def curves(heard: list[tuple[float, Progress]]) -> polars.DataFrame:
+def curves(evaluations: list[tuple[float, Progress]]) -> polars.DataFrame:
     """A row a score of a policy in training."""
     rows = []
-    for seconds, progress in heard:
+    for seconds, progress in evaluations:
         for number in range(SEEDS):
             scores = {
                 name: float(values[number]) for name, values in progress.score._asdict().items()
@@ -243,13 +245,17 @@ def measure(recipe: Recipe, updates: int | None) -> Measured:
     drones = box(recipe)
     task, controller = tasks.TASKS[recipe.task](), control.CONTROLLERS[recipe.control]()
     env = Environment.matching(drones.centre, task, controller, spec=recipe.spec)
-    policies, heard = trained(recipe, drones, updates)
+    policies, evaluations = trained(recipe, drones, updates)
     memory = (
         resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     )  # GiB, before the scores add theirs
     scores = scored(env, drones, policies)
-    (first, begun), (last, done) = heard[0], heard[-1]
-    rate = f"{(done.steps - begun.steps) / (last - first) / 1e3:.0f} k" if len(heard) > 1 else "-"
+    (first, first_time), (last, final) = evaluations[0], evaluations[-1]
+    rate = (
+        f"{(final.steps - first_time.steps) / (last - first) / 1e3:.0f} k"
+        if len(evaluations) > 1
+        else "-"
+    )
     quiet = dataclasses.replace(drones, nominal=noiseless(drones.nominal))
     ceilings = (
         [survivable(env, each, policies[0]) for each in (drones, quiet)]
@@ -267,7 +273,7 @@ def measure(recipe: Recipe, updates: int | None) -> Measured:
         rate,
         f"{memory:.1f}",
     ]
-    return Measured("| " + " | ".join(cells) + " |", curves(heard))
+    return Measured("| " + " | ".join(cells) + " |", curves(evaluations))
 
 
 COLUMNS = (

@@ -39,7 +39,7 @@ from maidenflight.simulator.tasks import tasks
 JUMP_S, FLIGHT_S = 5.0, 12.0
 """When the drone changes, and the length of a flight [s]."""
 PAYLOAD, TRIM_COUNTS = 0.15, 4000
-FLOWN, KNOWN_AT_S = 4096, (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
+FLIGHTS, KNOWN_AT_S = 4096, (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 """Drones whose memories are read, half of them to fit the read-out; and when [s]."""
 RIDGE = 1e-2
 
@@ -71,11 +71,13 @@ def errors_of(
 
     def one(drone: Parameters, key: Array) -> Float[Array, "T"]:
         steps = round(FLIGHT_S * policy.interface.rate)
-        rows = engine.simulate(env, lambda seen, _: policy(seen), drone, key, steps, during=changed)
+        rows = engine.simulate(
+            env, lambda observation, _: policy(observation), drone, key, steps, during=changed
+        )
         return jnp.linalg.norm(rows.true_position - rows.true_setpoint, axis=1)
 
-    flown = jax.jit(jax.vmap(jax.vmap(one, (None, 0))))(stacked, keys)
-    return np.asarray(flown).reshape(len(seeds) * flights, -1)
+    rows_by_policy = jax.jit(jax.vmap(jax.vmap(one, (None, 0))))(stacked, keys)
+    return np.asarray(rows_by_policy).reshape(len(seeds) * flights, -1)
 
 
 def jumps(policies: dict[str, Policy], seeds: Sequence[int], flights: int) -> polars.DataFrame:
@@ -156,9 +158,9 @@ def watched(policy: Policy) -> tuple[Parameters, np.ndarray, np.ndarray]:
         survives = ~jnp.any(result.terminated)
         return first.parameters, states.memory[times], history[times], survives
 
-    keys = jax.random.split(jax.random.key(1), FLOWN)
-    *flown, survives = jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(keys))
-    drones, memories, histories = jax.tree.map(lambda leaf: leaf[survives], flown)
+    keys = jax.random.split(jax.random.key(1), FLIGHTS)
+    *rows_by_policy, survives = jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(keys))
+    drones, memories, histories = jax.tree.map(lambda leaf: leaf[survives], rows_by_policy)
     return drones, memories, histories
 
 
@@ -189,20 +191,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--drones", type=int, default=10, help="virtual drones of each kind")
     parser.add_argument("--flights", type=int, default=6, help="flights of each")
-    given = parser.parse_args(arguments)
-    policies = {"/".join(path.parts[-2:]): read_policy(path).policy for path in given.policies}
-    seeds = range(1, given.drones + 1)
-    made = results.record(seed=0, inputs=given.policies, settings={"drones": given.drones})
+    options = parser.parse_args(arguments)
+    policies = {"/".join(path.parts[-2:]): read_policy(path).policy for path in options.policies}
+    seeds = range(1, options.drones + 1)
+    record = results.record(seed=0, inputs=options.policies, settings={"drones": options.drones})
     for name, table in (
-        ("jumps", partial(jumps, policies, seeds, given.flights)),
+        ("jumps", partial(jumps, policies, seeds, options.flights)),
         ("read_out", partial(read_out, policies)),
     ):
-        found = table()
+        tables = table()
         with polars.Config(tbl_rows=-1, tbl_cols=-1, tbl_width_chars=200, float_precision=3):
-            print(found)
-        rows = found.write_csv(float_precision=4)
-        text = results.table_text(f"maidenflight {name} 1", made, rows)
-        results.write(given.output / f"{name}.csv", text)
+            print(tables)
+        rows = tables.write_csv(float_precision=4)
+        text = results.table_text(f"maidenflight {name} 1", record, rows)
+        results.write(options.output / f"{name}.csv", text)
 
 
 if __name__ == "__main__":

@@ -91,7 +91,7 @@ def studied(kind: Kind, plan: argparse.Namespace) -> Studied:
     scores = [
         evaluate(env, policy, drones, jax.random.key(1234), plan.episodes) for policy in policies
     ]
-    flown = transfer(
+    flights = transfer(
         policies,
         [virtual_drone(7)],
         plan.trials,
@@ -99,9 +99,9 @@ def studied(kind: Kind, plan: argparse.Namespace) -> Studied:
         task=task,
         duration=plan.duration,
     )
-    times = flown.table.group_by("policy", maintain_order=True).agg(polars.col("duration").mean())[
-        "duration"
-    ]
+    times = flights.table.group_by("policy", maintain_order=True).agg(
+        polars.col("duration").mean()
+    )["duration"]
     rows = [
         {
             "history": kind.history,
@@ -115,9 +115,9 @@ def studied(kind: Kind, plan: argparse.Namespace) -> Studied:
             zip(policies, scores, times, strict=True), 1
         )
     ]
-    found = Studied(polars.DataFrame(rows), seconds)
-    print(row(f"H = {kind.history}, {kind.size}", found), file=sys.stderr, flush=True)
-    return found
+    result = Studied(polars.DataFrame(rows), seconds)
+    print(row(f"H = {kind.history}, {kind.size}", result), file=sys.stderr, flush=True)
+    return result
 
 
 def count(policy: Policy) -> int:
@@ -135,12 +135,12 @@ def table(first: str, named: dict[str, Studied]) -> str:
         "training [s] |",
         "|---|---:|---:|---:|---:|---:|---:|",
     ]
-    return "\n".join([*lines, *(row(name, found) for name, found in named.items())])
+    return "\n".join([*lines, *(row(name, result) for name, result in named.items())])
 
 
-def row(name: str, found: Studied) -> str:
+def row(name: str, result: Studied) -> str:
     """Of the table."""
-    of = {column: found.policies[column].to_numpy() for column in found.policies.columns}
+    of = {column: result.policies[column].to_numpy() for column in result.policies.columns}
     cells = [
         name,
         f"{of['parameters'][0]:,}",
@@ -148,7 +148,7 @@ def row(name: str, found: Studied) -> str:
         f"{of['survival'].mean():.1%} ({of['survival'].min():.1%})",
         f"{100 * of['position_error'].mean():.1f} ({100 * of['position_error'].max():.1f})",
         f"{of['flight_time'].mean():.1f} ({of['flight_time'].min():.1f})",
-        f"{found.seconds:.0f}",
+        f"{result.seconds:.0f}",
     ]
     return "| " + " | ".join(cells) + " |"
 
@@ -211,11 +211,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     plan = planned(arguments)
     histories = [Kind(history, HIDDEN) for history in plan.histories]
     sizes = [Kind(HISTORY, hidden) for hidden in plan.sizes]
-    found = {kind: studied(kind, plan) for kind in dict.fromkeys([*histories, *sizes])}
+    results_by_kind = {kind: studied(kind, plan) for kind in dict.fromkeys([*histories, *sizes])}
     if histories:
-        print(table("H", {str(kind.history): found[kind] for kind in histories}), end="\n\n")
+        print(
+            table("H", {str(kind.history): results_by_kind[kind] for kind in histories}), end="\n\n"
+        )
     if sizes:
-        print(table("hidden layers", {kind.size: found[kind] for kind in sizes}), end="\n\n")
+        print(
+            table("hidden layers", {kind.size: results_by_kind[kind] for kind in sizes}), end="\n\n"
+        )
     names = ("control", "method", "updates", "seeds", "episodes", "trials", "duration")
     drone = {} if plan.drone is None else {"drone": Path(plan.drone).name}
     settings = (
@@ -224,7 +228,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     inputs = [Path(plan.drone)] if plan.drone is not None and Path(plan.drone).is_file() else []
     record = json.dumps(results.record(seed=plan.seed, inputs=inputs, settings=settings))
     # How long training took is not written: the same seed gives the same bytes.
-    everything = polars.concat([each.policies for each in found.values()])
+    everything = polars.concat([each.policies for each in results_by_kind.values()])
     results.write(plan.output, f"# record: {record}\n{everything.write_csv(float_precision=6)}")
     print(f"written to {plan.output}, a row a policy, SI units")
 

@@ -65,7 +65,7 @@ PAPER: dict[int, dict[str, tuple[float, float]]] = {
 table:results-sim-opt)."""
 TRUTH = {name: mean for name, (mean, _) in PAPER[30].items()}
 """xi of the virtual drone: the paper's, T = 30."""
-SHOWN = {
+PARAMETERS = {
     "thrust_to_weight": ("k_F", 1.0, 3),
     "motor_time_constant": ("T_m, ms", 1e3, 1),
     "latency": ("latency, ms", 1e3, 1),
@@ -156,7 +156,7 @@ def table(name: str, found: Sequence[Entry], lengths: Sequence[int]) -> list[lis
     """Rows of the table of one set of flights, in the paper's layout."""
     by = {(entry.method, entry.length): entry for entry in found}
     rows = []
-    for parameter, (words, scale, decimals) in SHOWN.items():
+    for parameter, (words, scale, decimals) in PARAMETERS.items():
         bayesian, gradient = (
             [by[method, length] for length in lengths] for method in ("bayesian", "gradient")
         )
@@ -308,8 +308,10 @@ def planned(arguments: Sequence[str] | None) -> argparse.Namespace:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Identifies, prints and writes."""
     plan = planned(arguments)
-    made = virtual_flights(plan.seed, plan.flights, plan.duration)
-    found = {"Virtual flights, truth known": list(entries("virtual", made, plan, dict(TRUTH)))}
+    recordings = virtual_flights(plan.seed, plan.flights, plan.duration)
+    found = {
+        "Virtual flights, truth known": list(entries("virtual", recordings, plan, dict(TRUTH)))
+    }
     if plan.logs is not None:
         for name, flights in sets_of_flights(plan.logs):
             found[f"Real flights: {name}"] = list(entries(name, flights, plan, None))
