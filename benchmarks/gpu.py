@@ -47,7 +47,7 @@ TOGETHER = (1, 9)
 
 
 @dataclass(frozen=True)
-class Simulated:
+class Simulation:
     """A simulator, what it simulates and how many drones."""
 
     name: str
@@ -137,10 +137,10 @@ def train(structure: str, together: int, updates: int, folder: Path | None) -> N
         tell(seconds=seconds, peak=peak())
 
 
-def measure_simulators(processes: dict[Simulated, Waiting], rounds: int) -> dict[str, str]:
+def measure_simulators(processes: dict[Simulation, Waiting], rounds: int) -> dict[str, str]:
     """The table of rates and memory, and the chart of the rates."""
     memory = {one: process.answer()["peak"] for one, process in processes.items()}
-    rates: dict[Simulated, list[float]] = {one: [] for one in processes}
+    rates: dict[Simulation, list[float]] = {one: [] for one in processes}
     for _ in range(rounds):
         for one, process in processes.items():
             answer = process.ask(one.question(0.3))
@@ -153,13 +153,13 @@ def measure_simulators(processes: dict[Simulated, Waiting], rounds: int) -> dict
         "|---:" * (len(columns) + 1) + "|",
     ]
     for batch in BATCHES:
-        cells = [figure(middle[Simulated(*column, batch)]) for column in columns]
+        cells = [figure(middle[Simulation(*column, batch)]) for column in columns]
         rows.append(f"| {batch:,} | " + " | ".join(cells) + " |")
-    megabytes = [figure(memory[Simulated(*column, BATCHES[-1])] / 1e6) for column in columns]
+    megabytes = [figure(memory[Simulation(*column, BATCHES[-1])] / 1e6) for column in columns]
     rows.append(f"| peak memory with {BATCHES[-1]:,} [MB] | " + " | ".join(megabytes) + " |")
     curves = {
         f"{SERIES[series]}, {name}": {
-            batch: middle[Simulated(name, series, batch)] for batch in BATCHES
+            batch: middle[Simulation(name, series, batch)] for batch in BATCHES
         }
         for name, series in columns
     }
@@ -232,7 +232,7 @@ def main(
     start = time.perf_counter()
     pythons = {"maidenflight": sys.executable, "crazyflow": crazyflow}
     simulated = [
-        Simulated(name, series, batch)
+        Simulation(name, series, batch)
         for series in SERIES
         for name in SCRIPTS
         for batch in BATCHES

@@ -84,7 +84,9 @@ def cached_windows(folder: Path, length: int, flights: int) -> Windows:
         return Windows(**{name: arrays[name] for name in Windows._fields})
 
 
-def timed(computations: Sequence[Callable[[np.ndarray], object]], repeats: int) -> np.ndarray:
+def time_computations(
+    computations: Sequence[Callable[[np.ndarray], object]], repeats: int
+) -> np.ndarray:
     """Seconds of computations, a row for each of some points, after one that compiles.
 
     In turn, so that what else runs falls on all.
@@ -161,7 +163,7 @@ def measure_evaluations(
         def slopes(unit: np.ndarray, objective: Objective = objective) -> object:
             return objective.normal_equations(drone(unit), BOX.names)
 
-        durations = timed([loss, slopes], repeats)
+        durations = time_computations([loss, slopes], repeats)
         plain, ratio = (
             float(np.median(durations[:, 0])),
             float(np.median(durations[:, 1] / durations[:, 0])),

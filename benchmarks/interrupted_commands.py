@@ -101,7 +101,7 @@ def files(folder: Path) -> dict[str, bytes]:
     }
 
 
-def undisturbed(
+def run_undisturbed(
     command: Command, place: Path, cache: Path, seed: int
 ) -> tuple[dict[str, bytes], float]:
     """What a command writes, and how long it takes [s].
@@ -119,7 +119,7 @@ def undisturbed(
     return result_files, time.perf_counter() - began
 
 
-def interrupted(
+def interrupt(
     command: Command, place: Path, cache: Path, after: float, overwrite: bool
 ) -> tuple[int, str, float]:
     """Sends SIGINT some seconds after the start.
@@ -228,10 +228,10 @@ def _of(
     command: Command, place: Path, cache: Path, moments: int, drawn: random.Random, earliest: float
 ) -> list[Interruption]:
     """Interrupts a command so often; one that had ended already does not count."""
-    slow = undisturbed(command, place, cache, 0)[1]  # compiles
-    new, quick = undisturbed(command, place, cache, 0)
+    slow = run_undisturbed(command, place, cache, 0)[1]  # compiles
+    new, quick = run_undisturbed(command, place, cache, 0)
     replaces = command.name not in ("report", "demo")
-    old = undisturbed(command, place, cache, 1)[0] if replaces else {}
+    old = run_undisturbed(command, place, cache, 1)[0] if replaces else {}
     done = list[Interruption]()
     while len(done) < moments:
         number = len(done)
@@ -240,9 +240,7 @@ def _of(
             results.write(place / "made" / name, content)
         after = drawn.uniform(earliest, slow if cold else quick)
         fresh = Path(tempfile.mkdtemp(dir=cache.parent))
-        code, said, seconds = interrupted(
-            command, place, fresh if cold else cache, after, overwrite
-        )
+        code, said, seconds = interrupt(command, place, fresh if cold else cache, after, overwrite)
         if code != 0:
             left = files(place / "made")
             faults = wrong(code, said, left, old if overwrite else {}, new, command.timed)

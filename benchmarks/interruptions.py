@@ -54,7 +54,7 @@ def start_command(
     )
 
 
-def ended(process: subprocess.Popen[str]) -> None:
+def await_end(process: subprocess.Popen[str]) -> None:
     """Waits for a training that nobody disturbs, or no longer.
 
     Raises:
@@ -65,7 +65,9 @@ def ended(process: subprocess.Popen[str]) -> None:
         raise click.ClickException(f"training ended with {process.returncode}: {text}")
 
 
-def killed(process: subprocess.Popen[str], folder: Path, after: float, writing: bool) -> bool:
+def kill_training(
+    process: subprocess.Popen[str], folder: Path, after: float, writing: bool
+) -> bool:
     """Kills a training some seconds after its start, or at the next writing of a file after that.
 
     Whether it still ran.
@@ -76,7 +78,7 @@ def killed(process: subprocess.Popen[str], folder: Path, after: float, writing: 
     while writing and process.poll() is None and not set(results.leftovers(folder)) - old:
         time.sleep(POLL)
     if process.poll() is not None:
-        ended(process)
+        await_end(process)
         return False
     process.send_signal(signal.SIGKILL)
     process.communicate()
@@ -132,10 +134,10 @@ def main(kills: int, seed: int, updates: int, method: str) -> None:
     ]
     with tempfile.TemporaryDirectory() as place:
         cache, undisturbed = Path(place) / "cache", Path(place) / "undisturbed"
-        ended(start_command(arguments, undisturbed, cache, resume=False))
+        await_end(start_command(arguments, undisturbed, cache, resume=False))
         expected = contents(undisturbed)
         began = time.perf_counter()
-        ended(start_command(arguments, Path(place) / "cached", cache, resume=False))
+        await_end(start_command(arguments, Path(place) / "cached", cache, resume=False))
         usual = time.perf_counter() - began
         different = int(contents(Path(place) / "cached") != expected)
         print(
@@ -152,13 +154,13 @@ def main(kills: int, seed: int, updates: int, method: str) -> None:
             while not over and where.total() < kills:
                 before = state(folder)
                 process = start_command(arguments, folder, cache, (folder / CHECKPOINT).exists())
-                if killed(process, folder, next(after), where.total() % 2 == 1):
+                if kill_training(process, folder, next(after), where.total() % 2 == 1):
                     what = met(folder, before)
                     where[what] += 1
                     print(f"kill {where.total()}, training {trainings}: {what}", flush=True)
                 over = (folder / "training.csv").exists()
             if not over:
-                ended(start_command(arguments, folder, cache, (folder / CHECKPOINT).exists()))
+                await_end(start_command(arguments, folder, cache, (folder / CHECKPOINT).exists()))
             same = contents(folder) == expected
             different += not same
             print(

@@ -145,7 +145,7 @@ def training(shared: Any, own: Any, steps: int) -> Any:
 
 
 @jax.jit
-def launched(box: Any, keys: jax.Array) -> Any:
+def launch(box: Any, keys: jax.Array) -> Any:
     """One drone for each key."""
     return jax.vmap(partial(randomized_reset, Environment(), box))(keys)
 
@@ -156,7 +156,7 @@ def drones(series: str, batch: int) -> tuple[Any, Any]:
     if series == "training":
         box = relative_box(jax.tree.map(jnp.asarray, crazyflie()))
         weights = 0.1 * jax.random.normal(jax.random.key(1), (4, 40))
-        return {"box": box, "weights": weights}, {"key": keys, "drone": launched(box, keys)}
+        return {"box": box, "weights": weights}, {"key": keys, "drone": launch(box, keys)}
     step, rate = (0.005, 100) if series == "motor" else (0.002, 500)
     shared = jax.tree.map(jnp.asarray, replace(crazyflie(), time_step=step))
 

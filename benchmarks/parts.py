@@ -11,7 +11,7 @@ from pathlib import Path
 HERE = Path(__file__).parents[1] / "src" / "maidenflight"
 
 
-def imported(file: Path, package: str) -> Iterator[str]:
+def list_imports(file: Path, package: str) -> Iterator[str]:
     """The parts of a package that a file imports, at its top or inside a function."""
     for node in ast.walk(ast.parse(file.read_text())):
         names = []
@@ -28,7 +28,7 @@ def pairs(root: Path) -> dict[str, set[str]]:
     for file in sorted(root.rglob("*.py")):
         part = file.relative_to(root).parts[0].removesuffix(".py")
         if not part.startswith("__"):
-            imports.setdefault(part, set()).update(imported(file, root.name))
+            imports.setdefault(part, set()).update(list_imports(file, root.name))
     return {part: (names & imports.keys()) - {part} for part, names in imports.items()}
 
 

@@ -376,8 +376,8 @@ def main(quick: bool, output: Path, crazyflow: str | None) -> None:
     measure_processes(sides, measurements, processes)
     curves = {
         f"{SERIES[series]}, {name}": rates
-        for series, named in measurements.sweep.items()
-        for name, rates in named.items()
+        for series, by_side in measurements.sweep.items()
+        for name, rates in by_side.items()
     }
     output.with_suffix(".svg").write_text(chart.lines(curves, "drones", "steps a second"))
     parts = {

@@ -109,7 +109,7 @@ RECIPES = {
 }
 
 
-class Measured(NamedTuple):
+class Measurement(NamedTuple):
     """What came of a recipe."""
 
     row: str
@@ -131,7 +131,7 @@ def box(recipe: Recipe) -> RelativeBox:
     )
 
 
-def trained(
+def train_recipe(
     recipe: Recipe, drones: RelativeBox, updates: int | None
 ) -> tuple[tuple[Policy, ...], list[tuple[float, Progress]]]:
     """Policies of all seeds in one call, and when which score was heard [s]."""
@@ -226,7 +226,9 @@ def survivable(env: Environment, drones: RelativeBox, policy: Policy) -> float:
     return float(jnp.mean(worst < failures.MAX_POSITION_ERROR_M))
 
 
-def scored(env: Environment, drones: RelativeBox, policies: tuple[Policy, ...]) -> list[Any]:
+def score_policies(
+    env: Environment, drones: RelativeBox, policies: tuple[Policy, ...]
+) -> list[Any]:
     """Scores on episodes that no policy has seen."""
     return [evaluate(env, policy, drones, jax.random.key(UNSEEN), EPISODES) for policy in policies]
 
@@ -236,7 +238,7 @@ def spread(values: list[float], worst: Callable[..., float], form: str) -> str:
     return f"{np.mean(values):{form}} ({worst(values):{form}})"
 
 
-def measure(recipe: Recipe, updates: int | None) -> Measured:
+def measure(recipe: Recipe, updates: int | None) -> Measurement:
     """Trains and scores.
 
     To be called in a process of its own, for memory counts from the process's start.
@@ -245,11 +247,11 @@ def measure(recipe: Recipe, updates: int | None) -> Measured:
     drones = box(recipe)
     task, controller = tasks.TASKS[recipe.task](), control.CONTROLLERS[recipe.control]()
     env = Environment.matching(drones.centre, task, controller, spec=recipe.spec)
-    policies, evaluations = trained(recipe, drones, updates)
+    policies, evaluations = train_recipe(recipe, drones, updates)
     memory = (
         resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     )  # GiB, before the scores add theirs
-    scores = scored(env, drones, policies)
+    scores = score_policies(env, drones, policies)
     (first, first_time), (last, final) = evaluations[0], evaluations[-1]
     rate = (
         f"{(final.steps - first_time.steps) / (last - first) / 1e3:.0f} k"
@@ -273,7 +275,7 @@ def measure(recipe: Recipe, updates: int | None) -> Measured:
         rate,
         f"{memory:.1f}",
     ]
-    return Measured("| " + " | ".join(cells) + " |", curves(evaluations))
+    return Measurement("| " + " | ".join(cells) + " |", curves(evaluations))
 
 
 COLUMNS = (
@@ -283,7 +285,7 @@ COLUMNS = (
 HEAD = f"| {' | '.join(COLUMNS)} |\n|{'---|' * len(COLUMNS)}"
 
 
-def drawn(measured: dict[str, Measured]) -> str:
+def draw_curves(measured: dict[str, Measurement]) -> str:
     """The picture of the recipes' learning curves."""
     title = (
         f"Return of {SEEDS} policies each over the time of training on {CORES} cores, "
@@ -323,7 +325,7 @@ def main(output: Path, chosen: tuple[str, ...], updates: int | None, picture: Pa
 
     A look at less leaves the page alone.
     """
-    measured: dict[str, Measured] = {}
+    measured: dict[str, Measurement] = {}
     click.echo(HEAD)
     for name in chosen or RECIPES:
         with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as process:
@@ -331,10 +333,10 @@ def main(output: Path, chosen: tuple[str, ...], updates: int | None, picture: Pa
         click.echo(measured[name].row)
     if chosen or updates is not None:
         if picture is not None:
-            picture.write_text(drawn(measured))
+            picture.write_text(draw_curves(measured))
         return
     picture = output.with_name("training_curves.svg")
-    picture.write_text(drawn(measured))
+    picture.write_text(draw_curves(measured))
     write(
         output,
         {

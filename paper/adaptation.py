@@ -44,14 +44,14 @@ FLIGHTS, KNOWN_AT_S = 4096, (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 RIDGE = 1e-2
 
 
-def trimmed(drone: Parameters) -> Parameters:
+def with_trim(drone: Parameters) -> Parameters:
     """With a torque in yaw, as of motors that differ by `TRIM_COUNTS`."""
     thrust = drone.thrust_to_weight * drone.mass * drone.gravity
     torque = TRIM_COUNTS / 65535 * drone.torque_to_thrust * thrust
     return replace(drone, torque_bias=drone.torque_bias + torque * jnp.array([0.0, 0.0, 1.0]))
 
 
-JUMPS = {"payload": partial(additions.loaded, share=PAYLOAD), "yaw trim": trimmed}
+JUMPS = {"payload": partial(additions.loaded, share=PAYLOAD), "yaw trim": with_trim}
 
 
 def errors_of(
@@ -64,7 +64,7 @@ def errors_of(
     stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *(one.parameters for one in drones))
     keys = jax.random.split(jax.random.key(len(jump)), (len(seeds), flights))
 
-    def changed(drone: Parameters, elapsed: Float[Array, ""]) -> Parameters:
+    def change(drone: Parameters, elapsed: Float[Array, ""]) -> Parameters:
         return jax.tree.map(
             lambda new, old: jnp.where(elapsed < JUMP_S, old, new), JUMPS[jump](drone), drone
         )
@@ -72,7 +72,7 @@ def errors_of(
     def one(drone: Parameters, key: Array) -> Float[Array, "T"]:
         steps = round(FLIGHT_S * policy.interface.rate)
         rows = engine.simulate(
-            env, lambda observation, _: policy(observation), drone, key, steps, during=changed
+            env, lambda observation, _: policy(observation), drone, key, steps, during=change
         )
         return jnp.linalg.norm(rows.true_position - rows.true_setpoint, axis=1)
 
@@ -107,7 +107,7 @@ def jumps(policies: dict[str, Policy], seeds: Sequence[int], flights: int) -> po
     return polars.DataFrame(rows)
 
 
-def _known(drones: Parameters) -> dict[str, np.ndarray]:
+def _targets(drones: Parameters) -> dict[str, np.ndarray]:
     """What a read-out is asked for, one number a drone."""
     thrust = np.asarray(drones.thrust_to_weight * drones.mass * drones.gravity)
     bias = np.asarray(drones.torque_bias)
@@ -123,7 +123,7 @@ def _known(drones: Parameters) -> dict[str, np.ndarray]:
     }
 
 
-def explained(inputs: Float[np.ndarray, "N M"], wanted: Float[np.ndarray, "N"]) -> float:
+def share_explained(inputs: Float[np.ndarray, "N M"], wanted: Float[np.ndarray, "N"]) -> float:
     """Share of the variance (R^2) that a ridge regression, fitted to one half, tells of the other.
 
     Source: Hoerl and Kennard 1970.
@@ -137,7 +137,7 @@ def explained(inputs: Float[np.ndarray, "N M"], wanted: Float[np.ndarray, "N"]) 
     return float(1.0 - np.var(missed) / np.var(wanted[half:]))
 
 
-def watched(policy: Policy) -> tuple[Parameters, np.ndarray, np.ndarray]:
+def watch(policy: Policy) -> tuple[Parameters, np.ndarray, np.ndarray]:
     """Drones of any make on which a policy survives, and what it remembers and sees there.
 
     Returns:
@@ -168,12 +168,12 @@ def read_out(policies: dict[str, Policy]) -> polars.DataFrame:
     """One row a policy and quantity: how much of it memory and observation tell, by time."""
     rows: list[dict[str, Any]] = []
     for name, policy in policies.items():
-        drones, *sources = watched(policy)
-        for quantity, wanted in _known(drones).items():
+        drones, *sources = watch(policy)
+        for quantity, wanted in _targets(drones).items():
             for source, inputs in zip(("memory", "observation"), sources, strict=True):
                 if inputs.shape[-1]:
                     by_time = {
-                        f"{time:g} s": explained(inputs[:, place], wanted)
+                        f"{time:g} s": share_explained(inputs[:, place], wanted)
                         for place, time in enumerate(KNOWN_AT_S)
                     }
                     rows.append(

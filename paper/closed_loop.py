@@ -29,7 +29,7 @@ import polars
 from agreement import agreement
 from jax import tree
 from jaxtyping import Float
-from predict_flights import one_against_others, published, within_band
+from predict_flights import one_against_others, read_published, within_band
 from scipy.ndimage import uniform_filter1d
 
 from maidenflight import compiler, policy_file, results
@@ -83,7 +83,7 @@ def flights_of(authors: Path, name: str) -> Path:
     return authors / "flights" / structure / f"policy_{int(number):03d}"
 
 
-def identified(authors: Path, folder: Path, policies: Mapping[str, Policy]) -> dict[str, Path]:
+def identify_drones(authors: Path, folder: Path, policies: Mapping[str, Policy]) -> dict[str, Path]:
     """Drone files by how they were made, of the flights of these policies alone.
 
     Args:
@@ -130,7 +130,7 @@ def todays_log(authors: Path, names: Sequence[str], name: str) -> Path | None:
     return None
 
 
-def predicted(
+def predict(
     policies: Mapping[str, Policy], drones: Mapping[str, Parameters], trials: int, seed: int
 ) -> polars.DataFrame:
     """Predicted flights of each policy on its drone."""
@@ -151,7 +151,7 @@ def agreements(
 
     Args:
         labels: further columns.
-        predictions: of `predicted`, of one seed or several; their bands are of all together.
+        predictions: of `predict`, of one seed or several; their bands are of all together.
         flights: the real ones.
     """
     real = flights.group_by("name").agg(polars.col("flight_time_s").mean().alias("measured"))
@@ -269,7 +269,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--elsewhere", type=Path, action="append", default=[], help="logs of another Crazyflie"
     )
     options = parser.parse_args(arguments)
-    policies, flights = published(options.authors)
+    policies, flights = read_published(options.authors)
     fold = fold_of(list(policies))
     rows: list[dict[str, object]] = []
     files: dict[int, dict[str, Path]] = {}
@@ -277,15 +277,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for number in [*options.folds, WHOLE]:
         inner = {name: policy for name, policy in policies.items() if fold[name] != number}
         place = options.output if number == WHOLE else options.output / f"fold_{number}"
-        files[number] = identified(options.authors, place, inner)
+        files[number] = identify_drones(options.authors, place, inner)
         for label, file in files[number].items():
             possible[label, number] = possible_drones(file, TRIMS, 0)
 
     def add(label: str, part: str, drones: Mapping[str, Parameters]) -> None:
         some = {name: policies[name] for name in drones}
-        predictions = [
-            predicted(some, drones, options.trials, seed) for seed in range(options.seeds)
-        ]
+        predictions = [predict(some, drones, options.trials, seed) for seed in range(options.seeds)]
         rows.extend(agreements({"drone": label, "of": part}, polars.concat(predictions), flights))
 
     for label in ("likelihood", "closed loop"):

@@ -85,7 +85,7 @@ def between(table: Table, start: float, stop: float) -> Table:
     )
 
 
-def sliced(logs: Mapping[str, Table]) -> list[Flight]:
+def slice_logs(logs: Mapping[str, Table]) -> list[Flight]:
     """What the source uses of the logs, as checked flights."""
     pieces: list[Flight] = []
     for name, table in logs.items():
@@ -100,7 +100,7 @@ def columns(table: Table, name: str, numbers: Sequence[object]) -> Float[np.ndar
     return table.frame.select([f"{name}.{number}" for number in numbers]).to_numpy().astype(float)
 
 
-def lagged(table: Table, lag: float) -> Float[np.ndarray, "N 4"]:
+def lag_commands(table: Table, lag: float) -> Float[np.ndarray, "N 4"]:
     """Commands behind a first-order lag, as shares of the largest PWM."""
     command = columns(table, "motor", ["m1", "m2", "m3", "m4"]) / 65535
     step = float(np.median(np.diff(table.frame[usddeck.CLOCK].to_numpy())))
@@ -116,7 +116,7 @@ def source_thrust(table: Table, gravity: float) -> tuple[float, Float[np.ndarray
     force = MASS * gravity * columns(table, "acc", ["z"])[used, 0]
     best: tuple[float, float, np.ndarray] = (np.inf, 0.0, np.zeros(3))
     for lag in LAGS:
-        speed = lagged(table, lag)[used]
+        speed = lag_commands(table, lag)[used]
         powers = np.stack([np.full(len(speed), 4.0), speed.sum(1), (speed**2).sum(1)], axis=1)
         curve, left, *_ = np.linalg.lstsq(powers, force, rcond=None)
         best = min(best, (float(left[0]), float(lag), curve), key=lambda one: one[0])
@@ -130,7 +130,7 @@ def source_inertia(
     start, stop, _ = SLICES["log15"][0]
     time = table.frame[usddeck.CLOCK].to_numpy()
     used = (time > start) & (time < stop)
-    force = np.polynomial.polynomial.polyval(lagged(table, lag), curve)
+    force = np.polynomial.polynomial.polyval(lag_commands(table, lag), curve)
     ratios = {}
     for axis, name in enumerate(("inertia_x", "inertia_y")):
         rate = np.radians(columns(table, "gyro", ["xyz"[axis]])[:, 0])
@@ -199,7 +199,7 @@ def main() -> None:
     whole = read_flights(options.imu).flights
     identifications = {
         "whole logs": identify(whole, start=start),
-        "the slices": identify(sliced(logs), start=start),
+        "the slices": identify(slice_logs(logs), start=start),
         "whole logs, the source's model": identify(whole, start=start, over=MODEL),
         "whole logs, thrust at standstill too": identify(whole, start=start, over=BOTH),
     }

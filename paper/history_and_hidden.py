@@ -56,7 +56,7 @@ class Kind(NamedTuple):
         return "x".join(map(str, self.hidden))
 
 
-class Studied(NamedTuple):
+class Study(NamedTuple):
     """What came of one kind."""
 
     policies: polars.DataFrame
@@ -77,7 +77,7 @@ def box(plan: argparse.Namespace) -> RelativeBox:
     return relative_box(control.in_fitting_steps(centre, control.CONTROLLERS[plan.control]()), 0.10)
 
 
-def studied(kind: Kind, plan: argparse.Namespace) -> Studied:
+def study_kind(kind: Kind, plan: argparse.Namespace) -> Study:
     """Trains policies of one kind, scores them and flies them."""
     drones, task, controller = box(plan), tasks.paper_circle(), control.CONTROLLERS[plan.control]()
     spec = PolicySpec(history=kind.history, hidden=kind.hidden)
@@ -115,7 +115,7 @@ def studied(kind: Kind, plan: argparse.Namespace) -> Studied:
             zip(policies, scores, times, strict=True), 1
         )
     ]
-    result = Studied(polars.DataFrame(rows), seconds)
+    result = Study(polars.DataFrame(rows), seconds)
     print(row(f"H = {kind.history}, {kind.size}", result), file=sys.stderr, flush=True)
     return result
 
@@ -125,7 +125,7 @@ def count(policy: Policy) -> int:
     return sum(leaf.size for leaf in jax.tree.leaves(policy.network))
 
 
-def table(first: str, named: dict[str, Studied]) -> str:
+def table(first: str, named: dict[str, Study]) -> str:
     """Means over policies, and in brackets the worst, as Markdown.
 
     `first` heads the column of names.
@@ -138,7 +138,7 @@ def table(first: str, named: dict[str, Studied]) -> str:
     return "\n".join([*lines, *(row(name, result) for name, result in named.items())])
 
 
-def row(name: str, result: Studied) -> str:
+def row(name: str, result: Study) -> str:
     """Of the table."""
     of = {column: result.policies[column].to_numpy() for column in result.policies.columns}
     cells = [
@@ -153,7 +153,7 @@ def row(name: str, result: Studied) -> str:
     return "| " + " | ".join(cells) + " |"
 
 
-def planned(arguments: Sequence[str] | None) -> argparse.Namespace:
+def parse_arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
     """What the command line asks for."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -208,10 +208,10 @@ def planned(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Trains, scores, flies, prints and writes."""
-    plan = planned(arguments)
+    plan = parse_arguments(arguments)
     histories = [Kind(history, HIDDEN) for history in plan.histories]
     sizes = [Kind(HISTORY, hidden) for hidden in plan.sizes]
-    results_by_kind = {kind: studied(kind, plan) for kind in dict.fromkeys([*histories, *sizes])}
+    results_by_kind = {kind: study_kind(kind, plan) for kind in dict.fromkeys([*histories, *sizes])}
     if histories:
         print(
             table("H", {str(kind.history): results_by_kind[kind] for kind in histories}), end="\n\n"

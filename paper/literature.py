@@ -76,7 +76,7 @@ _OTHERS: dict[str, dict[str, float]] = {
 up and their ratio the slowdown."""
 
 
-def published(parameter: str) -> dict[str, float]:
+def list_published(parameter: str) -> dict[str, float]:
     """Returns what others give for a parameter [SI] by source, from the largest to the smallest.
 
     The paper's value is not among them.
@@ -142,11 +142,12 @@ def _marks(
 
     def mark(kind: str, series: str, colour: str, value: float, source: str) -> Spec:
         place = {"kind": kind, "series": series, "colour": charts.paint(colour), "x": value / paper}
-        return {**place, "value": _written(name, value), "source": source}
+        return {**place, "value": _write(name, value), "source": source}
 
     marks = [mark("line", "paper", "purple", paper, PAPER)]
     marks += [
-        mark("dot", "others", "soft", value, source) for source, value in published(name).items()
+        mark("dot", "others", "soft", value, source)
+        for source, value in list_published(name).items()
     ]
     if truth is not None and min(truth) > 0:
         bar = mark("whisker", "truth", "green", truth[0], "the virtual drone")
@@ -163,7 +164,7 @@ def _marks(
     ]
 
 
-def _written(name: str, value: float) -> str:
+def _write(name: str, value: float) -> str:
     scale, unit = text.scale(name, [value])
     return f"{text.number(value * scale, 3)} {unit}".rstrip()
 
@@ -192,9 +193,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         truth = {name: true_ends(run, name) for name in drone.estimates}
     results.write(options.output, picture.svg(beside_literature(drone.estimates, truth)))
     rows = [
-        [name, _written(name, value), source]
+        [name, _write(name, value), source]
         for name in drone.estimates
-        for source, value in published(name).items()
+        for source, value in list_published(name).items()
     ]
     terminal.print_table("What others give for a Crazyflie", ["", "value", "source"], rows)
 

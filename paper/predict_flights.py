@@ -31,7 +31,7 @@ LONGEST = 20.0
 """Of the flights [s]."""
 
 
-def published(folder: Path) -> tuple[dict[str, Policy], polars.DataFrame]:
+def read_published(folder: Path) -> tuple[dict[str, Policy], polars.DataFrame]:
     """The authors' policies by "control/number", and their flights: name, control, flight_time_s.
 
     Raises:
@@ -180,7 +180,7 @@ def main() -> None:
     )
     options = parser.parse_args()
     try:
-        policies, flights = published(options.authors)
+        policies, flights = read_published(options.authors)
         drone = possible_drones(
             options.drone,
             0.0 if options.as_it_is else choose_prediction(options.drone),

@@ -18,7 +18,7 @@ import jax
 import numpy as np
 import polars
 from agreement import agreement
-from predict_flights import one_against_others, published
+from predict_flights import one_against_others, read_published
 from rich.console import Console
 from rich.table import Table
 
@@ -310,7 +310,7 @@ def main() -> None:
         for structure, (_, flights) in parts.items()
         for flight in flights
     }
-    policies, durations = published(options.authors)
+    policies, flight_table = read_published(options.authors)
     policies = {name: policy for name, policy in policies.items() if name in others}
 
     key = jax.random.key(options.seed)
@@ -356,7 +356,7 @@ def main() -> None:
     texts.append(
         show(
             "Second judge: flight times of held-out policies [s]",
-            flight_times(flying, policies, durations, options.seed),
+            flight_times(flying, policies, flight_table, options.seed),
         )
     )
     texts.append(

@@ -84,7 +84,7 @@ class Sources(NamedTuple):
     raptor: bool
 
 
-def trained(
+def train_policies(
     folder: Path, drone: str | Path, kind: float | str, policies: int, memory: int = 0
 ) -> list[Policy]:
     """Policies of one training, made unless they are there."""
@@ -102,7 +102,7 @@ def trained(
     return [read_policy(file).policy for file in files]
 
 
-def identified(folder: Path, seed: int) -> Path:
+def identify_drone(folder: Path, seed: int) -> Path:
     """The drone file identified from recorded flights, made unless it is there."""
     file = folder / "drone.toml"
     if not file.exists():
@@ -115,7 +115,7 @@ def identified(folder: Path, seed: int) -> Path:
     return file
 
 
-def published(folder: Path) -> list[Policy]:
+def read_published(folder: Path) -> list[Policy]:
     """The authors' policies of `PUBLISHED`."""
     archive = np.load(folder / "policies.npz")
     policies = []
@@ -143,8 +143,8 @@ def rivals_of(
     folder: Path, drone: VirtualDrone, seed: int, policies: int, sources: Sources
 ) -> dict[str, Sequence[AnyPolicy]]:
     """All policies that fly a drone, by their training."""
-    train = partial(trained, policies=policies)
-    known = identified(folder / drone.name, seed)
+    train = partial(train_policies, policies=policies)
+    known = identify_drone(folder / drone.name, seed)
     rivals: dict[str, Sequence[AnyPolicy]] = {
         f"unidentified, {name}": train(folder / UNKNOWN / name, UNKNOWN, kind)
         for name, kind in RANDOMIZATIONS.items()
@@ -157,7 +157,7 @@ def rivals_of(
         for name, kind in OF_IDENTIFIED.items()
     }
     if sources.authors is not None:
-        rivals[OTHERS[0]] = published(sources.authors)
+        rivals[OTHERS[0]] = read_published(sources.authors)
     if sources.raptor:
         for name in OTHERS[1:]:
             raptor = foreign_policy(name)
@@ -166,7 +166,7 @@ def rivals_of(
     return rivals
 
 
-def controlled(
+def fly_controller(
     makes: Makes, drone: VirtualDrone, axis: str, flights: int, name: str
 ) -> polars.DataFrame:
     """A controller's flights along an axis of speed, in rows as `envelope.envelope` gives."""
@@ -290,7 +290,7 @@ def table(
                             names=[f"{name}: {place + 1}" for place in range(len(rivals[name]))],
                         )
                         if name in rivals
-                        else controlled(makers[name], drone, axis, flights, name)
+                        else fly_controller(makers[name], drone, axis, flights, name)
                     )
                     results.write(file, flights_of_name.write_csv())
                 parts.append(polars.read_csv(file, schema_overrides=_NUMBERS))

@@ -262,7 +262,7 @@ def markdown(tables: dict[str, list[list[str]]], columns: list[str], record: str
     )
 
 
-def planned(arguments: Sequence[str] | None) -> argparse.Namespace:
+def parse_arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
     """What the command line asks for; `--small` sets what is not given."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -307,7 +307,7 @@ def planned(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Identifies, prints and writes."""
-    plan = planned(arguments)
+    plan = parse_arguments(arguments)
     recordings = virtual_flights(plan.seed, plan.flights, plan.duration)
     found = {
         "Virtual flights, truth known": list(entries("virtual", recordings, plan, dict(TRUTH)))

@@ -190,7 +190,7 @@ def simulated_rows(name: str) -> Iterator[dict[str, Any]]:
         yield from rows_of(name, drone, identification, None)
 
 
-def read(drone: Drone, data: Path) -> list[Flight]:
+def read_drone_flights(drone: Drone, data: Path) -> list[Flight]:
     """Flights of a drone, in the order of their files."""
     files = [file for pattern in drone.files for file in sorted(data.glob(pattern))]
     return [flight for file in files for flight in read_flights(file, drone=drone.start)]
@@ -265,7 +265,7 @@ def rows_of(
 
 def real_rows(name: str, data: Path) -> Iterator[dict[str, Any]]:
     """Rows of a public drone."""
-    drone, flights = DRONES[name], read(DRONES[name], data)
+    drone, flights = DRONES[name], read_drone_flights(DRONES[name], data)
     used = [replace(one, rotor_speed=None) if drone.hide else one for one in flights]
     identification = mf.identify(used, start=drone.parameters, key=jax.random.key(0))
     yield from rows_of(

@@ -21,7 +21,7 @@ import numpy as np
 import polars
 from agreement import agreement
 from jaxtyping import Float
-from predict_flights import one_against_others, published
+from predict_flights import one_against_others, read_published
 
 from maidenflight import compiler, parameters
 from maidenflight.errors import InputError
@@ -188,7 +188,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     options = parser.parse_args(arguments)
     try:
-        policies, flights = published(options.authors)
+        policies, flights = read_published(options.authors)
         drone = parameters.read_drone(options.drone)
         chosen_policies = {
             name: policy
