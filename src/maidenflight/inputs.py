@@ -42,11 +42,7 @@ def content(path: StrPath) -> bytes:
 
 
 def check_growth(packed: int, plain: int) -> None:
-    """Checks how many bytes compressed data grows to, before it does or while it does.
-
-    Raises:
-        ValueError: to more than a log does.
-    """
+    """Refuses (ValueError) compressed data that grows to more bytes than a log, while it does."""
     if plain > min(max(UNBOUNDED, MOST_GROWTH * packed), MOST_BYTES):
         raise ValueError(
             f"{packed / 1e6:.1f} MB that unpack to {plain / 1e6:.0f} MB or more, as no log does"

@@ -88,11 +88,7 @@ class Policy:
         return dataclasses.replace(self, weights=weights, biases=biases, gru=gru)
 
     def must_be_plain(self) -> None:
-        """Refuses a subclass, whose network files and other programs cannot hold.
-
-        Raises:
-            InputError: it is one.
-        """
+        """Refuses a subclass, whose network files and other programs cannot hold."""
         if type(self) is not Policy:
             raise InputError(
                 f"{type(self).__name__}: has a network of its own, which neither policy files nor "
@@ -100,11 +96,7 @@ class Policy:
             )
 
     def check(self, place: str = "policy") -> None:
-        """Checks that shapes and numbers make sense; errors name the place, such as the file.
-
-        Raises:
-            InputError: they do not.
-        """
+        """Refuses shapes and numbers that make no sense; errors name the place, such as a file."""
         _check_sizes(self, place)
         if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(self)):
             raise InputError(

@@ -132,11 +132,7 @@ class Manoeuvre:
         return self.size * KINDS[self.kind](time, self.period, np.random.default_rng(seed))
 
     def checked(self, place: str) -> "Manoeuvre":
-        """Returns the manoeuvre.
-
-        Raises:
-            InputError: no such kind, or size or period out of range.
-        """
+        """Returns the manoeuvre; refuses an unknown kind, and size or period out of range."""
         sound = 0.0 <= self.size <= LARGEST and SHORTEST <= self.period <= LONGEST
         if not sound or self.kind not in KINDS:
             raise InputError(

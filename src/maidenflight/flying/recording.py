@@ -97,11 +97,7 @@ def fly_plans(
 
 
 def must_divide(rate: int) -> None:
-    """Refuses rates of a log at which rows would not be commands.
-
-    Raises:
-        InputError: it is no divisor of `RATE`.
-    """
+    """Refuses rates of a log at which rows would not be commands: other than divisors of `RATE`."""
     if rate < 1 or RATE % rate:
         raise InputError(f"rate = {rate} Hz; expected a divisor of {RATE}, such as 500, 250, 100.")
 

@@ -292,11 +292,7 @@ class InSteps:
 
 
 def ensemble(drones: Sequence[Parameters]) -> Ensemble:
-    """Returns an ensemble of drones.
-
-    Raises:
-        InputError: no drone.
-    """
+    """Returns an ensemble of drones, one or more."""
     if not drones:
         raise InputError("an ensemble of no drones; give one or more.")
     return Ensemble(jax.tree.map(lambda *leaves: np.stack(leaves), *drones))

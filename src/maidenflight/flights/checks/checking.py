@@ -49,12 +49,9 @@ _COLUMNS = GROUPS | OPTIONAL
 def pieces(
     flight: Flight, time: Float[np.ndarray, "N"] | None = None, shortest: int = 0
 ) -> tuple[list[Flight], list[str]]:
-    """Cuts a flight into usable pieces.
+    """Cuts a flight, with rows at times [s], equally spaced by default, into usable pieces.
 
-    Args:
-        flight: as read.
-        time: time of each row [s]; equally spaced by default.
-        shortest: rows that a piece must have; 0 is `SHORTEST_S`.
+    They have at least so many rows; 0 stands for `SHORTEST_S`.
 
     Returns:
         The pieces, and notes on what was dropped.

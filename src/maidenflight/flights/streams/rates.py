@@ -37,9 +37,6 @@ def refuse_too_slow(
 
     Rates are in Hz, those of `NEEDED` signals 0 where one is missing; `logged` are those of all
     that the log holds. The remedy is a sentence that says what to set.
-
-    Raises:
-        InputError: the signals, their rates and the remedy.
     """
     slow = {signal: rate for signal, rate in rates.items() if rate < 0.97 * LEAST_HZ}
     if slow:

@@ -174,10 +174,8 @@ def pwm(
 ) -> ControlInterface:
     """Returns the thrust commands of the four motors, u = most (clip(a, -1, 1) + 1) / 2.
 
-    Args:
-        action_rate: actions a second [Hz].
-        full_scale_counts: see `ControlInterface`.
-        most: largest command [-]; above 1 for drones that need what the battery has beyond it.
+    The largest command is above 1 for drones that need what the battery has beyond it. Actions come
+    so often a second [Hz].
 
     Source: Gronauer et al. 2022, sec. Motor Model and sec. Control Structures.
     """

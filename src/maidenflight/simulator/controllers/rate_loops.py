@@ -64,14 +64,8 @@ def rate_tick(
 ) -> tuple[RateMemory, Float[Array, "4"]]:
     """Runs `tick` for body rate set-points only, without the loops that do not matter then.
 
-    Args:
-        memory: of the tick before.
-        thrust: commanded [counts].
-        setpoint: commanded body rates [deg/s]; the third moves the desired yaw.
-        yaw: measured [deg].
-        body_rates: measured [deg/s]; `vectors.Entries`, where the memory's vectors are.
-        firmware: generation.
-        mixer: see `mix`.
+    Thrust is in counts, rates are in deg/s and the yaw is in deg; the third set-point moves the
+    desired yaw. Measured body rates are `vectors.Entries` where the memory's vectors are.
 
     Returns:
         Memory, and the four motors' commands [counts]; vectors as `body_rates` is one.

@@ -314,11 +314,7 @@ def rk4(state: State, command: Float[Array, "4"], parameters: Parameters) -> Sta
 
 
 def check_state(state: State) -> State:
-    """Returns a state whose numbers are all finite; inside compiled functions any state.
-
-    Raises:
-        InputError: a number is not finite.
-    """
+    """Returns a state; refuses numbers that are not finite, outside compiled functions."""
     for name, value in state._asdict().items():
         if not isinstance(value, Tracer) and not np.all(np.isfinite(value)):
             raise InputError(

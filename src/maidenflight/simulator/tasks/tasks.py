@@ -354,11 +354,9 @@ def _fast(name: str, reference: Trajectory, fastest: float) -> Task:
 
 
 def find_task(name: str) -> Task:
-    """Returns the task of a name.
+    """Returns the task of a name, one of `TASKS` or `MODULE:NAME` of a task or what makes one.
 
-    Args:
-        name: one of `TASKS`; a CSV file, whose reference is followed from its start; or
-            `MODULE:NAME` of a task or what makes one.
+    Or of a CSV file, whose reference is followed from its start.
 
     Raises:
         InputError: there is no such task, or the file is wrong.
