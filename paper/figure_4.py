@@ -28,8 +28,9 @@ from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import MAX_DURATION_S
 from maidenflight.reporting.figures import picture
 from maidenflight.reporting.figures.charts import Figure
-from maidenflight.reporting.figures.flight_times import COLOURS, REACHED, flight_times
+from maidenflight.reporting.figures.flight_times import COLOURS, flight_times
 from maidenflight.simulator.controllers.interface import INTERFACES
+from maidenflight.simulator.tasks.failures import REACHED
 from maidenflight.studies import study as studies
 from maidenflight.studies.store import Folder
 from maidenflight.studies.study import Study, Task

@@ -5,9 +5,8 @@ from collections.abc import Collection
 
 import polars
 
-from maidenflight.experiments.recovery import LASTS
 from maidenflight.experiments.transfer import LIMIT_CYCLE
-from maidenflight.simulator.tasks.failures import BACKUP
+from maidenflight.simulator.tasks.failures import BACKUP, REACHED
 
 RULE = (
     "longest mean flight, or farthest along the axes; among those within 2 % of it no limit cycle, "
@@ -30,7 +29,7 @@ def summarize(flights: polars.DataFrame) -> polars.DataFrame:
     """
     return flights.group_by("policy", "reality", maintain_order=True).agg(
         polars.len().alias("flights"),
-        (polars.col("end_reason") == LASTS).sum().alias("time_limit"),
+        (polars.col("end_reason") == REACHED).sum().alias("time_limit"),
         polars.col("duration").mean(),
         polars.col("position_error").mean(),
         polars.col("command_change").mean(),

@@ -9,14 +9,12 @@ from jaxtyping import Float
 
 from maidenflight.flights.log import Flight
 from maidenflight.simulator.realities import additions
-from maidenflight.simulator.tasks.failures import END_REASONS, TIME_LIMIT
+from maidenflight.simulator.tasks.failures import REACHED
 
 WITHIN_M = 0.05
 """Distance from the set-point [m] within which a flight is back."""
 SOON_S = 2.0
 """Time after the change [s] in which a flight is back soon."""
-LASTS = END_REASONS[TIME_LIMIT]
-"""End reason of a flight that no guard ends."""
 
 
 def recovery(errors: Float[np.ndarray, "F T"], rate: float, at: float) -> Float[np.ndarray, "F"]:
@@ -51,7 +49,7 @@ def of_flights(table: polars.DataFrame, flights: Sequence[Flight]) -> polars.Dat
     """
     rows: list[dict[str, Any]] = []
     for place, (row, flight) in enumerate(zip(table.iter_rows(named=True), flights, strict=True)):
-        at, lasts = additions.jump_of(row["reality"]), row["end_reason"] == LASTS
+        at, lasts = additions.jump_of(row["reality"]), row["end_reason"] == REACHED
         if at is None or (lasts and len(flight) <= round(at / flight.period)):
             continue
         (back,) = recovery(distance(flight)[None], 1 / flight.period, at)

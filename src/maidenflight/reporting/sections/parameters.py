@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import polars
@@ -237,19 +237,8 @@ def _source(run: Run) -> str:
     )
 
 
-class ParameterErrors(NamedTuple):
-    """How far the identified drone is from the virtual one."""
-
-    outside: int
-    """Intervals that the truth lies outside of."""
-    of: str
-    """How many there are, in words."""
-    effects: list[str]
-    """Effects of the virtual drone that were not identified."""
-
-
-def _missed(run: Run) -> ParameterErrors | None:
-    """How far the identified drone is from the virtual one; `None` where that is not known."""
+def _missed(run: Run) -> dict[str, Any] | None:
+    """How many intervals the truth lies outside of, and the effects that were not identified."""
     if run.reality is None:
         return None
     outside = 0
@@ -257,7 +246,7 @@ def _missed(run: Run) -> ParameterErrors | None:
         low, high = sorted(true_ends(run, name))
         outside += estimate.interval[0] > high or estimate.interval[1] < low
     count = text.plural(len(run.estimates), "parameter")
-    return ParameterErrors(outside, count, _left_out(run, run.reality))
+    return {"outside": outside, "of": count, "effects": _left_out(run, run.reality)}
 
 
 def _left_out(run: Run, reality: Parameters) -> list[str]:

@@ -15,9 +15,11 @@ from maidenflight.simulator.physics import rotations
 from maidenflight.simulator.physics.dynamics import State
 from maidenflight.simulator.physics.vectors import norm, squared
 
-END_REASONS = ("", "time limit", "not finite", "body rate", "tilt", "position error", "height")
+REACHED = "time limit"
+"""End reason of a flight that lasts as long as it may."""
+END_REASONS = ("", REACHED, "not finite", "body rate", "tilt", "position error", "height")
 """Why a flight ends. Where several hold at once, it is the first of these."""
-TIME_LIMIT, NOT_FINITE = END_REASONS.index("time limit"), END_REASONS.index("not finite")
+TIME_LIMIT, NOT_FINITE = END_REASONS.index(REACHED), END_REASONS.index("not finite")
 MAX_POSITION_ERROR_M = 0.25
 """Distance from the set-point [m] at which an episode fails (Gronauer et al. 2022, sec.
 Experimental Setup)."""
