@@ -92,15 +92,12 @@ class Manifest:
 def append(
     output: StrPath, verb: str, written: Files, record: Mapping[str, Any], read: Files | None = None
 ) -> Path:
-    """Appends what a verb wrote to the manifest of its run folder, the parent of its output.
+    """Appends what a verb wrote to the manifest of its run folder, whose path it returns.
 
     Replaces the entry of the same verb and output, and takes over files that older entries list.
     Call it once all files are written, so that a damaged manifest costs no results. Files are by
     kind: of those written the ones that are there and in the run folder, and those that they were
     made from, in the order in which the record has them.
-
-    Returns:
-        The manifest's path.
 
     Raises:
         InputError: the manifest is damaged, or another process holds it for long.
@@ -208,7 +205,6 @@ def _name(path: StrPath, folder: StrPath) -> str | None:
 
 
 def _entry(fields: Fields) -> Entry:
-    """Reads an entry."""
     seed, written, read = fields.get("seed"), fields.table("written"), fields.table("inputs")
     if type(seed) not in (int, type(None)):
         raise fields.refused("seed", "a whole number")

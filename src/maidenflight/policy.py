@@ -116,10 +116,8 @@ def untrained_policy(
 ) -> Policy:
     """Draws a policy with Kaiming-uniform weights and zero biases, or as its form says.
 
-    Its last layer is small, so that it starts near a constant.
-
-    Observations are scaled by fixed, round numbers of the circle task's size; training changes only
-    the network.
+    Its last layer is small, so that it starts near a constant. Observations are scaled by fixed,
+    round numbers of the circle task's size; training changes only the network.
 
     Args:
         key: random key.

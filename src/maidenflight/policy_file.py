@@ -194,7 +194,6 @@ def from_json(text: str, place: str = "policy", control: str | None = None) -> P
 
 
 def _own(content: Mapping[str, Any], place: str) -> Policy:
-    """The policy of a file of ours."""
     try:
         weights = tuple(_numbers(layer["weights"]) for layer in content["layers"])
         biases = tuple(_numbers(layer["biases"]) for layer in content["layers"])

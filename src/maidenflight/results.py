@@ -60,8 +60,7 @@ def write(path: StrPath, content: str | bytes) -> Path:
 def claim(path: StrPath, timeout: float = _LOCK_TIMEOUT) -> Callable[[], None]:
     """Locks a place, which need not exist, against other processes of this computer and user.
 
-    Returns:
-        A function that releases the lock. The end of the process releases it too, even a kill.
+    Returns a function that releases the lock. The end of the process releases it too, even a kill.
 
     Raises:
         InputError: another process holds the lock for longer than the timeout [s].

@@ -129,8 +129,6 @@ def _parameter(name: str, setting: Setting, known: bool = False) -> click.Parame
 
 
 def _common_options(verb: type[Verb], rare: bool) -> list[click.Parameter]:
-    """Returns the options that every verb has."""
-
     def show_every_option(context: click.Context, _: click.Parameter, requested: bool) -> None:
         if requested:
             context.meta["every_option"] = True

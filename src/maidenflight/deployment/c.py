@@ -258,7 +258,6 @@ def _hover(share: float) -> str:
 
 
 def _array(name: str, numbers: Numbers) -> str:
-    """A constant table in C."""
     rows = [", ".join(_literal(number) for number in row) for row in np.atleast_2d(numbers)]
     blocks = rows if numbers.ndim == 1 else [f"{{{row}}}," for row in rows]
     lines = "\n".join(

@@ -6,7 +6,7 @@ from collections.abc import Collection
 import polars
 
 from maidenflight.experiments.transfer import LIMIT_CYCLE
-from maidenflight.simulator.tasks.failures import BACKUP, REACHED
+from maidenflight.simulator.tasks.failures import BACKUP, LARGEST, REACHED
 
 RULE = (
     "longest mean flight, or farthest along the axes; among those within 2 % of it no limit cycle, "
@@ -17,8 +17,6 @@ ALIKE = 0.98
 """Share of the longest mean flight from which flights are as long."""
 LEAST_TILT_MARGIN = 8.0
 """Margin to the guard of the tilt below which a policy is reported [deg]; ours."""
-LARGEST = ("largest_tilt", "largest_body_rate", "largest_distance")
-"""Columns of the largest values of a flight, in SI units; see `failures.largest`."""
 
 
 def summarize(flights: polars.DataFrame) -> polars.DataFrame:

@@ -18,13 +18,11 @@ SOON_S = 2.0
 
 
 def recovery(errors: Float[np.ndarray, "F T"], rate: float, at: float) -> Float[np.ndarray, "F"]:
-    """Returns the time after the change from which a flight stays within `WITHIN_M`, to its end.
+    """Returns the time after the change from which a flight stays within `WITHIN_M` to its end [s].
 
     Errors are distances from the set-point [m], one row a flight and so many a second, the first at
-    its start; the drone changes at `at` [s].
-
-    Returns:
-        [s]; infinite where a flight is never back, or ends before the drone changes.
+    its start; the drone changes at `at` [s]. Infinite where a flight is never back, or ends before
+    the drone changes.
     """
     far = ~(errors[:, round(at * rate) :] <= WITHIN_M)
     if not far.shape[1]:

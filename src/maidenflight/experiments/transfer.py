@@ -175,8 +175,7 @@ def fly_firmware(
 ) -> tuple[list[polars.DataFrame], list[str]]:
     """Flies controllers of the firmware as policies fly in `transfer`, where they hold the drone.
 
-    Returns:
-        Tables of flights, and notes on realities where a controller cannot fly.
+    Returns tables of flights, and notes on realities where a controller cannot fly.
     """
     tables, notes = [], []
     for name in controllers:

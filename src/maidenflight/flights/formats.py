@@ -246,7 +246,6 @@ def _tables(file: Path, name: str, names: Iterable[str] = LOG_FORMATS) -> Iterat
 
 
 def _table(file: Path, name: str, names: Iterable[str]) -> Table:
-    """The table in a file."""
     raw = tables.content(file)
     packed = next((kind for kind in _formats(PackedTable, names) if kind.recognises(raw)), None)
     if packed is not None:

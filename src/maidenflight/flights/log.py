@@ -287,10 +287,7 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
 
 
 def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
-    """Reads a flight in our format; the rows are not checked, `checking` does that.
-
-    Returns:
-        The flight, and the time of each of its rows [s].
+    """Reads a flight in our format, unchecked, and the time of each of its rows [s].
 
     Raises:
         InputError: a column is missing or is not numeric, or it is not said what a command stands

@@ -96,10 +96,8 @@ def between_flights(trims: Sequence[Trim]) -> Float[np.ndarray, "4"] | None:
     """Returns standard deviations between flights of k_F [-] and the constant torques [N m].
 
     Each flight counts alike, however long it was: the next one is one more of them. Counted by
-    their rows, those that flew long for the good trim that they had would hide the others.
-
-    Returns:
-        In the order of `with_standard_errors`; None for less than `ENOUGH_FLIGHTS`.
+    their rows, those that flew long for the good trim that they had would hide the others. Less
+    than `ENOUGH_FLIGHTS` tell nothing.
 
     Source: Hedges 1983, A random effects model for effect sizes (the unweighted estimator).
     """

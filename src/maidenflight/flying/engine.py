@@ -187,7 +187,6 @@ def _simulate(
 
 
 def _cut_at_end(rows: Rows, guard: Guard | None, **logged: Any) -> SimulatedFlight:
-    """A flight up to its end."""
     if guard is None:
         return SimulatedFlight(rows, **logged)
     end = rows.end(guard, logged.get("estimated", False))

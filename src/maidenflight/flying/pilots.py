@@ -67,8 +67,7 @@ class PolicyPilot:
     def begin(self, env: Environment, key: Array, steps: int) -> tuple[Environment, Act, Array]:
         """Begins a flight of so many control periods in JAX.
 
-        Returns:
-            What is simulated, what acts, and the key of all else that is random.
+        Returns what is simulated, what acts, and the key of all else that is random.
         """
         return env, lambda observation, _: self.policy(observation), key
 
@@ -77,8 +76,7 @@ class PolicyPilot:
     ) -> tuple[Commands, Array]:
         """Begins a flight, by the reality's own controller if it has the policy's.
 
-        Returns:
-            Its commands, and the key of all else that is random.
+        Returns its commands, and the key of all else that is random.
 
         Raises:
             InputError: the reality takes other commands.
@@ -169,7 +167,6 @@ def pilots_of(
 
 
 def _controller_of(policies: Sequence[Policy], controller: Controller | None) -> Controller:
-    """The controller that all policies are for."""
     kinds = {
         "control structure": [policy.interface for policy in policies],
         **{

@@ -76,7 +76,7 @@ LAYOUTS = {"x": x_frame, "+": plus_frame}
 
 def arm_length(drone: "Parameters") -> float:
     """Returns the mean distance of the rotors from the centre of mass [m], of a point."""
-    x, y = (np.asarray(getattr(drone, name), np.float64) for name in PLACES)
+    x, y, _ = rotors(drone).T
     return float(np.hypot(x, y).mean())
 
 
@@ -91,7 +91,7 @@ def levers(drone: "Parameters") -> Float[np.ndarray, "4 3"]:
 
     Source: the torque r x F of a thrust along body z.
     """
-    x, y = (np.asarray(getattr(drone, name), np.float64) for name in PLACES)
+    x, y, _ = rotors(drone).T
     return np.stack([y, -x, np.asarray(drone.rotor_direction, np.float64)], axis=1)
 
 

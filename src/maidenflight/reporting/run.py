@@ -280,7 +280,6 @@ def _own(path: Path, records: dict[str, Mapping[str, Any]]) -> Flight:
 def _test_flights(
     files: RunFiles, records: dict[str, Mapping[str, Any]]
 ) -> tuple[polars.DataFrame | None, tuple[Flight, ...]]:
-    """Reads the rows of test flights, and their logs."""
     path = files.first("flights")
     if path is None:
         return None, ()

@@ -123,7 +123,6 @@ def nothing_here(place: Path, missing: Sequence[str] = ()) -> InputError:
 
 
 def _paths_of_option(kind: str, value: StrPath | Sequence[StrPath]) -> list[Path]:
-    """The paths of an option."""
     paths = [Path(one) for one in ([value] if isinstance(value, str | os.PathLike) else value)]
     for path in paths:
         if not path.exists() or (path.is_dir() and kind not in ("logs", "policies")):

@@ -114,8 +114,7 @@ def compute(
 ) -> dict[str, str]:
     """Computes the tasks whose results are not in a store; see `sweep`.
 
-    Returns:
-        By its key, the message of each task that failed as often as it may.
+    Returns, by its key, the message of each task that failed as often as it may.
 
     Raises:
         InputError: the engine cannot be used.

@@ -51,10 +51,7 @@ def pieces(
 ) -> tuple[list[Flight], list[str]]:
     """Cuts a flight, with rows at times [s], equally spaced by default, into usable pieces.
 
-    They have at least so many rows; 0 stands for `SHORTEST_S`.
-
-    Returns:
-        The pieces, and notes on what was dropped.
+    They have at least so many rows; 0 stands for `SHORTEST_S`. Notes say what was dropped.
 
     Raises:
         InputError: the rate is not steady, or a whole flight is in the wrong unit.

@@ -26,12 +26,9 @@ MAX_GAP_ROWS = 4
 def bridged(
     flight: Flight, time: Float[np.ndarray, "N"]
 ) -> tuple[Flight, Float[np.ndarray, "N"], list[str]]:
-    """Puts rows in where a step of time [s] is longer than the period, but at most `MAX_GAP_S`.
+    """Puts rows in, with a note, where a step of time [s] is longer than usual, up to `MAX_GAP_S`.
 
     Signals follow straight lines, commands hold.
-
-    Returns:
-        Flight, time, and a note where rows were put in.
     """
     if not np.isfinite(time).all() or not 0 < flight.period < MAX_GAP_S:
         return flight, time, []

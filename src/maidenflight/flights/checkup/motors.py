@@ -129,7 +129,6 @@ def best_fits(answer: Responses) -> dict[tuple[int, ...], Fit]:
 
 
 def _place_of_largest(scores: Float[np.ndarray, "T D"]) -> tuple[int, int]:
-    """By lag and delay."""
     lag, delay = np.unravel_index(int(np.argmax(scores)), scores.shape)
     return int(lag), int(delay)
 

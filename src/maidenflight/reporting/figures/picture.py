@@ -160,7 +160,6 @@ def _in_light_and_dark(svg: str, title: str) -> str:
 
 @cache
 def _colours() -> tuple[dict[str, str], dict[str, str]]:
-    """Colours in light and in dark, by name."""
     light, dark = re.findall(r":root \{(.*?)\}", asset("colours.css"), re.DOTALL)
     light, dark = (dict(re.findall(r"--(\w+): (#\w+);", part)) for part in (light, dark))
     return light, dark

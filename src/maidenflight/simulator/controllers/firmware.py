@@ -236,14 +236,11 @@ def tick(
     attitude_due: Bool[Array, ""] | bool = True,
     mixer: Mixer | None = None,
 ) -> tuple[Memory, Float[Array, "4"]]:
-    """Returns one tick of the cascade.
+    """Returns one tick of the cascade: memory and motors' commands [counts], not yet compensated.
 
     Thrust 0 stops the motors, resets the PIDs and makes the present yaw the desired one; so it is
     before the first tick. Position and velocity PIDs are due at 100 Hz, attitude and rate PIDs at
     500 Hz.
-
-    Returns:
-        Memory, and the four motors' commands [counts], not yet compensated for the battery.
 
     Source: controller_pid.c, controllerPid.
     """

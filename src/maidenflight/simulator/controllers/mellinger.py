@@ -121,11 +121,7 @@ def tick(
     firmware: Generation = "2021.10",
     mixer: Mixer | None = None,
 ) -> tuple[Memory, Float[Array, "4"]]:
-    """Returns one tick of 2 ms.
-
-    Returns:
-        Memory, and the four motors' commands [counts], not yet compensated for the battery.
-    """
+    """Returns one tick of 2 ms: memory and motors' commands [counts], not yet compensated."""
     error = target.position - state.position
     place = jnp.clip(memory.position + error * PERIOD, -POSITION_LIMIT, POSITION_LIMIT)
     lift = target.acceleration + jnp.array([0.0, 0.0, GRAVITY])

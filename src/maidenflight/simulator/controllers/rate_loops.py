@@ -65,10 +65,8 @@ def rate_tick(
     """Runs `tick` for body rate set-points only, without the loops that do not matter then.
 
     Thrust is in counts, rates are in deg/s and the yaw is in deg; the third set-point moves the
-    desired yaw. Measured body rates are `vectors.Entries` where the memory's vectors are.
-
-    Returns:
-        Memory, and the four motors' commands [counts]; vectors as `body_rates` is one.
+    desired yaw. Measured body rates, and so the commands, are `vectors.Entries` where the memory's
+    vectors are.
     """
     none = tree.map(jnp.zeros_like, body_rates)
     last = yaw if firmware == "2026.08" else jnp.zeros_like(yaw)

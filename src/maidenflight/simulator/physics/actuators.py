@@ -69,10 +69,9 @@ def actuate(
     normal: Float[Array, "4"],
     supply: Supply,
 ) -> tuple[Actuators, Float[Array, "4"]]:
-    """Turns a thrust command u, which may exceed 1, into the rotor speed command of the delay line.
+    """Turns a command u from 0, which holds for a period [s], into sqrt(u) with noise.
 
-    Returns:
-        New state and sqrt(u) of the noisy command, within what the supply allows, for a period [s].
+    It lies within what the supply allows, and enters the delay line.
     """
     noise = ornstein_uhlenbeck(actuators.noise, period, parameters, normal)
     ratio = battery.motor_ratio(command, actuators.voltage, supply)

@@ -78,7 +78,6 @@ def torque(forces: Float[Array, "4"], parameters: Parameters) -> Axes:
 
 
 def _over_rotors(values: Float[Array, "4"], weights: Float[Array, "4"]) -> Float[Array, ""]:
-    """A weighted sum over the rotors."""
     (v1, v2, v3, v4), (w1, w2, w3, w4) = values, weights
     return w1 * v1 + w2 * v2 + w3 * v3 + w4 * v4
 

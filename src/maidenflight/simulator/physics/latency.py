@@ -25,10 +25,7 @@ SLOWEST = QUANTITIES["latency"].upper
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class DelayLine:
-    """Rotor speed commands on their way to the motors.
-
-    Older commands have higher places.
-    """
+    """Rotor speed commands on their way to the motors. Older commands have higher places."""
 
     commands: Float[Array, "slots 4"]
     """Constant commands, or `vectors.Entries` of each rotor's."""

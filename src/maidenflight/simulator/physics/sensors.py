@@ -179,13 +179,10 @@ def accelerometer(
     gravity: float,
     generator: np.random.Generator,
 ) -> Float[np.ndarray, "N 3"]:
-    """Returns what an accelerometer behind its low-pass filter reads in a flight [m/s2].
+    """Returns what an accelerometer along body x, y, z reads behind its low-pass filter [m/s2].
 
     Velocity is true and in the world [m/s], attitude true roll, pitch and yaw [rad], and the period
     between rows at most 1/60 s.
-
-    Returns:
-        Specific force along body x, y and z.
     """
     change = np.gradient(velocity, period, axis=0)
     rotation = scipy.spatial.transform.Rotation.from_euler("ZYX", attitude[:, ::-1])

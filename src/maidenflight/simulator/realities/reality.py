@@ -161,7 +161,6 @@ def imports_code(name: str) -> bool:
 
 
 def _virtual_about(drawn_name: str, centre: str) -> VirtualDrone:
-    """A virtual drone about another."""
     kind, _, seed = drawn_name.partition(":")
     if kind not in VARIANTS or not seed.isdecimal():
         raise InputError(

@@ -79,11 +79,14 @@ def excursion(
     return Excursion(tilt, rate, library.sqrt(x * x + y * y + z * z))
 
 
+LARGEST = ("largest_tilt", "largest_body_rate", "largest_distance")
+"""Columns of the largest values of flights, in SI units."""
+
+
 def largest(excursions: Excursion) -> dict[str, Any]:
     """Returns the largest of each part along its last axis, by columns of a table of flights."""
-    names = ("largest_tilt", "largest_body_rate", "largest_distance")
     worst = (np.max(np.asarray(part, np.float64), axis=-1).round(6) for part in excursions)
-    return dict(zip(names, worst, strict=True))
+    return dict(zip(LARGEST, worst, strict=True))
 
 
 class Guard(NamedTuple):

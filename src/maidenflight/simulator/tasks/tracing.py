@@ -9,12 +9,10 @@ from maidenflight.errors import InputError
 
 
 def check_traced(name: str, function: Callable[..., Any], expected: str, *arguments: Any) -> Any:
-    """Checks that JAX can trace a function of arrays that a user has written; nothing is computed.
+    """Returns the shapes of what a user's function of arrays gives, if JAX can trace it.
 
-    `expected` says for errors what it takes and gives, `arguments` are arrays or their shapes.
-
-    Returns:
-        The shapes of what it gives.
+    Nothing is computed. `expected` says for errors what it takes and gives, `arguments` are arrays
+    or their shapes.
 
     Raises:
         InputError: it raises an error, or JAX cannot trace it.
