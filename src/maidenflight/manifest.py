@@ -96,8 +96,8 @@ def append(
 
     Replaces the entry of the same verb and output, and takes over files that older entries list.
     Call it once all files are written, so that a damaged manifest costs no results. Files are by
-    kind: of those written the ones that are there and in the run folder, and those that they were
-    made from, in the order in which the record has them.
+    kind; those written count if they are there and in the run folder. Those read are in the
+    record's order.
 
     Raises:
         InputError: the manifest is damaged, or another process holds it for long.

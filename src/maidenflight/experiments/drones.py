@@ -44,9 +44,9 @@ def distribution_of(
 ) -> Distribution:
     """Returns drones to train over, simulated in steps that divide the controller's period.
 
-    The randomization is the half width of the box about the drone as a share of each parameter,
-    `POSTERIOR`, `WIDE`, `ANY_DAY`, `ANY`, or `MODULE:NAME` of a function that makes a distribution
-    of the drone.
+    The randomization is the half width of a box about the drone, as a share of each parameter. Or
+    it is `POSTERIOR`, `WIDE`, `ANY_DAY`, `ANY`, or `MODULE:NAME` of a function that makes a
+    distribution of a drone.
     """
     file = read_file(drone)
     centre = control.in_fitting_steps(file.parameters, controller)

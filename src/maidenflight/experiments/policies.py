@@ -84,8 +84,8 @@ class Policies:
     def choose_tasks(self, task: str | None) -> tuple[list[str], list[str]]:
         """Returns what each of the files flies by itself, and notes for the user.
 
-        By default each flies the task that it was trained for, as far as a real drone flies it, and
-        the authors' the circle of the paper.
+        By default each flies the task of its training, as far as a real drone flies it. The
+        authors' fly the circle of the paper.
         """
         real = {*names.REAL_TASKS, names.PAPER_TASK}
         trained = [file.task or names.PAPER_TASK for file in self.files]

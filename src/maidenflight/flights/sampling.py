@@ -28,8 +28,7 @@ def sampled(
     Flights that last longer than an equal share are cut. Segments lie at random places that depend
     on the flight's number alone, and carry the rows of commands before them, `lead_in`, that their
     windows need; their windows are among those of the whole flight. Each flight gives at least
-    `UNIT` rows, a segment may add one, and one flight at a time need be in memory beside those that
-    are kept.
+    `UNIT` rows; a segment may add one. Beside what is kept one flight at a time need be in memory.
 
     Returns:
         The choice, in the order of the flights, and how long all flights last together [s].

@@ -69,7 +69,7 @@ def actuate(
     normal: Float[Array, "4"],
     supply: Supply,
 ) -> tuple[Actuators, Float[Array, "4"]]:
-    """Turns a command u from 0, which holds for a period [s], into sqrt(u) with noise.
+    """Turns a command u from 0, even above 1, into sqrt(u) with noise, for a period [s].
 
     It lies within what the supply allows, and enters the delay line.
     """

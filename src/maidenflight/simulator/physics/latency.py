@@ -80,10 +80,10 @@ def in_step(
 ) -> Float[Array, "... 4"]:
     """Returns mean of the delayed command in physics step `number` of the newest command's period.
 
-    Step i sees the commands of the time from (i dt - Delta) to ((i + 1) dt - Delta), Delta the
-    latency and dt the time step, where the newest command (slot 0) starts at 0 and slot j holds
-    from -j h to (1 - j) h, h = steps dt. A step is no longer than a command, so it sees two at
-    most. The last slot also stands for everything older.
+    Step i sees the commands of the time from (i dt - Delta) to ((i + 1) dt - Delta). Delta is the
+    latency and dt the time step; the newest command (slot 0) starts at 0. Slot j holds from -j h to
+    (1 - j) h, h = steps dt. A step is no longer than a command, so it sees two at most. The last
+    slot also stands for everything older.
     """
     size = _length(line.commands)
     oldest = jnp.asarray(size - 1 if line.ring else size - 1 - line.newest, jnp.float32)

@@ -110,8 +110,8 @@ def accelerating(
 ) -> Trajectory:
     """Returns the same path, from rest to its own speed after a duration [s]; 0: at once.
 
-    Its share of that speed grows as u = time / duration, or, where it is smooth, as 3 u^2 - 2 u^3,
-    so that the acceleration has no jump.
+    Its share of that speed grows as u = time / duration. Where it is smooth, it grows as 3 u^2 - 2
+    u^3, so that the acceleration has no jump.
     """
     if duration == 0.0:
         return trajectory
