@@ -5,7 +5,7 @@ from itertools import product
 from maidenflight.reporting.figures import charts, picture
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec
 
-LOOKS = [
+STYLES = [
     (colour, sample) for colour, sample in product(("blue", "orange", "green"), ("line", "dashed"))
 ]
 """Of curves, in their order."""
@@ -14,7 +14,8 @@ LOOKS = [
 def lines(curves: dict[str, dict[int, float]], across: str, up: str) -> str:
     """Curves by name, each positive values at positive places."""
     legend = [
-        Entry(name, *LOOKS[number % len(LOOKS)], series=name) for number, name in enumerate(curves)
+        Entry(name, *STYLES[number % len(STYLES)], series=name)
+        for number, name in enumerate(curves)
     ]
     rows: list[Spec] = [
         {"series": name, "x": place, "y": value}

@@ -66,13 +66,13 @@ def read_set(which: str, data: Path) -> Logs:
 
 
 def _shorten(pieces: Sequence[Flight]) -> list[Flight]:
-    kept, left = [], LONGEST_S
+    parts, left = [], LONGEST_S
     for piece in sorted(pieces, key=len, reverse=True):
         rows = min(len(piece), round(left / piece.period))
         if rows * piece.period > 0.3:
-            kept.append(piece.part(0, rows))
+            parts.append(piece.part(0, rows))
             left -= rows * piece.period
-    return kept
+    return parts
 
 
 def _concerns(spoiling: Spoiling, pieces: Sequence[Flight]) -> bool:
@@ -130,14 +130,14 @@ def alarms(logs: Logs, report: list[str]) -> tuple[Counter[str], int]:
 
 
 def _row(name: str, cells: Sequence[Counter[str]]) -> str:
-    shown = []
+    table_rows = []
     for counts in cells:
-        told = counts["named"] + counts["missed"]
-        shown.append(f"{counts['named']} of {told}" if told else "-")
+        total = counts["named"] + counts["missed"]
+        table_rows.append(f"{counts['named']} of {total}" if total else "-")
         other = str(counts["cannot tell"] + counts["no fault"])
         compare = counts["to compare"]
-        shown.append(f"{other}, {compare} to compare" if compare else other)
-    return f"| {name} | {' | '.join(shown)} |"
+        table_rows.append(f"{other}, {compare} to compare" if compare else other)
+    return f"| {name} | {' | '.join(table_rows)} |"
 
 
 @click.command()
@@ -157,9 +157,9 @@ def main(data: Path, only: str) -> None:
         )
         click.echo(lines[-1])
         tables[which] = {}
-        for name, found in measure(logs, EVERY[which], only, report):
-            tables[which][name] = found
-            click.echo(f"  {which} {name}: {dict(found)}")
+        for name, result in measure(logs, EVERY[which], only, report):
+            tables[which][name] = result
+            click.echo(f"  {which} {name}: {dict(result)}")
     click.echo("\n".join(report))
     if only:
         return

@@ -36,23 +36,23 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--on", default="local")
     options.add_argument("--tasks", type=int, default=1000)
-    given = options.parse_args()
+    arguments = options.parse_args()
     # Workers import this file by its name.
     places = [str(Path(__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])]
     os.environ["PYTHONPATH"] = os.pathsep.join(places)
     entry = {
         "name": "seconds",
         "kind": "cluster_overhead:Wait",
-        "grid": {"place": {"first": 0, "count": given.tasks}},
+        "grid": {"place": {"first": 0, "count": arguments.tasks}},
     }
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
-        table = mf.sweep([entry], folder, given.on)
+        table = mf.sweep([entry], folder, arguments.on)
         took = time.perf_counter() - began
     workers = cores.count()
     share = float(table["took"].sum()) / (workers * took)
     print(
-        f"{given.on}: {given.tasks} tasks of a second with {workers} workers took "
+        f"{arguments.on}: {arguments.tasks} tasks of a second with {workers} workers took "
         f"{took:.1f} s; busy {100 * share:.1f} %"
     )
 

@@ -52,14 +52,14 @@ def main() -> None:
     run = Verb.run
 
     @functools.wraps(run)
-    def measured(self: Verb, *given: Any, **named: Any) -> Result:
+    def run_timed(self: Verb, *values: Any, **keywords: Any) -> Result:
         before = spent(so_far)
-        result = run(self, *given, **named)
+        result = run(self, *values, **keywords)
         after = spent(so_far)
         rows.append([self.name, *(f"{after[one] - before[one]:.1f}" for one in COLUMNS)])
         return result
 
-    Verb.run = measured  # type: ignore[method-assign]
+    Verb.run = run_timed  # type: ignore[method-assign]
     try:
         cli.main()
     finally:

@@ -117,11 +117,11 @@ def small_disk(folder: Path) -> Iterator[Path]:
         subprocess.run(["umount", str(folder)], check=True)
 
 
-def again(arguments: list[str], made: Path) -> list[str]:
+def again(arguments: list[str], results_folder: Path) -> list[str]:
     """Returns the command that goes on from what a fault left."""
-    if arguments[0] == "sweep" or not any(made.rglob("*")):
+    if arguments[0] == "sweep" or not any(results_folder.rglob("*")):
         return arguments
-    unfinished = (made / "out" / CHECKPOINT).exists()
+    unfinished = (results_folder / "out" / CHECKPOINT).exists()
     return [*arguments, "--resume" if unfinished else "--overwrite"]
 
 
@@ -129,19 +129,19 @@ def try_faults(name: str, fault: str, times: int, folder: Path, moments: random.
     """Lets a fault happen several times, and counts what came of the command given again."""
     count: Counter[str] = Counter()
     with small_disk(folder / "disk") as disk:
-        made = disk / "made"
-        arguments = [*COMMANDS[name], "-o", str(made / "out")]
+        results_folder = disk / "made"
+        arguments = [*COMMANDS[name], "-o", str(results_folder / "out")]
         finish(arguments, folder)
-        shutil.rmtree(made)
+        shutil.rmtree(results_folder)
         began = time.perf_counter()
         finish(arguments, folder)
-        expected, usual = contents(made), time.perf_counter() - began
+        expected, usual = contents(results_folder), time.perf_counter() - began
         while count.total() < times:
-            shutil.rmtree(made, ignore_errors=True)
+            shutil.rmtree(results_folder, ignore_errors=True)
             strike(begin(arguments, folder), fault, moments.uniform(0.2, usual), disk)
-            process = begin(again(arguments, made), folder)
+            process = begin(again(arguments, results_folder), folder)
             _, words = process.communicate()
-            same = process.returncode == 0 and contents(made) == expected
+            same = process.returncode == 0 and contents(results_folder) == expected
             count["same bytes" if same else "other"] += 1
             if not same:
                 print(f"{name}, {fault}: code {process.returncode}, {words[-300:]}", flush=True)

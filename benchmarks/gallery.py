@@ -39,7 +39,7 @@ addEventListener("load", () => setTimeout(() =>
 </script>"""
 
 
-def _browsed(page: str, home: Path, size: str, *options: str, query: str = "theme=light") -> None:
+def _browse(page: str, home: Path, size: str, *options: str, query: str = "theme=light") -> None:
     """Opens a page, whose downloads go to a folder, and leaves."""
     browser = next(filter(None, map(shutil.which, CHROMIUM)), None)
     if browser is None:
@@ -72,17 +72,17 @@ def _small(picture: Path, to: Path, width: int) -> None:
 
 def _of_report(run: Path, to: Path) -> None:
     page = (run / "report.html").read_text()
-    with tempfile.TemporaryDirectory() as made:
-        home = Path(made)
+    with tempfile.TemporaryDirectory() as folder:
+        home = Path(folder)
         shot = f"--screenshot={home / 'shot.png'}"
-        _browsed(page, home, "1120,1590", shot)
+        _browse(page, home, "1120,1590", shot)
         _small(home / "shot.png", to / "report.png", 1000)
-        _browsed(page, home, "500,1590", shot)
+        _browse(page, home, "500,1590", shot)
         _small(home / "shot.png", to / "phone.png", 500)
-        _browsed(page + _ALONE, home, "1000,560", shot, query="theme=light&autoplay")
+        _browse(page + _ALONE, home, "1000,560", shot, query="theme=light&autoplay")
         _small(home / "shot.png", to / "viewer.png", 1000)
         paper = home / "paper.pdf"
-        _browsed(page, home, "1120,1590", "--no-pdf-header-footer", f"--print-to-pdf={paper}")
+        _browse(page, home, "1120,1590", "--no-pdf-header-footer", f"--print-to-pdf={paper}")
         pdf = ["pdftoppm", "-png", "-scale-to-x", "600", "-scale-to-y", "-1", "-l", "3"]
         subprocess.run([*pdf, paper, home / "paper"], check=True)
         pages = [Image.open(one) for one in sorted(home.glob("paper-*.png"))]
@@ -130,8 +130,8 @@ def _of_terminal(run: Path, to: Path) -> None:
 
 
 def _of_rerun(run: Path, to: Path) -> None:
-    with tempfile.TemporaryDirectory() as made:
-        recording, shot = Path(made, "view.rrd"), Path(made, "shot.png")
+    with tempfile.TemporaryDirectory() as folder:
+        recording, shot = Path(folder, "view.rrd"), Path(folder, "shot.png")
         flight = run / "transfer" / "flight_01.csv"
         subprocess.run([*_MAIDENFLIGHT, "report", flight, "--view", recording], check=True)
         subprocess.run(

@@ -47,7 +47,7 @@ TOGETHER = (1, 9)
 
 
 @dataclass(frozen=True)
-class Simulated:
+class Simulation:
     """A simulator, what it simulates and how many drones."""
 
     name: str
@@ -115,8 +115,8 @@ def train(structure: str, together: int, updates: int, folder: Path | None) -> N
     def time_training(updates: int, evaluations: int) -> tuple[list[tuple[Policy, ...]], float]:
         start = time.perf_counter()
         changed: Any = replace(own, updates=updates, evaluations=evaluations)
-        made = jax.block_until_ready(train_cells(cells, changed))
-        return made, time.perf_counter() - start
+        trained_policies = jax.block_until_ready(train_cells(cells, changed))
+        return trained_policies, time.perf_counter() - start
 
     def tell(**what: Any) -> None:
         print(json.dumps(what), flush=True)
@@ -124,9 +124,11 @@ def train(structure: str, together: int, updates: int, folder: Path | None) -> N
     sys.stdin.readline()
     tell(seconds=time_training(1, 1)[1])
     for _ in sys.stdin:
-        made, seconds = time_training(updates, own.evaluations if updates == own.updates else 1)
+        trained_policies, seconds = time_training(
+            updates, own.evaluations if updates == own.updates else 1
+        )
         if folder is not None:
-            for cell, policies in zip(cells, made, strict=True):
+            for cell, policies in zip(cells, trained_policies, strict=True):
                 place = folder / "_".join([structure, *map(str, cell.changes.values())])
                 for number, policy in enumerate(policies, 1):
                     policy_file.write_policy(
@@ -135,10 +137,10 @@ def train(structure: str, together: int, updates: int, folder: Path | None) -> N
         tell(seconds=seconds, peak=peak())
 
 
-def measure_simulators(processes: dict[Simulated, Waiting], rounds: int) -> dict[str, str]:
+def measure_simulators(processes: dict[Simulation, Waiting], rounds: int) -> dict[str, str]:
     """The table of rates and memory, and the chart of the rates."""
     memory = {one: process.answer()["peak"] for one, process in processes.items()}
-    rates: dict[Simulated, list[float]] = {one: [] for one in processes}
+    rates: dict[Simulation, list[float]] = {one: [] for one in processes}
     for _ in range(rounds):
         for one, process in processes.items():
             answer = process.ask(one.question(0.3))
@@ -151,13 +153,13 @@ def measure_simulators(processes: dict[Simulated, Waiting], rounds: int) -> dict
         "|---:" * (len(columns) + 1) + "|",
     ]
     for batch in BATCHES:
-        cells = [figure(middle[Simulated(*column, batch)]) for column in columns]
+        cells = [figure(middle[Simulation(*column, batch)]) for column in columns]
         rows.append(f"| {batch:,} | " + " | ".join(cells) + " |")
-    held = [figure(memory[Simulated(*column, BATCHES[-1])] / 1e6) for column in columns]
-    rows.append(f"| peak memory with {BATCHES[-1]:,} [MB] | " + " | ".join(held) + " |")
+    megabytes = [figure(memory[Simulation(*column, BATCHES[-1])] / 1e6) for column in columns]
+    rows.append(f"| peak memory with {BATCHES[-1]:,} [MB] | " + " | ".join(megabytes) + " |")
     curves = {
         f"{SERIES[series]}, {name}": {
-            batch: middle[Simulated(name, series, batch)] for batch in BATCHES
+            batch: middle[Simulation(name, series, batch)] for batch in BATCHES
         }
         for name, series in columns
     }
@@ -166,7 +168,7 @@ def measure_simulators(processes: dict[Simulated, Waiting], rounds: int) -> dict
 
 def measure_training(processes: dict[tuple[str, int], Waiting]) -> str:
     """The table of the 81 policies, and what policies in one call save."""
-    compiling = {asked: process.answer()["seconds"] for asked, process in processes.items()}
+    compiling = {question: process.answer()["seconds"] for question, process in processes.items()}
     cells = find_cells()
     count = next(iter(cells.values()))[0].policies
     rows = [
@@ -193,13 +195,13 @@ def measure_training(processes: dict[tuple[str, int], Waiting]) -> str:
 
 def card() -> str:
     """The GPU, its driver, and JAX's version."""
-    told = subprocess.run(
+    completed = subprocess.run(
         ["nvidia-smi", "--query-gpu=name,driver_version", "--format=csv,noheader"],
         stdout=subprocess.PIPE,
         text=True,
         check=True,
     )
-    name, driver = told.stdout.strip().split(", ")
+    name, driver = completed.stdout.strip().split(", ")
     return f"One {name}, driver {driver}; JAX {jax.__version__}, crazyflow {VERSION}."
 
 
@@ -230,7 +232,7 @@ def main(
     start = time.perf_counter()
     pythons = {"maidenflight": sys.executable, "crazyflow": crazyflow}
     simulated = [
-        Simulated(name, series, batch)
+        Simulation(name, series, batch)
         for series in SERIES
         for name in SCRIPTS
         for batch in BATCHES

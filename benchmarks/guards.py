@@ -50,8 +50,8 @@ class Flights:
         app = app_in_firmware.App(copy)
         app.set(task=task)
         loop = app_in_plant.Loop(app, find_plant(self.drone, seed)(), self.pid)
-        flown = loop.fly(seconds, fault)
-        return flown, REASONS[int(app.log("why"))], loop
+        flight = loop.fly(seconds, fault)
+        return flight, REASONS[int(app.log("why"))], loop
 
 
 @click.command()
@@ -59,7 +59,7 @@ class Flights:
 @click.option("--flights", default=FLIGHTS)
 def main(policy: Path, flights: int) -> None:
     """Measures and writes the table."""
-    flown, drifts, trips = Flights(policy), [], 0
+    flight, drifts, trips = Flights(policy), [], 0
     for seed in range(flights):
         largest = [0.0]
 
@@ -67,7 +67,7 @@ def main(policy: Path, flights: int) -> None:
             drift = [loop.app.log(f"drift{axis}") for axis in "XYZ"]
             largest[0] = max(largest[0], float(np.linalg.norm(drift)))
 
-        seconds, why, loop = flown.fly(seed, 1, SECONDS, note)
+        seconds, why, loop = flight.fly(seed, 1, SECONDS, note)
         trips += why != "nothing"
         drifts += largest
         volts = float(loop.plant.readings[16])
@@ -87,7 +87,7 @@ def main(policy: Path, flights: int) -> None:
                 if time >= faults.BEGUN_S and change(loop):
                     since.append(time)
 
-            seconds, why, _ = flown.fly(seed, 2, 3.0, fault)
+            seconds, why, _ = flight.fly(seed, 2, 3.0, fault)
             waits.append(1000 * (seconds - (since or [seconds])[0]))
             click.echo(f"{name} {seed}: {why} after {waits[-1]:.0f} ms")
         rows.append(f"| fault: {name} | handed back after at most {max(waits):.0f} ms |")

@@ -46,9 +46,9 @@ def sinking(drone: Parameters, tilt: float) -> float:
     attitude = rotations.from_attitude(jnp.radians(jnp.array([0.0, tilt, 0.0])))
     state = dynamics.at_hover(jnp.array([0.0, 0.0, HEIGHT]), drone)._replace(quaternion=attitude)
     key, still, steps = jax.random.key(0), jnp.zeros(4), round(SECONDS * ATTITUDE_RATE)
-    begun = environment.begin(env, state, jnp.zeros(()), drone, key)
-    fly = jax.jit(lambda begun: rollout(env, lambda _: still, begun, drone, key, steps))
-    _, (before, _) = fly(begun)
+    start = environment.begin(env, state, jnp.zeros(()), drone, key)
+    fly = jax.jit(lambda start: rollout(env, lambda _: still, start, drone, key, steps))
+    _, (before, _) = fly(start)
     return HEIGHT - float(np.min(np.asarray(before.state.position)[:, 2]))
 
 

@@ -77,26 +77,28 @@ def cached_windows(folder: Path, length: int, flights: int) -> Windows:
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)
         reality = VirtualDrone("planted", replace(crazyflie(), time_step=0.001, **TRUTH))
-        flown = recording.record(reality, jax.random.key(SEED), flights, DURATION, rate=100)
-        cut = windows(flown, length)
+        recordings = recording.record(reality, jax.random.key(SEED), flights, DURATION, rate=100)
+        cut = windows(recordings, length)
         np.savez(path, **{name: array[:WINDOWS] for name, array in cut._asdict().items()})
-    with np.load(path) as kept:
-        return Windows(**{name: kept[name] for name in Windows._fields})
+    with np.load(path) as arrays:
+        return Windows(**{name: arrays[name] for name in Windows._fields})
 
 
-def timed(computations: Sequence[Callable[[np.ndarray], object]], repeats: int) -> np.ndarray:
+def time_computations(
+    computations: Sequence[Callable[[np.ndarray], object]], repeats: int
+) -> np.ndarray:
     """Seconds of computations, a row for each of some points, after one that compiles.
 
     In turn, so that what else runs falls on all.
     """
     generator = np.random.default_rng(SEED)
-    taken = np.empty((repeats + 1, len(computations)))
-    for row, point in zip(taken, generator.random((repeats + 1, 3)), strict=True):
+    durations = np.empty((repeats + 1, len(computations)))
+    for row, point in zip(durations, generator.random((repeats + 1, 3)), strict=True):
         for place, compute in enumerate(computations):
             began = time.perf_counter()
             compute(point)
             row[place] = time.perf_counter() - began
-    return taken[1:]
+    return durations[1:]
 
 
 class Clock:
@@ -116,10 +118,10 @@ class Clock:
     def equations(self, unit: np.ndarray, every: int) -> NormalEquations:
         """The same with derivatives, of each so manieth window."""
         began = time.perf_counter()
-        found = self.objective.normal_equations(drone(unit), BOX.names, every)
+        system = self.objective.normal_equations(drone(unit), BOX.names, every)
         self.inside += time.perf_counter() - began
         self.with_derivatives += 1 / every
-        return in_unit_cube(found, BOX, unit)
+        return in_unit_cube(system, BOX, unit)
 
 
 def bayesian_search(objective: Objective, evaluations: int, seed: int) -> Search:
@@ -141,7 +143,7 @@ def gradient_search(objective: Objective, seed: int, derivatives: float) -> Sear
     return Search(time.perf_counter() - began, clock.inside, len(losses), cost, float(losses.min()))
 
 
-def judged(seconds: float, bar: str) -> str:
+def verdict(seconds: float, bar: str) -> str:
     return f"at most {BARS[bar]:g} s | {'yes' if seconds <= BARS[bar] else '**no**'}"
 
 
@@ -161,17 +163,20 @@ def measure_evaluations(
         def slopes(unit: np.ndarray, objective: Objective = objective) -> object:
             return objective.normal_equations(drone(unit), BOX.names)
 
-        taken = timed([loss, slopes], repeats)
-        plain, ratio = float(np.median(taken[:, 0])), float(np.median(taken[:, 1] / taken[:, 0]))
-        bar = judged(plain, "evaluation") if length == max(objectives) else "- | -"
+        durations = time_computations([loss, slopes], repeats)
+        plain, ratio = (
+            float(np.median(durations[:, 0])),
+            float(np.median(durations[:, 1] / durations[:, 0])),
+        )
+        bar = verdict(plain, "evaluation") if length == max(objectives) else "- | -"
         what = f"{objective.size:,} windows of {length} rows"
         rows.append(
-            f"| one evaluation, {what} | {plain:.3f} s (fastest {taken[:, 0].min():.3f} s) | "
+            f"| one evaluation, {what} | {plain:.3f} s (fastest {durations[:, 0].min():.3f} s) | "
             f"{bar} |"
         )
         rows.append(
-            f"| the same with derivatives for three parameters | {np.median(taken[:, 1]):.2f} s, "
-            f"{ratio:.1f} evaluations | - | - |"
+            "| the same with derivatives for three parameters | "
+            f"{np.median(durations[:, 1]):.2f} s, {ratio:.1f} evaluations | - | - |"
         )
     return rows, plain, ratio
 
@@ -186,7 +191,7 @@ def measure_searches(
         statistics.median(getattr(search, what) for search in ours) for what in ("seconds", "cost")
     )
     above = max(search.lowest for search in ours) / theirs.lowest - 1
-    bar = judged(theirs.seconds, "bayesian") if evaluations == 250 else "- | -"
+    bar = verdict(theirs.seconds, "bayesian") if evaluations == 250 else "- | -"
     own = (
         f"{theirs.seconds:.0f} s, of these {theirs.seconds - theirs.inside:.1f} s the "
         "optimiser's own"
@@ -197,31 +202,33 @@ def measure_searches(
         "| - | - |",
     ]
     worst = max(search.cost for search in ours)
-    told = f"{100 * abs(above):.4f} % {'above' if above > 0 else 'below'}"
-    said = (
+    remark = f"{100 * abs(above):.4f} % {'above' if above > 0 else 'below'}"
+    sentences = (
         f"The gradient method's {starts} random starts cost at most {worst:.1f} evaluations each, "
         "derivatives counted at their measured"
-        f" cost. The worst of them ends at an objective {told} the one that {evaluations} "
+        f" cost. The worst of them ends at an objective {remark} the one that {evaluations} "
         "Bayesian evaluations reach."
     )
-    return rows, said
+    return rows, sentences
 
 
 def measure_authors(folder: Path | None) -> list[str]:
     """Rows of the table: `identify` from real files, by default and by the paper's objective."""
     rows = []
-    for settings, told in ((Likelihood(), "as it is"), (Replay(), "by replay")):
-        what = f"`identify` {told}, on the authors' 108 PWM flights, reading and intervals included"
+    for settings, remark in ((Likelihood(), "as it is"), (Replay(), "by replay")):
+        what = (
+            f"`identify` {remark}, on the authors' 108 PWM flights, reading and intervals included"
+        )
         if folder is None or not folder.is_dir():
             rows.append(f"| {what} | not measured: give their folder with --authors | - | - |")
             continue
         began = time.perf_counter()
-        found = identify(read_flights(folder), settings)
+        result = identify(read_flights(folder), settings)
         seconds = time.perf_counter() - began
-        values = ", ".join(f"{found.estimates[name].value:.4g}" for name in PAPER_BOUNDS)
+        values = ", ".join(f"{result.estimates[name].value:.4g}" for name in PAPER_BOUNDS)
         rows.append(
-            f"| {what} | {seconds:.1f} s ({found.windows:,} windows; {values}) | "
-            f"{judged(seconds, 'identify')} |"
+            f"| {what} | {seconds:.1f} s ({result.windows:,} windows; {values}) | "
+            f"{verdict(seconds, 'identify')} |"
         )
     return rows
 
@@ -300,7 +307,7 @@ def main(
     }
     rows, seconds, ratio = measure_evaluations(objectives, repeats)
     click.echo("\n".join(rows))
-    searches, said = measure_searches(
+    searches, sentences = measure_searches(
         objectives[max(lengths)], 20 if quick else 250, 2 if quick else 5, ratio
     )
     click.echo("\n".join(searches))
@@ -317,17 +324,17 @@ def main(
         f" {WINDOWS:,} of 50 rows: {AUTHORS / seconds:,.0f} times as long as here on all cores."
     )
     if quick:
-        click.echo("\n".join([*table, "", said]))
+        click.echo("\n".join([*table, "", sentences]))
         return
     write(
         output,
         {
             "identification-machine": where,
             "identification": "\n".join(table),
-            "identification-compared": f"{said}\n{compared}",
+            "identification-compared": f"{sentences}\n{compared}",
         },
     )
-    click.echo("\n".join([*table, "", said, compared]))
+    click.echo("\n".join([*table, "", sentences, compared]))
 
 
 if __name__ == "__main__":

@@ -66,7 +66,7 @@ PROMISED = 3.0, 6.0
 """Longest time to stop, with the programs in the cache and with none there [s]."""
 
 
-def begun(
+def start_command(
     command: Command, folder: Path, cache: Path, seed: int, overwrite: bool
 ) -> subprocess.Popen[str]:
     """A command in a process of its own, in a folder."""
@@ -101,7 +101,7 @@ def files(folder: Path) -> dict[str, bytes]:
     }
 
 
-def undisturbed(
+def run_undisturbed(
     command: Command, place: Path, cache: Path, seed: int
 ) -> tuple[dict[str, bytes], float]:
     """What a command writes, and how long it takes [s].
@@ -110,16 +110,16 @@ def undisturbed(
         click.ClickException: it fails.
     """
     began = time.perf_counter()
-    process = begun(command, place, cache, seed, overwrite=False)
+    process = start_command(command, place, cache, seed, overwrite=False)
     said = process.communicate()[1]
     if process.returncode:
         raise click.ClickException(f"{command.name}: {said}")
-    made = files(place / "made")
+    result_files = files(place / "made")
     shutil.rmtree(place / "made")
-    return made, time.perf_counter() - began
+    return result_files, time.perf_counter() - began
 
 
-def interrupted(
+def interrupt(
     command: Command, place: Path, cache: Path, after: float, overwrite: bool
 ) -> tuple[int, str, float]:
     """Sends SIGINT some seconds after the start.
@@ -127,7 +127,7 @@ def interrupted(
     Returns:
         Exit code, what was said, and how long it took to end [s].
     """
-    process = begun(command, place, cache, 0, overwrite)
+    process = start_command(command, place, cache, 0, overwrite)
     try:
         process.wait(after)
     except subprocess.TimeoutExpired:
@@ -146,7 +146,7 @@ def wrong(
     timed: tuple[str, ...] = (),
 ) -> list[str]:
     """What an interruption should not have left or said."""
-    told = [line for line in said.splitlines() if line.startswith("maidenflight: interrupted")]
+    messages = [line for line in said.splitlines() if line.startswith("maidenflight: interrupted")]
     odd = [
         name
         for name, content in left.items()
@@ -157,7 +157,7 @@ def wrong(
     lost = [name for name in old if name not in left]
     faults = {
         f"exit code {code}": code != 130,
-        f"said {said[-300:]!r}": len(told) != 1 or "Traceback" in said,
+        f"said {said[-300:]!r}": len(messages) != 1 or "Traceback" in said,
         f"not whole: {', '.join(odd)}": bool(odd),
         f"lost: {', '.join(lost)}": bool(lost),
     }
@@ -197,13 +197,13 @@ def main(moments: int, seed: int, earliest: float, wanted: tuple[str, ...], outp
     signal.signal(signal.SIGINT, signal.default_int_handler)
     chosen = [command for command in COMMANDS if not wanted or command.name in wanted]
     drawn, done = random.Random(seed), list[Interruption]()
-    with tempfile.TemporaryDirectory() as made:
-        place, cache = Path(made) / "run", Path(made) / "cache"
+    with tempfile.TemporaryDirectory() as result_files:
+        place, cache = Path(result_files) / "run", Path(result_files) / "cache"
         place.mkdir()
         named = {command.name: command for command in COMMANDS}
-        for name, given in (("record", "flights"), ("train", "policies")):
-            command = named[name]._replace(output=given)
-            begun(command, place, cache, 7, overwrite=False).communicate()
+        for name, product in (("record", "flights"), ("train", "policies")):
+            command = named[name]._replace(output=product)
+            start_command(command, place, cache, 7, overwrite=False).communicate()
         for command in chosen:
             done += _of(command, place, cache, moments, drawn, earliest)
     rows = [
@@ -228,10 +228,10 @@ def _of(
     command: Command, place: Path, cache: Path, moments: int, drawn: random.Random, earliest: float
 ) -> list[Interruption]:
     """Interrupts a command so often; one that had ended already does not count."""
-    slow = undisturbed(command, place, cache, 0)[1]  # compiles
-    new, quick = undisturbed(command, place, cache, 0)
+    slow = run_undisturbed(command, place, cache, 0)[1]  # compiles
+    new, quick = run_undisturbed(command, place, cache, 0)
     replaces = command.name not in ("report", "demo")
-    old = undisturbed(command, place, cache, 1)[0] if replaces else {}
+    old = run_undisturbed(command, place, cache, 1)[0] if replaces else {}
     done = list[Interruption]()
     while len(done) < moments:
         number = len(done)
@@ -240,9 +240,7 @@ def _of(
             results.write(place / "made" / name, content)
         after = drawn.uniform(earliest, slow if cold else quick)
         fresh = Path(tempfile.mkdtemp(dir=cache.parent))
-        code, said, seconds = interrupted(
-            command, place, fresh if cold else cache, after, overwrite
-        )
+        code, said, seconds = interrupt(command, place, fresh if cold else cache, after, overwrite)
         if code != 0:
             left = files(place / "made")
             faults = wrong(code, said, left, old if overwrite else {}, new, command.timed)

@@ -29,7 +29,9 @@ POLL = 2e-4
 """How often a folder is looked at for a file that is being written [s]."""
 
 
-def begun(arguments: list[str], folder: Path, cache: Path, resume: bool) -> subprocess.Popen[str]:
+def start_command(
+    arguments: list[str], folder: Path, cache: Path, resume: bool
+) -> subprocess.Popen[str]:
     """A training in a process of its own."""
     environment = {
         **os.environ,
@@ -52,18 +54,20 @@ def begun(arguments: list[str], folder: Path, cache: Path, resume: bool) -> subp
     )
 
 
-def ended(process: subprocess.Popen[str]) -> None:
+def await_end(process: subprocess.Popen[str]) -> None:
     """Waits for a training that nobody disturbs, or no longer.
 
     Raises:
         click.ClickException: it failed.
     """
-    _, told = process.communicate()
+    _, text = process.communicate()
     if process.returncode:
-        raise click.ClickException(f"training ended with {process.returncode}: {told}")
+        raise click.ClickException(f"training ended with {process.returncode}: {text}")
 
 
-def killed(process: subprocess.Popen[str], folder: Path, after: float, writing: bool) -> bool:
+def kill_training(
+    process: subprocess.Popen[str], folder: Path, after: float, writing: bool
+) -> bool:
     """Kills a training some seconds after its start, or at the next writing of a file after that.
 
     Whether it still ran.
@@ -74,7 +78,7 @@ def killed(process: subprocess.Popen[str], folder: Path, after: float, writing: 
     while writing and process.poll() is None and not set(results.leftovers(folder)) - old:
         time.sleep(POLL)
     if process.poll() is not None:
-        ended(process)
+        await_end(process)
         return False
     process.send_signal(signal.SIGKILL)
     process.communicate()
@@ -128,14 +132,14 @@ def main(kills: int, seed: int, updates: int, method: str) -> None:
         "--method",
         method,
     ]
-    with tempfile.TemporaryDirectory() as made:
-        cache, undisturbed = Path(made) / "cache", Path(made) / "undisturbed"
-        ended(begun(arguments, undisturbed, cache, resume=False))
+    with tempfile.TemporaryDirectory() as place:
+        cache, undisturbed = Path(place) / "cache", Path(place) / "undisturbed"
+        await_end(start_command(arguments, undisturbed, cache, resume=False))
         expected = contents(undisturbed)
         began = time.perf_counter()
-        ended(begun(arguments, Path(made) / "cached", cache, resume=False))
+        await_end(start_command(arguments, Path(place) / "cached", cache, resume=False))
         usual = time.perf_counter() - began
-        different = int(contents(Path(made) / "cached") != expected)
+        different = int(contents(Path(place) / "cached") != expected)
         print(
             f"undisturbed: {usual:.1f} s; the same bytes with programs from the cache: "
             f"{not different}",
@@ -145,26 +149,26 @@ def main(kills: int, seed: int, updates: int, method: str) -> None:
         trainings, after = 0, moments(seed, 1.15 * usual)
         while where.total() < kills:
             trainings += 1
-            folder = Path(made) / f"training_{trainings}"
+            folder = Path(place) / f"training_{trainings}"
             over = False
             while not over and where.total() < kills:
                 before = state(folder)
-                process = begun(arguments, folder, cache, (folder / CHECKPOINT).exists())
-                if killed(process, folder, next(after), where.total() % 2 == 1):
+                process = start_command(arguments, folder, cache, (folder / CHECKPOINT).exists())
+                if kill_training(process, folder, next(after), where.total() % 2 == 1):
                     what = met(folder, before)
                     where[what] += 1
                     print(f"kill {where.total()}, training {trainings}: {what}", flush=True)
                 over = (folder / "training.csv").exists()
             if not over:
-                ended(begun(arguments, folder, cache, (folder / CHECKPOINT).exists()))
+                await_end(start_command(arguments, folder, cache, (folder / CHECKPOINT).exists()))
             same = contents(folder) == expected
             different += not same
             print(
                 f"training {trainings} ended with the same bytes in {', '.join(expected)}: {same}",
                 flush=True,
             )
-    told = ", ".join(f"{count} while {what}" for what, count in where.most_common())
-    print(f"{where.total()} kills ({told}), {trainings} trainings ended, {different} differed")
+    text = ", ".join(f"{count} while {what}" for what, count in where.most_common())
+    print(f"{where.total()} kills ({text}), {trainings} trainings ended, {different} differed")
     sys.exit(int(different > 0))
 
 

@@ -73,13 +73,13 @@ def motor_level(
     another `drive` as arrays.
     """
 
-    def hold(flown: Any, number: jax.Array) -> tuple[Any, None]:
-        state, given = flown
-        line = latency.put(given, own["command"], number)
+    def hold(carry: Any, number: jax.Array) -> tuple[Any, None]:
+        state, delay_line = carry
+        line = latency.put(delay_line, own["command"], number)
         return (drive(state, line, steps, shared), line.commands), None
 
-    (state, given), _ = jax.lax.scan(hold, own["flown"], jnp.arange(commands))
-    return own | {"flown": (state, latency.in_front(given, commands))}
+    (state, delay_line), _ = jax.lax.scan(hold, own["flown"], jnp.arange(commands))
+    return own | {"flown": (state, latency.in_front(delay_line, commands))}
 
 
 def rate_pid(shared: Parameters, own: Any, commands: int, drive: Any = driven) -> Any:
@@ -90,19 +90,19 @@ def rate_pid(shared: Parameters, own: Any, commands: int, drive: Any = driven) -
     """
     controller = control.attitude_rate()
 
-    def act(flown: Any, _: None) -> tuple[Any, None]:
-        def hold(flown: Any, number: jax.Array) -> tuple[Any, None]:
-            state, given, memory = flown
+    def act(carry: Any, _: None) -> tuple[Any, None]:
+        def hold(carry: Any, number: jax.Array) -> tuple[Any, None]:
+            state, delay_line, memory = carry
             exact = Measurement(*state[:4])
             memory, command = controller.command(memory, own["action"], exact, jnp.zeros(3))
-            line = latency.put(given, rotor_speed_command(command), number)
+            line = latency.put(delay_line, rotor_speed_command(command), number)
             return (drive(state, line, 1, shared), line.commands, memory), None
 
-        (state, given, memory), _ = jax.lax.scan(hold, flown, jnp.arange(COMMANDS))
-        return (state, latency.in_front(given, COMMANDS), memory), None
+        (state, delay_line, memory), _ = jax.lax.scan(hold, carry, jnp.arange(COMMANDS))
+        return (state, latency.in_front(delay_line, COMMANDS), memory), None
 
-    flown, _ = jax.lax.scan(act, own["flown"], None, length=commands // COMMANDS)
-    return own | {"flown": flown}
+    carry, _ = jax.lax.scan(act, own["flown"], None, length=commands // COMMANDS)
+    return own | {"flown": carry}
 
 
 def as_arrays(own: Any) -> Any:
@@ -121,8 +121,8 @@ def training(shared: Any, own: Any, steps: int) -> Any:
     """
     world, weights = Environment(), shared["weights"]
 
-    def policy(seen: jax.Array) -> jax.Array:
-        return jnp.tanh(weights @ seen)
+    def policy(observation: jax.Array) -> jax.Array:
+        return jnp.tanh(weights @ observation)
 
     key, fresh_key, fly_key = jax.random.split(own["key"], 3)
     fresh = (
@@ -135,17 +135,17 @@ def training(shared: Any, own: Any, steps: int) -> Any:
     drone, (before, step_result) = rollout_with_auto_reset(
         world, policy, own["drone"], fresh, fly_key, steps
     )
-    told = (
+    answer = (
         jax.vmap(partial(environment.observation, world))(before),
         step_result.reward,
         step_result.terminated,
         step_result.truncated,
     )
-    return {"key": key, "drone": drone, "told": told}
+    return {"key": key, "drone": drone, "told": answer}
 
 
 @jax.jit
-def launched(box: Any, keys: jax.Array) -> Any:
+def launch(box: Any, keys: jax.Array) -> Any:
     """One drone for each key."""
     return jax.vmap(partial(randomized_reset, Environment(), box))(keys)
 
@@ -156,7 +156,7 @@ def drones(series: str, batch: int) -> tuple[Any, Any]:
     if series == "training":
         box = relative_box(jax.tree.map(jnp.asarray, crazyflie()))
         weights = 0.1 * jax.random.normal(jax.random.key(1), (4, 40))
-        return {"box": box, "weights": weights}, {"key": keys, "drone": launched(box, keys)}
+        return {"box": box, "weights": weights}, {"key": keys, "drone": launch(box, keys)}
     step, rate = (0.005, 100) if series == "motor" else (0.002, 500)
     shared = jax.tree.map(jnp.asarray, replace(crazyflie(), time_step=step))
 
@@ -164,12 +164,12 @@ def drones(series: str, batch: int) -> tuple[Any, Any]:
         state = dynamics.at_hover(jax.random.normal(key, (3,)), shared)
         state = state._replace(body_rates=0.1 * jax.random.normal(key, (3,)))
         slots = latency.slots(1 / rate)
-        given = vectors.Entries(jnp.full(slots, speed) for speed in state.rotor_speed)
+        delay_line = vectors.Entries(jnp.full(slots, speed) for speed in state.rotor_speed)
         state = vectors.entries(state)
         if series == "motor":
-            return {"flown": (state, given), "command": state.rotor_speed}
+            return {"flown": (state, delay_line), "command": state.rotor_speed}
         memory = vectors.entries(jax.tree.map(jnp.asarray, control.attitude_rate().init()))
-        return {"flown": (state, given, memory), "action": jnp.array([0.1, 0.0, 0.0, 0.0])}
+        return {"flown": (state, delay_line, memory), "action": jnp.array([0.1, 0.0, 0.0, 0.0])}
 
     return shared, jax.jit(jax.vmap(one))(keys)
 
@@ -274,7 +274,7 @@ def memory() -> None:
     def fly(weights: jax.Array, drone: Any, fresh: Any, bits: jax.Array) -> Any:
         key = jax.random.wrap_key_data(bits)
         drone, (_, step_result) = rollout_with_auto_reset(
-            world, lambda seen: jnp.tanh(weights @ seen), drone, fresh, key, HORIZON
+            world, lambda observation: jnp.tanh(weights @ observation), drone, fresh, key, HORIZON
         )
         return drone, step_result.reward, step_result.terminated, step_result.truncated
 

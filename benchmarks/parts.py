@@ -11,7 +11,7 @@ from pathlib import Path
 HERE = Path(__file__).parents[1] / "src" / "maidenflight"
 
 
-def imported(file: Path, package: str) -> Iterator[str]:
+def list_imports(file: Path, package: str) -> Iterator[str]:
     """The parts of a package that a file imports, at its top or inside a function."""
     for node in ast.walk(ast.parse(file.read_text())):
         names = []
@@ -24,22 +24,22 @@ def imported(file: Path, package: str) -> Iterator[str]:
 
 def pairs(root: Path) -> dict[str, set[str]]:
     """Each part with those that it imports."""
-    found: dict[str, set[str]] = {}
+    imports: dict[str, set[str]] = {}
     for file in sorted(root.rglob("*.py")):
         part = file.relative_to(root).parts[0].removesuffix(".py")
         if not part.startswith("__"):
-            found.setdefault(part, set()).update(imported(file, root.name))
-    return {part: (names & found.keys()) - {part} for part, names in found.items()}
+            imports.setdefault(part, set()).update(list_imports(file, root.name))
+    return {part: (names & imports.keys()) - {part} for part, names in imports.items()}
 
 
 def main() -> None:
     root = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE
-    found = pairs(root)
-    for part, names in sorted(found.items(), key=lambda one: (-len(one[1]), one[0])):
+    imports = pairs(root)
+    for part, names in sorted(imports.items(), key=lambda one: (-len(one[1]), one[0])):
         print(f"{part:16} {len(names):3}  {' '.join(sorted(names))}")
-    ring = len(found.get("integrations", ()))
+    ring = len(imports.get("integrations", ()))
     print(
-        f"{len(found)} parts, {sum(map(len, found.values()))} pairs of which one imports the "
+        f"{len(imports)} parts, {sum(map(len, imports.values()))} pairs of which one imports the "
         f"other, {ring} of them of integrations, which no other imports"
     )
 

@@ -41,20 +41,20 @@ def times_real_time(structure: str) -> float:
     ) as served:
         assert served.stdin is not None
         assert served.stdout is not None
-        begun = 0.0
+        start = 0.0
         while message := served.stdout.read(lock_step.SENSORS.size):
             served.stdin.write(pilot.answer(message))
             served.stdin.flush()
             if len(pilot.path) == 1000:
-                begun = time.perf_counter()
-    return (SECONDS - 1) / (time.perf_counter() - begun)
+                start = time.perf_counter()
+    return (SECONDS - 1) / (time.perf_counter() - start)
 
 
 def main() -> None:
     """Prints the median of three flights of each structure."""
     for structure in stand_in.STRUCTURES:
-        found = [times_real_time(structure) for _ in range(3)]
-        print(f"{structure:14} {statistics.median(found):5.1f} times real time")
+        rates = [times_real_time(structure) for _ in range(3)]
+        print(f"{structure:14} {statistics.median(rates):5.1f} times real time")
 
 
 if __name__ == "__main__":

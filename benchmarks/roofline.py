@@ -93,45 +93,45 @@ def work(program: Any) -> Counter[str]:
     A loop whose number of turns is an argument counts once. Of branches that depend on data the
     costlier counts; over a batch they are both computed and are no branches.
     """
-    found: Counter[str] = Counter()
+    costs: Counter[str] = Counter()
     for equation in program.eqns:
         name, parameters = equation.primitive.name, equation.params
         if name == "scan":
             inner, length = parameters["jaxpr"].jaxpr, parameters["length"]
             for kind, amount in work(inner).items():
-                found[kind] += amount * length
+                costs[kind] += amount * length
             carried = parameters["num_carry"]
             stacked = equation.outvars[carried:]
             read = equation.invars[parameters["num_consts"] + carried :]
-            found[MOVED] += sum(_bytes(one) for one in (*stacked, *read))
+            costs[MOVED] += sum(_bytes(one) for one in (*stacked, *read))
         elif name == "cond":
-            found += max((work(branch.jaxpr) for branch in parameters["branches"]), key=_total)
+            costs += max((work(branch.jaxpr) for branch in parameters["branches"]), key=_total)
         elif name == "dot_general":
             (contracted, _), _ = parameters["dimension_numbers"]
             shape = equation.invars[0].aval.shape
             length = int(np.prod([shape[axis] for axis in contracted]))
-            found["arithmetic"] += 2 * _size(equation.outvars[0]) * length
+            costs["arithmetic"] += 2 * _size(equation.outvars[0]) * length
         elif name == "shard_map":
             # What one device does of its share.
             for kind, amount in work(parameters["jaxpr"]).items():
-                found[kind] += amount * parameters["mesh"].size
+                costs[kind] += amount * parameters["mesh"].size
         elif name == "while":
-            found += work(parameters["body_jaxpr"].jaxpr)
+            costs += work(parameters["body_jaxpr"].jaxpr)
         elif subs := [
             getattr(value, "jaxpr", value)
             for value in parameters.values()
             if isinstance(value, core.Jaxpr | core.ClosedJaxpr)
         ]:
             # Of a function with a derivative of its own, the function.
-            found += work(subs[0])
+            costs += work(subs[0])
         elif name in KIND:
             sizes = [_size(one) for one in equation.outvars]
             reduces = name.startswith(("reduce", "arg"))
             amount = _size(equation.invars[0]) if reduces else max(sizes)
             if name == "integer_pow":
                 amount *= max(1, int(abs(parameters["y"])).bit_length() - 1)
-            found[KIND[name]] += amount
-    return found
+            costs[KIND[name]] += amount
+    return costs
 
 
 def _size(variable: Any) -> int:
@@ -144,8 +144,8 @@ def _bytes(variable: Any) -> int:
     return _size(variable) * width
 
 
-def _total(found: Counter[str]) -> int:
-    return sum(found.values())
+def _total(costs: Counter[str]) -> int:
+    return sum(costs.values())
 
 
 def machine(seconds: float) -> dict[str, float]:
@@ -153,8 +153,8 @@ def machine(seconds: float) -> dict[str, float]:
     values = jnp.linspace(0.1, 0.9, CORES * ELEMENTS, dtype=jnp.float32).reshape(CORES, ELEMENTS)
     keys = jax.random.split(jax.random.key(0), CORES)
 
-    def looped(step: Callable[[Any], Any], turns: int = TURNS) -> Callable[[Any], Any]:
-        return lambda given: lax.fori_loop(0, turns, lambda _, now: step(now), given)
+    def loop(step: Callable[[Any], Any], turns: int = TURNS) -> Callable[[Any], Any]:
+        return lambda inputs: lax.fori_loop(0, turns, lambda _, now: step(now), inputs)
 
     def chains(now: Any) -> Any:
         # Independent products and sums in one pass over the array, which stay in registers.
@@ -164,47 +164,47 @@ def machine(seconds: float) -> dict[str, float]:
             three, four = three * 0.997 + 0.003, four * 0.996 + 0.004
         return 0.25 * (one + two + three + four)
 
-    def drawn(key: Any) -> Any:
+    def draw(key: Any) -> Any:
         return jax.random.wrap_key_data(jax.random.bits(key, (ELEMENTS,)).reshape(-1, 2)[0])
 
     programs: dict[str, tuple[Callable[[Any], Any], Any, float]] = {
-        "arithmetic": (looped(chains), values, 68.0 * ELEMENTS * TURNS),
+        "arithmetic": (loop(chains), values, 68.0 * ELEMENTS * TURNS),
         "division and root": (
-            looped(lambda now: jnp.sqrt(1.0 / (1.0 + now))),
+            loop(lambda now: jnp.sqrt(1.0 / (1.0 + now))),
             values,
             2.0 * ELEMENTS * TURNS,
         ),
         "transcendental": (
-            looped(lambda now: 0.5 * jnp.sin(now) + 0.1 * jnp.exp(now)),
+            loop(lambda now: 0.5 * jnp.sin(now) + 0.1 * jnp.exp(now)),
             values,
             2.0 * ELEMENTS * TURNS,
         ),
-        "random": (looped(drawn, TURNS // 4), keys, ELEMENTS * TURNS / 4),
+        "random": (loop(draw, TURNS // 4), keys, ELEMENTS * TURNS / 4),
     }
     rates = {
-        kind: CORES * amount / median_time(jax.pmap(program), (given,), seconds)
-        for kind, (program, given, amount) in programs.items()
+        kind: CORES * amount / median_time(jax.pmap(program), (inputs,), seconds)
+        for kind, (program, inputs, amount) in programs.items()
     }
     # Beyond every cache, and in place, so that no time goes to the system for new pages.
     large, passes = jnp.zeros((CORES, 2**25), jnp.float32), 16
-    turned = looped(lambda now: jnp.flip(now) + 1.0, passes)
+    turned = loop(lambda now: jnp.flip(now) + 1.0, passes)
     copied = median_time(jax.pmap(turned), (large,), seconds)
     return rates | {MOVED: 2 * passes * large.nbytes / copied}
 
 
-def median_time(function: Callable[..., Any], given: tuple[Any, ...], seconds: float) -> float:
+def median_time(function: Callable[..., Any], inputs: tuple[Any, ...], seconds: float) -> float:
     """Median seconds of a call after two for warming up."""
     for _ in range(2):
-        jax.block_until_ready(function(*given))
+        jax.block_until_ready(function(*inputs))
     times: list[float] = []
     while sum(times) < seconds or len(times) < 5:
         start = time.perf_counter()
-        jax.block_until_ready(function(*given))
+        jax.block_until_ready(function(*inputs))
         times.append(time.perf_counter() - start)
     return statistics.median(times)
 
 
-def simulated(name: str, series: str, batch: int) -> HotPath:
+def simulation_path(name: str, series: str, batch: int) -> HotPath:
     """The simulator as `simulator.py` measures it, on one device of all."""
     one, counted = speed.SERIES[series]
     turns = 64
@@ -215,7 +215,7 @@ def simulated(name: str, series: str, batch: int) -> HotPath:
     return HotPath(name, unit, batch * turns * counted, run, (shared, own), CORES)
 
 
-def trained(name: str, structure: str) -> HotPath:
+def training_path(name: str, structure: str) -> HotPath:
     """One update of training by gradients with its default settings."""
     settings = SETTINGS[structure]
     controller = control.CONTROLLERS[structure]()
@@ -232,21 +232,21 @@ def trained(name: str, structure: str) -> HotPath:
     return HotPath(name, "environment step", steps, update, (learners,))
 
 
-def evaluated(name: str, policies: int = 2) -> HotPath:
+def evaluation_path(name: str, policies: int = 2) -> HotPath:
     """Episodes with which training scores policies."""
     env, boxes = Environment(task=tasks.circle()), stacked([relative_box(crazyflie())] * policies)
     episodes = 128
-    made = jax.vmap(untrained_policy)(jax.random.split(jax.random.key(0), policies))
+    policy_batch = jax.vmap(untrained_policy)(jax.random.split(jax.random.key(0), policies))
     starts = starts_of(env, episodes, boxes)
 
-    def score(made: Any) -> Any:
-        return evaluate_together(env, episodes, made, starts)
+    def score(policy_batch: Any) -> Any:
+        return evaluate_together(env, episodes, policy_batch, starts)
 
     steps = round(env.task.duration * env.controller.interface.rate)
-    return HotPath(name, "environment step", policies * episodes * steps, score, (made,))
+    return HotPath(name, "environment step", policies * episodes * steps, score, (policy_batch,))
 
 
-def identified(name: str, rows: int = 200) -> HotPath:
+def identification_path(name: str, rows: int = 200) -> HotPath:
     """Prediction errors of a chunk of windows, as the likelihood sums them."""
     # One physics step a row: of a loop whose number of turns is an argument `work` counts one.
     drone, generator = replace(crazyflie(), time_step=0.01), np.random.default_rng(0)
@@ -271,7 +271,7 @@ def identified(name: str, rows: int = 200) -> HotPath:
     return HotPath(name, "row", count * rows, chunk, (jax.tree.map(jnp.asarray, windows),), CORES)
 
 
-def timed(path: HotPath, seconds: float) -> float:
+def time_path(path: HotPath, seconds: float) -> float:
     """Time of a unit [ns]."""
     if path.parts > 1:
         copies = jax.tree.map(lambda leaf: jnp.stack([leaf] * path.parts), path.arguments)
@@ -281,7 +281,7 @@ def timed(path: HotPath, seconds: float) -> float:
     return 1e9 * took / (path.units * path.parts)
 
 
-def measured(path: HotPath, rates: dict[str, float], seconds: float) -> dict[str, Any]:
+def measure_path(path: HotPath, rates: dict[str, float], seconds: float) -> dict[str, Any]:
     """Work, least time and time of a path; per unit, in ns."""
     program = jax.make_jaxpr(path.function)(*path.arguments)
     done = work(program.jaxpr)
@@ -292,29 +292,29 @@ def measured(path: HotPath, rates: dict[str, float], seconds: float) -> dict[str
         **{kind: done[kind] / path.units for kind in rates},
         "least": 1e9 * sum(least.values()),
         "largest": max(least, key=lambda kind: least[kind]),
-        "took": timed(path, seconds),
+        "took": time_path(path, seconds),
     }
 
 
 PATHS: tuple[Callable[[], HotPath], ...] = (
-    partial(simulated, "physics", "motor", 2048),
-    partial(simulated, "physics and rate PID", "rate", 2048),
-    partial(simulated, "environment, with noise and resets", "training", 1024),
-    partial(evaluated, "evaluation"),
-    *(partial(trained, f"training update, {name}", name) for name in SETTINGS),
-    partial(identified, "likelihood of one row ahead"),
+    partial(simulation_path, "physics", "motor", 2048),
+    partial(simulation_path, "physics and rate PID", "rate", 2048),
+    partial(simulation_path, "environment, with noise and resets", "training", 1024),
+    partial(evaluation_path, "evaluation"),
+    *(partial(training_path, f"training update, {name}", name) for name in SETTINGS),
+    partial(identification_path, "likelihood of one row ahead"),
 )
 
 
-def fused(seconds: float) -> dict[str, float]:
+def time_fused(seconds: float) -> dict[str, float]:
     """Times of the paths [ns] in a process that compiles with fused loops."""
-    said = subprocess.run(
+    text = subprocess.run(
         [sys.executable, __file__, "--seconds", str(seconds), "--times"],
         env={**os.environ, "XLA_FLAGS": compiler.FUSED},
         stdout=subprocess.PIPE,
         check=True,
     ).stdout
-    return json.loads(said)
+    return json.loads(text)
 
 
 @click.command(help=__doc__)
@@ -325,15 +325,15 @@ def main(times: bool, seconds: float, output: str) -> None:
     """Measures and writes."""
     if times:
         paths = [path() for path in PATHS]
-        print(json.dumps({path.name: timed(path, seconds) for path in paths}))
+        print(json.dumps({path.name: time_path(path, seconds) for path in paths}))
         return
-    rates, quicker = machine(seconds), fused(seconds)
+    rates, quicker = machine(seconds), time_fused(seconds)
     lines = ["| kind | all cores do |", "|---|---|"]
     lines += [
         f"| {kind} | {rate / 1e9:.3g} {'GB/s' if kind == MOVED else 'G/s'} |"
         for kind, rate in rates.items()
     ]
-    rows = [measured(path(), rates, seconds) for path in PATHS]
+    rows = [measure_path(path(), rates, seconds) for path in PATHS]
     head = ["path", "unit", *rates, "least time [ns]", "time [ns]", "fused [ns]", "reached"]
     head += ["most of it"]
     table = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]

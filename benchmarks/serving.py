@@ -33,15 +33,15 @@ def serve(prepare: Callable[[str, int, str], Prepared | None]) -> None:
     os.dup2(2, 1)
     prepared: dict[tuple[str, int, str], Prepared | None] = {}
     for line in sys.stdin:
-        asked = json.loads(line)
-        name = asked["series"], asked["batch"], asked["layout"]
+        question = json.loads(line)
+        name = question["series"], question["batch"], question["layout"]
         if name not in prepared:
             prepared = {known: call for known, call in prepared.items() if known[:2] == name[:2]}
             prepared[name] = prepare(*name)
             warm(prepared[name])
         ready = prepared[name]
-        told = {"rate": rate(*ready, asked["seconds"]) if ready else None, "peak": peak()}
-        answers.write(json.dumps(told) + "\n")
+        answer = {"rate": rate(*ready, question["seconds"]) if ready else None, "peak": peak()}
+        answers.write(json.dumps(answer) + "\n")
         answers.flush()
 
 

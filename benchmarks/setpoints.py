@@ -69,9 +69,9 @@ def main(policy: Path, reference: tuple[str, ...], drone: str) -> None:
     rows = ["| reference | `mf.task` | error [cm] | ends |", "|---|---|---|---|"]
     courses = [*BUILT_IN.items(), *((name, COMMANDER) for name in (*CURVES, *reference))]
     for name, task in courses:
-        flown = [fly(flights, name, task, seed) for seed in range(SEEDS)]
-        error = f"{np.mean([one[0] for one in flown]):.2f}"
-        ends = sum(one[1] == 1.0 for one in flown)
+        outcomes = [fly(flights, name, task, seed) for seed in range(SEEDS)]
+        error = f"{np.mean([one[0] for one in outcomes]):.2f}"
+        ends = sum(one[1] == 1.0 for one in outcomes)
         rows.append(f"| {Path(name).stem} | {task} | {error} | {ends} of {SEEDS} |")
         click.echo(rows[-1])
     page = Path(__file__).parents[1] / "paper" / "notes" / "training.md"

@@ -109,9 +109,9 @@ def main() -> None:
         folder.mkdir(exist_ok=True)
         for name in options.verbs:
             one = listen(VERBS[name], folder, options.nice, options.most)
-            kept = one.first <= FIRST_S and one.longest <= BETWEEN_S and one.code == 0
-            broken += not kept
-            sign = "" if kept else " **"
+            passes = one.first <= FIRST_S and one.longest <= BETWEEN_S and one.code == 0
+            broken += not passes
+            sign = "" if passes else " **"
             print(
                 f"| {name}{sign} | {one.first:.1f} | {one.longest:.1f} | {one.seconds:.0f} | "
                 f"{one.before if one.longest > BETWEEN_S or one.code else ''} |",

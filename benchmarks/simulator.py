@@ -55,7 +55,7 @@ class Bar:
     ratio: float | None = None
     """Of ours over crazyflow's."""
 
-    def told(self) -> str:
+    def describe(self) -> str:
         """The bar in words."""
         if self.ratio:
             return f"{self.ratio:g} x crazyflow"
@@ -65,14 +65,10 @@ class Bar:
         """Whether it is reached."""
         if ours is None or (self.ratio and theirs is None):
             return "not measured"
-        met = (
-            ours >= self.least
-            if self.least
-            else ours <= self.most
-            if self.most
-            else ours >= (self.ratio or 0) * (theirs or 0)
-        )
-        return "yes" if met else "**no**"
+        if self.most:
+            return "yes" if ours <= self.most else "**no**"
+        least = self.least or (self.ratio or 0) * (theirs or 0)
+        return "yes" if ours >= least else "**no**"
 
 
 BARS = {
@@ -97,13 +93,15 @@ def figure(value: float | None) -> str:
     """Three digits that count."""
     if value is None:
         return "-"
-    if value >= 1e9:
-        return f"{value / 1e9:.3g} G"
-    if value >= 1e6:
-        return f"{value / 1e6:.3g} M"
-    if value >= 1e4:
-        return f"{value / 1e3:.3g} k"
+    for least, unit, prefix in ((1e9, 1e9, "G"), (1e6, 1e6, "M"), (1e4, 1e3, "k")):
+        if value >= least:
+            return f"{value / unit:.3g} {prefix}"
     return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
+
+
+def in_words(values: dict[str, Any]) -> str:
+    """Figures of sides, in a line."""
+    return "  ".join(f"{name} {figure(value)}" for name, value in values.items())
 
 
 class Side:
@@ -154,18 +152,13 @@ class Side:
 
 def environment() -> dict[str, str]:
     """Environment variables of the measured processes: no compilation cache, default threads."""
-    return {
-        name: value
-        for name, value in os.environ.items()
-        if not name.startswith(("JAX_", "XLA_", "OMP_"))
-    } | {
-        "JAX_ENABLE_COMPILATION_CACHE": "false",
-        "JAX_PLATFORMS": "cpu",
-    }
+    own = ("JAX_", "XLA_", "OMP_")
+    others = {name: value for name, value in os.environ.items() if not name.startswith(own)}
+    return others | {"JAX_ENABLE_COMPILATION_CACHE": "false", "JAX_PLATFORMS": "cpu"}
 
 
 @dataclass
-class Found:
+class Measurements:
     """What was measured; of a side by its name, nothing where it was not measured."""
 
     figures: dict[str, dict[str, float | None]] = field(default_factory=dict)
@@ -178,92 +171,81 @@ class Found:
 
 def medians(
     sides: dict[str, Side],
-    asked: dict[str, list[tuple[str, int, str]]],
+    questions_by_side: dict[str, list[tuple[str, int, str]]],
     repeats: int,
     seconds: float,
 ) -> dict[Any, float]:
     """Median rate of each question to each side, all asked in turn."""
-    told: dict[Any, list[float]] = {}
+    answers: dict[Any, list[float]] = {}
     for _ in range(repeats):
-        for name, questions in asked.items():
+        for name, questions in questions_by_side.items():
             for question in questions:
                 rate = sides[name].ask(*question, seconds)
                 if rate is not None:
-                    told.setdefault((name, question), []).append(rate)
-    return {question: statistics.median(rates) for question, rates in told.items()}
+                    answers.setdefault((name, question), []).append(rate)
+    return {question: statistics.median(rates) for question, rates in answers.items()}
 
 
 def measure_rates(
     sides: dict[str, Side], batches: list[int], repeats: int, seconds: float
-) -> Found:
+) -> Measurements:
     """Sweeps over the batches, and both sides anew at their best."""
-    found = Found()
+    measurements = Measurements()
     for series in SERIES:
         taking_part = {name: side for name, side in sides.items() if series in side.series}
         rates: dict[Any, float] = {}
         for batch in batches:
-            asked = {
+            questions = {
                 name: [(series, batch, layout) for layout in side.layouts]
                 for name, side in taking_part.items()
             }
-            rates |= medians(sides, asked, max(2, repeats // 2), seconds)
+            own = medians(sides, questions, max(2, repeats // 2), seconds)
+            rates |= own
             best = {
-                name: max(
-                    rate
-                    for (who, asked), rate in rates.items()
-                    if who == name and asked[1] == batch
-                )
+                name: max(rate for (who, _), rate in own.items() if who == name)
                 for name in taking_part
             }
-            click.echo(
-                f"{series:9} {batch:6} "
-                + "  ".join(f"{name} {figure(rate)}" for name, rate in best.items())
-            )
+            click.echo(f"{series:9} {batch:6} {in_words(best)}")
             for name, rate in best.items():
-                found.sweep.setdefault(series, {}).setdefault(name, {})[batch] = rate
+                measurements.sweep.setdefault(series, {}).setdefault(name, {})[batch] = rate
         winners = {
-            name: max((r, asked) for (who, asked), r in rates.items() if who == name)[1]
+            name: max((rate, one) for (who, one), rate in rates.items() if who == name)[1]
             for name in taking_part
         }
         final = medians(
             sides, {name: [question] for name, question in winners.items()}, repeats, 2 * seconds
         )
-        found.figures[series] = {name: final[name, question] for name, question in winners.items()}
-        found.details[series] = {
+        measurements.figures[series] = {
+            name: final[name, question] for name, question in winners.items()
+        }
+        measurements.details[series] = {
             name: f"{question[1]:,} drones, {question[2]}" for name, question in winners.items()
         }
-    return found
+    return measurements
 
 
-def measure_processes(sides: dict[str, Side], found: Found, repeats: int) -> None:
+def measure_processes(sides: dict[str, Side], measurements: Measurements, repeats: int) -> None:
     """What takes fresh processes."""
     for what in ("single", "first", "memory"):
         compilers = COMPILERS if what == "memory" else {"": ""}
-        told: dict[tuple[str, str], list[float]] = {}
+        answers: dict[tuple[str, str], list[float]] = {}
         for _ in range(repeats):
             for (name, side), (words, flags) in product(sides.items(), compilers.items()):
                 answer, seconds = side.once(what, flags)
-                told.setdefault((name, words), []).append(seconds if what == "first" else answer)
-        middle = {asked: statistics.median(values) for asked, values in told.items()}
-        found.figures[what] = {
+                answers.setdefault((name, words), []).append(seconds if what == "first" else answer)
+        middle = {source: statistics.median(values) for source, values in answers.items()}
+        measurements.figures[what] = {
             name: min(value for (who, _), value in middle.items() if who == name) for name in sides
         }
         if compilers is COMPILERS:
-            found.details[what] = {
-                name: ", ".join(
-                    f"{figure(value)} MB by {words}"
-                    for (who, words), value in middle.items()
-                    if who == name
-                )
-                for name in sides
-            }
-        click.echo(
-            f"{what:16} "
-            + "  ".join(f"{name} {figure(value)}" for name, value in found.figures[what].items())
-        )
+            for name in sides:
+                own = {words: value for (who, words), value in middle.items() if who == name}
+                texts = (f"{figure(value)} MB by {words}" for words, value in own.items())
+                measurements.details.setdefault(what, {})[name] = ", ".join(texts)
+        click.echo(f"{what:16} {in_words(measurements.figures[what])}")
 
 
-def bars_table(found: Found) -> str:
+def bars_table(measurements: Measurements) -> str:
     """The bars and what was reached."""
     rows = [
         f"| what | maidenflight | crazyflow {VERSION} | ratio | bar | reached |",
@@ -271,39 +253,45 @@ def bars_table(found: Found) -> str:
     ]
     for what, bar in BARS.items():
         ours, theirs = (
-            found.figures.get(what, {}).get(name) for name in ("maidenflight", "crazyflow")
+            measurements.figures.get(what, {}).get(name) for name in ("maidenflight", "crazyflow")
         )
         ratio = f"{ours / theirs:.1f}" if ours and theirs else "-"
         missing = "has none" if what == "training" else "not measured"
         cells = [figure(ours) if ours else "not measured", figure(theirs) if theirs else missing]
         rows.append(
-            f"| {bar.what} [{bar.unit}] | {cells[0]} | {cells[1]} | {ratio} | {bar.told()} | "
+            f"| {bar.what} [{bar.unit}] | {cells[0]} | {cells[1]} | {ratio} | {bar.describe()} | "
             f"{bar.reached(ours, theirs)} |"
         )
     return "\n".join(rows)
 
 
-def sweep_table(found: Found) -> str:
+def sweep_table(measurements: Measurements) -> str:
     """Steps a second against the number of drones."""
-    columns = [(series, name) for series in found.sweep for name in found.sweep[series]]
+    columns = [
+        (series, name) for series in measurements.sweep for name in measurements.sweep[series]
+    ]
     rows = [
         "| drones | " + " | ".join(f"{SERIES[series]}, {name}" for series, name in columns) + " |",
         "|---:" * (len(columns) + 1) + "|",
     ]
-    for batch in sorted({batch for series, name in columns for batch in found.sweep[series][name]}):
+    for batch in sorted(
+        {batch for series, name in columns for batch in measurements.sweep[series][name]}
+    ):
         rows.append(
             f"| {batch:,} | "
-            + " | ".join(figure(found.sweep[series][name].get(batch)) for series, name in columns)
+            + " | ".join(
+                figure(measurements.sweep[series][name].get(batch)) for series, name in columns
+            )
             + " |"
         )
     return "\n".join(rows)
 
 
-def growth(found: Found) -> str:
+def growth(measurements: Measurements) -> str:
     """How the cost of a step of all drones grows with their number."""
     sentences = []
     for series, words in SERIES.items():
-        rates = found.sweep[series]["maidenflight"]
+        rates = measurements.sweep[series]["maidenflight"]
         least, most = min(rates), max(rates)
         linear = [batch for batch, rate in rates.items() if rate > 0.7 * max(rates.values())]
         end = f"to {max(linear):,}" if max(linear) < most else "on"
@@ -327,13 +315,13 @@ def machine(repeats: int, processes: int) -> str:
     )
 
 
-def crazyflow_python(given: str | None) -> str | None:
+def crazyflow_python(choice: str | None) -> str | None:
     """A Python that has crazyflow, installed into a folder beside this file unless one is given.
 
     Nothing where that fails.
     """
-    if given:
-        return given
+    if choice:
+        return choice
     folder = FOLDER / ".crazyflow"
     python = folder / "bin" / "python"
     if not (folder / "installed").exists():
@@ -347,13 +335,13 @@ def crazyflow_python(given: str | None) -> str | None:
     return str(python)
 
 
-def details(found: Found) -> str:
+def details(measurements: Measurements) -> str:
     """At which batches both were best, and their memory by `COMPILERS`."""
     return "\n".join(
         f"- {SERIES.get(series, series)}: "
         + "; ".join(f"{name} at {where}" for name, where in sides.items())
         + "."
-        for series, sides in found.details.items()
+        for series, sides in measurements.details.items()
     )
 
 
@@ -382,22 +370,22 @@ def main(quick: bool, output: Path, crazyflow: str | None) -> None:
     python = crazyflow_python(crazyflow)
     if python:
         sides["crazyflow"] = Side(python, "crazyflow_speed.py", THEIR_LAYOUTS, ["motor", "rate"])
-    found = measure_rates(sides, [1, 256, 4096] if quick else BATCHES, repeats, seconds=0.2)
+    measurements = measure_rates(sides, [1, 256, 4096] if quick else BATCHES, repeats, seconds=0.2)
     for side in sides.values():
         side.close()
-    measure_processes(sides, found, processes)
+    measure_processes(sides, measurements, processes)
     curves = {
         f"{SERIES[series]}, {name}": rates
-        for series, named in found.sweep.items()
-        for name, rates in named.items()
+        for series, by_side in measurements.sweep.items()
+        for name, rates in by_side.items()
     }
     output.with_suffix(".svg").write_text(chart.lines(curves, "drones", "steps a second"))
     parts = {
         "machine": where,
-        "bars": bars_table(found),
-        "best": details(found),
-        "sweep": sweep_table(found),
-        "growth": growth(found),
+        "bars": bars_table(measurements),
+        "best": details(measurements),
+        "sweep": sweep_table(measurements),
+        "growth": growth(measurements),
     }
     write(output, parts)
     click.echo("\n" + parts["bars"])

@@ -107,8 +107,8 @@ def start(cluster: ExitStack, place: Path) -> None:
         begin(cluster, place, "slurmd", "-D", "-N", name)
     until = time.monotonic() + 60
     while time.monotonic() < until:
-        asked = ["sinfo", "--noheader", "--format=%T %D"]
-        states = subprocess.run(asked, capture_output=True, text=True, timeout=20).stdout
+        command = ["sinfo", "--noheader", "--format=%T %D"]
+        states = subprocess.run(command, capture_output=True, text=True, timeout=20).stdout
         if states.split() == ["idle", "2"]:
             return
         time.sleep(1)
@@ -125,8 +125,8 @@ def sweep(study: Path, output: Path, on: str) -> subprocess.Popen[bytes]:
 
 def cancel_one() -> bool:
     """Cancels a job that runs, if there is one."""
-    asked = ["squeue", "--noheader", "--states=R", "--format=%i"]
-    jobs = subprocess.run(asked, capture_output=True, text=True, timeout=20).stdout.split()
+    command = ["squeue", "--noheader", "--states=R", "--format=%i"]
+    jobs = subprocess.run(command, capture_output=True, text=True, timeout=20).stdout.split()
     if jobs:
         subprocess.run(["scancel", jobs[0]], check=True, timeout=20)
     return bool(jobs)
@@ -135,14 +135,14 @@ def cancel_one() -> bool:
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--study", type=Path)
-    given = options.parse_args()
+    arguments = options.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit("ended"))
     places = [str(Path(__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])]
     os.environ["PYTHONPATH"] = os.pathsep.join(places)
     with ExitStack() as cluster:
         place = Path(cluster.enter_context(tempfile.TemporaryDirectory(prefix="two-")))
-        study = given.study or place / "study.toml"
-        if given.study is None:
+        study = arguments.study or place / "study.toml"
+        if arguments.study is None:
             study.write_text(STUDY)
         start(cluster, place)
         print("two nodes are idle", flush=True)

@@ -39,10 +39,10 @@ def run(program: str) -> tuple[float, float, int]:
         wall = time.perf_counter() - begin
         process.returncode = os.waitstatus_to_exitcode(status)
         assert process.stderr is not None
-        said = process.stderr.read().decode()
-    if process.returncode or not said.isdecimal():
-        raise click.ClickException(f"{program}: {said}")
-    return wall, usage.ru_utime + usage.ru_stime, int(said)
+        output = process.stderr.read().decode()
+    if process.returncode or not output.isdecimal():
+        raise click.ClickException(f"{program}: {output}")
+    return wall, usage.ru_utime + usage.ru_stime, int(output)
 
 
 @click.command(help=__doc__)

@@ -109,7 +109,7 @@ RECIPES = {
 }
 
 
-class Measured(NamedTuple):
+class Measurement(NamedTuple):
     """What came of a recipe."""
 
     row: str
@@ -131,11 +131,11 @@ def box(recipe: Recipe) -> RelativeBox:
     )
 
 
-def trained(
+def train_recipe(
     recipe: Recipe, drones: RelativeBox, updates: int | None
 ) -> tuple[tuple[Policy, ...], list[tuple[float, Progress]]]:
     """Policies of all seeds in one call, and when which score was heard [s]."""
-    heard: list[tuple[float, Progress]] = []
+    evaluations: list[tuple[float, Progress]] = []
     began = time.perf_counter()
     settings: Any = defaults.choose_settings(recipe.control, recipe.task, "gradient", recipe.spec)
     settings = settings if updates is None else dataclasses.replace(settings, updates=updates)
@@ -143,15 +143,17 @@ def trained(
     keys = jax.random.split(jax.random.key(0), SEEDS)
 
     def hear(progress: Progress) -> None:
-        heard.append((time.perf_counter() - began, progress))
+        evaluations.append((time.perf_counter() - began, progress))
 
-    return train(task, controller, drones, keys, settings, recipe.spec, on_progress=hear), heard
+    return train(
+        task, controller, drones, keys, settings, recipe.spec, on_progress=hear
+    ), evaluations
 
 
-def curves(heard: list[tuple[float, Progress]]) -> polars.DataFrame:
+def curves(evaluations: list[tuple[float, Progress]]) -> polars.DataFrame:
     """A row a score of a policy in training."""
     rows = []
-    for seconds, progress in heard:
+    for seconds, progress in evaluations:
         for number in range(SEEDS):
             scores = {
                 name: float(values[number]) for name, values in progress.score._asdict().items()
@@ -224,7 +226,9 @@ def survivable(env: Environment, drones: RelativeBox, policy: Policy) -> float:
     return float(jnp.mean(worst < failures.MAX_POSITION_ERROR_M))
 
 
-def scored(env: Environment, drones: RelativeBox, policies: tuple[Policy, ...]) -> list[Any]:
+def score_policies(
+    env: Environment, drones: RelativeBox, policies: tuple[Policy, ...]
+) -> list[Any]:
     """Scores on episodes that no policy has seen."""
     return [evaluate(env, policy, drones, jax.random.key(UNSEEN), EPISODES) for policy in policies]
 
@@ -234,7 +238,7 @@ def spread(values: list[float], worst: Callable[..., float], form: str) -> str:
     return f"{np.mean(values):{form}} ({worst(values):{form}})"
 
 
-def measure(recipe: Recipe, updates: int | None) -> Measured:
+def measure(recipe: Recipe, updates: int | None) -> Measurement:
     """Trains and scores.
 
     To be called in a process of its own, for memory counts from the process's start.
@@ -243,13 +247,17 @@ def measure(recipe: Recipe, updates: int | None) -> Measured:
     drones = box(recipe)
     task, controller = tasks.TASKS[recipe.task](), control.CONTROLLERS[recipe.control]()
     env = Environment.matching(drones.centre, task, controller, spec=recipe.spec)
-    policies, heard = trained(recipe, drones, updates)
+    policies, evaluations = train_recipe(recipe, drones, updates)
     memory = (
         resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     )  # GiB, before the scores add theirs
-    scores = scored(env, drones, policies)
-    (first, begun), (last, done) = heard[0], heard[-1]
-    rate = f"{(done.steps - begun.steps) / (last - first) / 1e3:.0f} k" if len(heard) > 1 else "-"
+    scores = score_policies(env, drones, policies)
+    (first, first_time), (last, final) = evaluations[0], evaluations[-1]
+    rate = (
+        f"{(final.steps - first_time.steps) / (last - first) / 1e3:.0f} k"
+        if len(evaluations) > 1
+        else "-"
+    )
     quiet = dataclasses.replace(drones, nominal=noiseless(drones.nominal))
     ceilings = (
         [survivable(env, each, policies[0]) for each in (drones, quiet)]
@@ -267,7 +275,7 @@ def measure(recipe: Recipe, updates: int | None) -> Measured:
         rate,
         f"{memory:.1f}",
     ]
-    return Measured("| " + " | ".join(cells) + " |", curves(heard))
+    return Measurement("| " + " | ".join(cells) + " |", curves(evaluations))
 
 
 COLUMNS = (
@@ -277,7 +285,7 @@ COLUMNS = (
 HEAD = f"| {' | '.join(COLUMNS)} |\n|{'---|' * len(COLUMNS)}"
 
 
-def drawn(measured: dict[str, Measured]) -> str:
+def draw_curves(measured: dict[str, Measurement]) -> str:
     """The picture of the recipes' learning curves."""
     title = (
         f"Return of {SEEDS} policies each over the time of training on {CORES} cores, "
@@ -317,7 +325,7 @@ def main(output: Path, chosen: tuple[str, ...], updates: int | None, picture: Pa
 
     A look at less leaves the page alone.
     """
-    measured: dict[str, Measured] = {}
+    measured: dict[str, Measurement] = {}
     click.echo(HEAD)
     for name in chosen or RECIPES:
         with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as process:
@@ -325,10 +333,10 @@ def main(output: Path, chosen: tuple[str, ...], updates: int | None, picture: Pa
         click.echo(measured[name].row)
     if chosen or updates is not None:
         if picture is not None:
-            picture.write_text(drawn(measured))
+            picture.write_text(draw_curves(measured))
         return
     picture = output.with_name("training_curves.svg")
-    picture.write_text(drawn(measured))
+    picture.write_text(draw_curves(measured))
     write(
         output,
         {

@@ -81,7 +81,7 @@ def find_effects(flights: polars.DataFrame) -> polars.DataFrame:
                 else _interval(values, others, paired)
             )
             effect = float(values.mean() - others.mean())
-            told = {
+            columns = {
                 "control": structure,
                 "variant": name,
                 "reality": reality,
@@ -89,7 +89,13 @@ def find_effects(flights: polars.DataFrame) -> polars.DataFrame:
                 "policies": len(values),
             }
             rows.append(
-                {**told, "mean": float(values.mean()), "effect": effect, "low": low, "high": high}
+                {
+                    **columns,
+                    "mean": float(values.mean()),
+                    "effect": effect,
+                    "low": low,
+                    "high": high,
+                }
             )
     return polars.DataFrame(rows)
 
@@ -100,12 +106,12 @@ def _interval(
     """Of the difference of means."""
     with warnings.catch_warnings():  # of policies that do not differ, which give no interval
         warnings.simplefilter("ignore", RuntimeWarning)
-        found: Any = (
+        effects: Any = (
             stats.ttest_rel(values, others)
             if paired
             else stats.ttest_ind(values, others, equal_var=False)
         )
-        low, high = found.confidence_interval(0.95)
+        low, high = effects.confidence_interval(0.95)
     return (float(low), float(high)) if low < high else (np.nan, np.nan)
 
 
@@ -203,7 +209,7 @@ def summarize(table: polars.DataFrame) -> polars.DataFrame:
     plain = {each.column: each for each in MEASURES}
     for row in table.iter_rows(named=True):
         each = plain[row["measure"]]
-        kept = rows.setdefault(
+        entries = rows.setdefault(
             (row["control"], row["variant"], row["reality"]),
             {
                 **{name: row[name] for name in ("control", "variant", "reality")},
@@ -216,7 +222,7 @@ def summarize(table: polars.DataFrame) -> polars.DataFrame:
         unchanged = row["variant"] == BASELINE and row["reality"] not in (POSTERIOR, TRIM, *PARTS)
         # Where policies do not differ among themselves there is nothing to tell an interval from.
         interval = f" ({low} to {high})" if np.isfinite([row["low"], row["high"]]).all() else ""
-        kept[f"{each.title} [{each.unit}]"] = mean.removeprefix("+") + (
+        entries[f"{each.title} [{each.unit}]"] = mean.removeprefix("+") + (
             "" if unchanged else f"   {effect}{interval}"
         )
     return polars.DataFrame(list(rows.values()))

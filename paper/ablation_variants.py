@@ -212,7 +212,7 @@ def train_variant(
     nominal: Parameters,
     settings: Settings,
     seeds: int,
-    made: dict[str, Any],
+    record: dict[str, Any],
     folder: Path,
 ) -> list[Policy]:
     """Policies of a variant: those that the folder holds, or new ones that it holds then.
@@ -223,7 +223,7 @@ def train_variant(
 
     def learn() -> Sequence[Policy]:
         keys = jax.random.split(
-            jax.random.fold_in(jax.random.key(made["seed"]), number_name(variant.folder)), seeds
+            jax.random.fold_in(jax.random.key(record["seed"]), number_name(variant.folder)), seeds
         )
         task = tasks.paper_circle(
             action_penalty=variant.action_penalty, action_rate_penalty=variant.action_rate_penalty
@@ -236,4 +236,4 @@ def train_variant(
             settings,
         )
 
-    return kept_policies(folder / variant.folder, seeds, made, learn)
+    return kept_policies(folder / variant.folder, seeds, record, learn)

@@ -57,8 +57,8 @@ LIMIT = 0.01
 at full thrust."""
 
 
-def _check_same(found: Any, made: Mapping[str, Any], path: Path) -> None:
-    if found != results.plain(made):
+def _check_same(content: Any, expected_record: Mapping[str, Any], path: Path) -> None:
+    if content != results.plain(expected_record):
         raise InputError(
             f"{path}: from a run with other settings or of another version. Choose another folder "
             "with -o."
@@ -77,7 +77,7 @@ def rebuild_actions(
     """
     longest = max(len(flight) for flight in flights)
     # Flights that have ended stay what they were last, which is cut off again.
-    seen = np.stack(
+    observations = np.stack(
         [
             np.pad(_observe(flight), ((0, longest - len(flight)), (0, 0)), mode="edge")
             for flight in flights
@@ -89,7 +89,7 @@ def rebuild_actions(
     ]
     mean, deviation = np.asarray(policy.observation_mean), np.asarray(policy.observation_std)
     action, history, done = np.asarray(levels), None, []
-    for row in seen.swapaxes(0, 1):
+    for row in observations.swapaxes(0, 1):
         instant = np.concatenate([row, action], axis=1)
         history = (
             np.tile(instant, policy.spec.history)
@@ -157,7 +157,7 @@ def fly_variant(
         for number, one in enumerate(drones, 1)
     }
     names = [str(number) for number in range(1, len(policies) + 1)]
-    made = transfer(
+    record_of_file = transfer(
         policies,
         [one for *_, one in places.values()],
         trials,
@@ -173,33 +173,39 @@ def fly_variant(
     }
     done: dict[int, Float[np.ndarray, "N 4"]] = {}
     for name, one in zip(names, policies, strict=True):
-        own = [number for number, pilot in enumerate(made.table["policy"]) if pilot == name]
-        begun = np.stack([levels[made.table["reality"][number]] for number in own])
+        own = [
+            number for number, pilot in enumerate(record_of_file.table["policy"]) if pilot == name
+        ]
+        levels_at_start = np.stack(
+            [levels[record_of_file.table["reality"][number]] for number in own]
+        )
         done |= dict(
             zip(
                 own,
-                rebuild_actions(one, [made.flights[number] for number in own], begun),
+                rebuild_actions(
+                    one, [record_of_file.flights[number] for number in own], levels_at_start
+                ),
                 strict=True,
             )
         )
     rows = []
     for place, (row, flight) in enumerate(
-        zip(made.table.iter_rows(named=True), made.flights, strict=True)
+        zip(record_of_file.table.iter_rows(named=True), record_of_file.flights, strict=True)
     ):
         reality, number, _ = places[row["reality"]]
         ended = {name: row[name] for name in ("duration", "end_reason", "position_error")}
-        told = {
+        columns = {
             name: round(value, 6)
             for name, value in measure_activity(done[place], flight.command)._asdict().items()
         }
-        begun = {
+        levels_at_start = {
             "variant": variant.name,
             "control": variant.control,
             "policy": int(row["policy"]),
             "reality": reality,
             "drone": number,
         }
-        rows.append({**begun, "trial": row["trial"], **ended, **told})
+        rows.append({**levels_at_start, "trial": row["trial"], **ended, **columns})
     return polars.DataFrame(rows)
 
 
@@ -251,39 +257,41 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--updates", type=int, help="of training, for both control structures")
     parser.add_argument("--seed", type=int, default=0)
-    given = parser.parse_args(arguments)
-    if min(given.seeds, given.trials, given.draws) < 1 or given.seeds < 2:
+    options = parser.parse_args(arguments)
+    if min(options.seeds, options.trials, options.draws) < 1 or options.seeds < 2:
         parser.error("--seeds must be at least 2, --trials and --draws at least 1.")
     try:
-        run(given)
+        run(options)
     except InputError as error:
         parser.error(str(error))
 
 
-def run(given: argparse.Namespace) -> None:
+def run(options: argparse.Namespace) -> None:
     """All of it, for given arguments."""
-    nominal = parameters.read_drone(given.drone)
+    nominal = parameters.read_drone(options.drone)
     home = VirtualDrone(ITSELF, replace(nominal, time_step=np.float32(0.001)))
     realities = {
         one.name: [one]
-        for one in [home, *(find_reality(name) for name in given.reality or ["virtual:7"])]
+        for one in [home, *(find_reality(name) for name in options.reality or ["virtual:7"])]
     }
-    others = other_drones(home.parameters, given.drone, given.draws, given.seed)
-    inputs = [given.drone] if Path(given.drone).is_file() else []
-    said = {
-        "drone": Path(given.drone).stem,
-        "policies": given.seeds,
+    others = other_drones(home.parameters, options.drone, options.draws, options.seed)
+    inputs = [options.drone] if Path(options.drone).is_file() else []
+    settings_of_run = {
+        "drone": Path(options.drone).stem,
+        "policies": options.seeds,
         "randomization": RANDOMIZATION,
     }
 
     def record(settings: Mapping[str, Any]) -> dict[str, Any]:
-        return results.record(seed=given.seed, inputs=inputs, settings={**said, **settings})
+        return results.record(
+            seed=options.seed, inputs=inputs, settings={**settings_of_run, **settings}
+        )
 
-    chosen = choose_variants(given.control or tuple(QUICK), given.method)
-    settings = {one: choose_settings(one, given.method, given.updates) for one in chosen}
-    made = {one: record({**one._asdict(), **recorded(settings[one])}) for one in chosen}
+    chosen = choose_variants(options.control or tuple(QUICK), options.method)
+    settings = {one: choose_settings(one, options.method, options.updates) for one in chosen}
+    record_of_file = {one: record({**one._asdict(), **recorded(settings[one])}) for one in chosen}
     flying: dict[str, Any] = {
-        name: getattr(given, name) for name in ("trials", "draws", "duration")
+        name: getattr(options, name) for name in ("trials", "draws", "duration")
     }
     flying |= {"realities": list(realities), "others": list(others)}
     tables = []
@@ -291,24 +299,29 @@ def run(given: argparse.Namespace) -> None:
         for number, one in enumerate(chosen):
             bar.move(number, len(chosen), f"{one.control}, {one.name}")
             path, wanted = (
-                given.output / "flights" / f"{one.folder}.csv",
-                record({**made[one]["settings"], **flying}),
+                options.output / "flights" / f"{one.folder}.csv",
+                record({**record_of_file[one]["settings"], **flying}),
             )
             if not path.exists():
                 policies = train_variant(
-                    one, nominal, settings[one], given.seeds, made[one], given.output / "policies"
+                    one,
+                    nominal,
+                    settings[one],
+                    options.seeds,
+                    record_of_file[one],
+                    options.output / "policies",
                 )
-                rows = polars.concat(_all_flights(one, policies, realities, others, given))
+                rows = polars.concat(_all_flights(one, policies, realities, others, options))
                 results.write(path, results.table_text(_FLIGHTS, wanted, rows.write_csv()))
             tables.append(read_flights(path, wanted))
     flights = polars.concat(tables)
-    everything = record({**flying, "variants": [made[one]["settings"] for one in chosen]})
+    everything = record({**flying, "variants": [record_of_file[one]["settings"] for one in chosen]})
     text = results.table_text(_FLIGHTS, everything, flights.write_csv())
-    results.write(given.output / "flights.csv", text)
-    found = find_effects(flights)
+    results.write(options.output / "flights.csv", text)
+    content = find_effects(flights)
     results.write(
-        given.output / "ablations.svg",
-        picture.svg(draw_chart(found, Path(given.drone).stem), note=NOTE),
+        options.output / "ablations.svg",
+        picture.svg(draw_chart(content, Path(options.drone).stem), note=NOTE),
     )
     with polars.Config(
         tbl_cols=-1,
@@ -318,11 +331,11 @@ def run(given: argparse.Namespace) -> None:
         tbl_hide_column_data_types=True,
         tbl_hide_dataframe_shape=True,
     ):
-        print(summarize(found))
+        print(summarize(content))
     if POSTERIOR not in others:
         print(
-            f"{given.drone} has no posterior: give the file of an identified drone to fly on what "
-            "its logs leave possible."
+            f"{options.drone} has no posterior: give the file of an identified drone to fly on "
+            "what its logs leave possible."
         )
 
 
@@ -331,15 +344,15 @@ def _all_flights(
     policies: Sequence[Policy],
     realities: Mapping[str, Sequence[VirtualDrone]],
     others: Mapping[str, Sequence[Parameters]],
-    given: argparse.Namespace,
+    options: argparse.Namespace,
 ) -> Iterator[polars.DataFrame]:
-    key = jax.random.key(given.seed)
+    key = jax.random.key(options.seed)
     yield fly_variant(
         one,
         policies,
         realities,
-        given.trials,
-        given.duration,
+        options.trials,
+        options.duration,
         jax.random.fold_in(key, number_name("realities")),
     )
     if one.name == BASELINE:
@@ -354,13 +367,13 @@ def _all_flights(
                 one,
                 policies,
                 group,
-                given.trials,
-                given.duration,
+                options.trials,
+                options.duration,
                 jax.random.fold_in(key, number_name(name)),
             )
 
 
-def read_flights(path: Path, made: Mapping[str, Any]) -> polars.DataFrame:
+def read_flights(path: Path, expected_record: Mapping[str, Any]) -> polars.DataFrame:
     """The table that a run with these settings wrote.
 
     Raises:
@@ -369,12 +382,12 @@ def read_flights(path: Path, made: Mapping[str, Any]) -> polars.DataFrame:
     text = path.read_text(encoding="utf-8")
     head = [line.removeprefix("# record: ") for line in text.splitlines()[:2]]
     try:
-        found = json.loads(head[-1]) if head else None
+        content = json.loads(head[-1]) if head else None
     except ValueError as error:
         raise InputError(
             f"{path}: not a table of this script ({error}). Choose another folder with -o."
         ) from error
-    _check_same(found, made, path)
+    _check_same(content, expected_record, path)
     return polars.read_csv(io.StringIO(text), comment_prefix="#")
 
 

@@ -39,19 +39,19 @@ from maidenflight.simulator.tasks import tasks
 JUMP_S, FLIGHT_S = 5.0, 12.0
 """When the drone changes, and the length of a flight [s]."""
 PAYLOAD, TRIM_COUNTS = 0.15, 4000
-FLOWN, KNOWN_AT_S = 4096, (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
+FLIGHTS, KNOWN_AT_S = 4096, (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 """Drones whose memories are read, half of them to fit the read-out; and when [s]."""
 RIDGE = 1e-2
 
 
-def trimmed(drone: Parameters) -> Parameters:
+def with_trim(drone: Parameters) -> Parameters:
     """With a torque in yaw, as of motors that differ by `TRIM_COUNTS`."""
     thrust = drone.thrust_to_weight * drone.mass * drone.gravity
     torque = TRIM_COUNTS / 65535 * drone.torque_to_thrust * thrust
     return replace(drone, torque_bias=drone.torque_bias + torque * jnp.array([0.0, 0.0, 1.0]))
 
 
-JUMPS = {"payload": partial(additions.loaded, share=PAYLOAD), "yaw trim": trimmed}
+JUMPS = {"payload": partial(additions.loaded, share=PAYLOAD), "yaw trim": with_trim}
 
 
 def errors_of(
@@ -64,18 +64,20 @@ def errors_of(
     stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *(one.parameters for one in drones))
     keys = jax.random.split(jax.random.key(len(jump)), (len(seeds), flights))
 
-    def changed(drone: Parameters, elapsed: Float[Array, ""]) -> Parameters:
+    def change(drone: Parameters, elapsed: Float[Array, ""]) -> Parameters:
         return jax.tree.map(
             lambda new, old: jnp.where(elapsed < JUMP_S, old, new), JUMPS[jump](drone), drone
         )
 
     def one(drone: Parameters, key: Array) -> Float[Array, "T"]:
         steps = round(FLIGHT_S * policy.interface.rate)
-        rows = engine.simulate(env, lambda seen, _: policy(seen), drone, key, steps, during=changed)
+        rows = engine.simulate(
+            env, lambda observation, _: policy(observation), drone, key, steps, during=change
+        )
         return jnp.linalg.norm(rows.true_position - rows.true_setpoint, axis=1)
 
-    flown = jax.jit(jax.vmap(jax.vmap(one, (None, 0))))(stacked, keys)
-    return np.asarray(flown).reshape(len(seeds) * flights, -1)
+    rows_by_policy = jax.jit(jax.vmap(jax.vmap(one, (None, 0))))(stacked, keys)
+    return np.asarray(rows_by_policy).reshape(len(seeds) * flights, -1)
 
 
 def jumps(policies: dict[str, Policy], seeds: Sequence[int], flights: int) -> polars.DataFrame:
@@ -105,7 +107,7 @@ def jumps(policies: dict[str, Policy], seeds: Sequence[int], flights: int) -> po
     return polars.DataFrame(rows)
 
 
-def _known(drones: Parameters) -> dict[str, np.ndarray]:
+def _targets(drones: Parameters) -> dict[str, np.ndarray]:
     """What a read-out is asked for, one number a drone."""
     thrust = np.asarray(drones.thrust_to_weight * drones.mass * drones.gravity)
     bias = np.asarray(drones.torque_bias)
@@ -121,7 +123,7 @@ def _known(drones: Parameters) -> dict[str, np.ndarray]:
     }
 
 
-def explained(inputs: Float[np.ndarray, "N M"], wanted: Float[np.ndarray, "N"]) -> float:
+def share_explained(inputs: Float[np.ndarray, "N M"], wanted: Float[np.ndarray, "N"]) -> float:
     """Share of the variance (R^2) that a ridge regression, fitted to one half, tells of the other.
 
     Source: Hoerl and Kennard 1970.
@@ -135,7 +137,7 @@ def explained(inputs: Float[np.ndarray, "N M"], wanted: Float[np.ndarray, "N"]) 
     return float(1.0 - np.var(missed) / np.var(wanted[half:]))
 
 
-def watched(policy: Policy) -> tuple[Parameters, np.ndarray, np.ndarray]:
+def watch(policy: Policy) -> tuple[Parameters, np.ndarray, np.ndarray]:
     """Drones of any make on which a policy survives, and what it remembers and sees there.
 
     Returns:
@@ -156,9 +158,9 @@ def watched(policy: Policy) -> tuple[Parameters, np.ndarray, np.ndarray]:
         survives = ~jnp.any(result.terminated)
         return first.parameters, states.memory[times], history[times], survives
 
-    keys = jax.random.split(jax.random.key(1), FLOWN)
-    *flown, survives = jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(keys))
-    drones, memories, histories = jax.tree.map(lambda leaf: leaf[survives], flown)
+    keys = jax.random.split(jax.random.key(1), FLIGHTS)
+    *rows_by_policy, survives = jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(keys))
+    drones, memories, histories = jax.tree.map(lambda leaf: leaf[survives], rows_by_policy)
     return drones, memories, histories
 
 
@@ -166,12 +168,12 @@ def read_out(policies: dict[str, Policy]) -> polars.DataFrame:
     """One row a policy and quantity: how much of it memory and observation tell, by time."""
     rows: list[dict[str, Any]] = []
     for name, policy in policies.items():
-        drones, *sources = watched(policy)
-        for quantity, wanted in _known(drones).items():
+        drones, *sources = watch(policy)
+        for quantity, wanted in _targets(drones).items():
             for source, inputs in zip(("memory", "observation"), sources, strict=True):
                 if inputs.shape[-1]:
                     by_time = {
-                        f"{time:g} s": explained(inputs[:, place], wanted)
+                        f"{time:g} s": share_explained(inputs[:, place], wanted)
                         for place, time in enumerate(KNOWN_AT_S)
                     }
                     rows.append(
@@ -189,20 +191,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--drones", type=int, default=10, help="virtual drones of each kind")
     parser.add_argument("--flights", type=int, default=6, help="flights of each")
-    given = parser.parse_args(arguments)
-    policies = {"/".join(path.parts[-2:]): read_policy(path).policy for path in given.policies}
-    seeds = range(1, given.drones + 1)
-    made = results.record(seed=0, inputs=given.policies, settings={"drones": given.drones})
+    options = parser.parse_args(arguments)
+    policies = {"/".join(path.parts[-2:]): read_policy(path).policy for path in options.policies}
+    seeds = range(1, options.drones + 1)
+    record = results.record(seed=0, inputs=options.policies, settings={"drones": options.drones})
     for name, table in (
-        ("jumps", partial(jumps, policies, seeds, given.flights)),
+        ("jumps", partial(jumps, policies, seeds, options.flights)),
         ("read_out", partial(read_out, policies)),
     ):
-        found = table()
+        tables = table()
         with polars.Config(tbl_rows=-1, tbl_cols=-1, tbl_width_chars=200, float_precision=3):
-            print(found)
-        rows = found.write_csv(float_precision=4)
-        text = results.table_text(f"maidenflight {name} 1", made, rows)
-        results.write(given.output / f"{name}.csv", text)
+            print(tables)
+        rows = tables.write_csv(float_precision=4)
+        text = results.table_text(f"maidenflight {name} 1", record, rows)
+        results.write(options.output / f"{name}.csv", text)
 
 
 if __name__ == "__main__":

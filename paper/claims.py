@@ -153,9 +153,9 @@ def judge_loss(changes: polars.DataFrame, control: str, variant: str) -> Finding
 def judge_parts(changes: polars.DataFrame) -> Finding:
     """Judges whether PWM policies fly as long, to a second, with other propellers and motors."""
     gains = {name: find_change(changes, "pwm", BASELINE, name)[1] for name in PARTS}
-    kept = [gain > -1.0 for gain in gains.values()]
+    passes = [gain > -1.0 for gain in gains.values()]
     figure = ", ".join(f"{name} {gain:+.1f} s" for name, gain in gains.items())
-    return Finding(figure, REPRODUCED if all(kept) else "mostly" if any(kept) else NOT_SEEN)
+    return Finding(figure, REPRODUCED if all(passes) else "mostly" if any(passes) else NOT_SEEN)
 
 
 def judge_history(policies: polars.DataFrame) -> Finding:
@@ -307,22 +307,24 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--authors", type=Path, help="folder of the authors' data with flights.csv")
     parser.add_argument("--page", type=Path, help=f"page with {BEGIN}, for the table")
     parser.add_argument("--figure", type=Path, help="SVG of flight times, for all columns")
-    given = parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
     columns = {}
-    for pair in given.results:
+    for pair in options.results:
         name, mark, folder = pair.partition("=")
         if not mark:
             parser.error(f"--results {pair}: expected NAME=FOLDER, such as PPO=results_ppo.")
         columns[name] = read_tables(Path(folder))
-    if given.authors is not None:
-        columns["the authors' real flights"] = {"zero_shot": read_published_flights(given.authors)}
+    if options.authors is not None:
+        columns["the authors' real flights"] = {
+            "zero_shot": read_published_flights(options.authors)
+        }
     table = compare(columns)
     print(table)
-    if given.page is not None:
-        results.write(given.page, replace_table(given.page.read_text("utf-8"), table))
-    if given.figure is not None:
+    if options.page is not None:
+        results.write(options.page, replace_table(options.page.read_text("utf-8"), table))
+    if options.figure is not None:
         flights = {name: one["zero_shot"] for name, one in columns.items() if "zero_shot" in one}
-        results.write(given.figure, picture.svg(draw_chart(flights)))
+        results.write(options.figure, picture.svg(draw_chart(flights)))
 
 
 if __name__ == "__main__":

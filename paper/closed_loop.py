@@ -29,7 +29,7 @@ import polars
 from agreement import agreement
 from jax import tree
 from jaxtyping import Float
-from predict_flights import one_against_others, published, within_band
+from predict_flights import one_against_others, read_published, within_band
 from scipy.ndimage import uniform_filter1d
 
 from maidenflight import compiler, policy_file, results
@@ -83,7 +83,7 @@ def flights_of(authors: Path, name: str) -> Path:
     return authors / "flights" / structure / f"policy_{int(number):03d}"
 
 
-def identified(authors: Path, folder: Path, policies: Mapping[str, Policy]) -> dict[str, Path]:
+def identify_drones(authors: Path, folder: Path, policies: Mapping[str, Policy]) -> dict[str, Path]:
     """Drone files by how they were made, of the flights of these policies alone.
 
     Args:
@@ -98,8 +98,8 @@ def identified(authors: Path, folder: Path, policies: Mapping[str, Policy]) -> d
             shutil.copytree(flights_of(authors, name), copy)
         structure, number = name.split("/")
         if structure == "pwm":
-            made = results.record(seed=0, inputs=[], settings={"published": name})
-            policy_file.write_policy(chosen / f"pwm_{int(number):03d}.json", policies[name], made)
+            record = results.record(seed=0, inputs=[], settings={"published": name})
+            policy_file.write_policy(chosen / f"pwm_{int(number):03d}.json", policies[name], record)
     dynamics, varied, matched = (
         folder / f"{name}.toml" for name in ("dynamics", "likelihood", "closed_loop")
     )
@@ -130,7 +130,7 @@ def todays_log(authors: Path, names: Sequence[str], name: str) -> Path | None:
     return None
 
 
-def predicted(
+def predict(
     policies: Mapping[str, Policy], drones: Mapping[str, Parameters], trials: int, seed: int
 ) -> polars.DataFrame:
     """Predicted flights of each policy on its drone."""
@@ -145,19 +145,19 @@ def predicted(
 
 
 def agreements(
-    labels: Mapping[str, object], told: polars.DataFrame, flights: polars.DataFrame
+    labels: Mapping[str, object], predictions: polars.DataFrame, flights: polars.DataFrame
 ) -> list[dict[str, object]]:
     """Rows of the table, by control structure, with standard errors over seeds.
 
     Args:
         labels: further columns.
-        told: flights of `predicted`, of one seed or several; their bands are of all together.
+        predictions: of `predict`, of one seed or several; their bands are of all together.
         flights: the real ones.
     """
     real = flights.group_by("name").agg(polars.col("flight_time_s").mean().alias("measured"))
     rows: list[dict[str, object]] = []
-    for structure in [one for one in STRUCTURES if one in ("all", *told["control"])]:
-        own = told if structure == "all" else told.filter(control=structure)
+    for structure in [one for one in STRUCTURES if one in ("all", *predictions["control"])]:
+        own = predictions if structure == "all" else predictions.filter(control=structure)
         seeds = [
             agreement(joined["mean"].to_numpy(), joined["measured"].to_numpy())
             for one in own.partition_by("seed")
@@ -187,11 +187,14 @@ def agreements(
     return rows
 
 
-def pairs(told: polars.DataFrame, flights: polars.DataFrame) -> str:
+def pairs(predictions: polars.DataFrame, flights: polars.DataFrame) -> str:
     """Of two policies: which share `outlives` tells apart, and how often the real flights agree."""
-    chances, names = outlives(told), told["policy"].unique(maintain_order=True).to_list()
-    flown = flights.select("name", duration="flight_time_s").rename({"name": "policy"})
-    real = outlives(polars.concat([flown.filter(policy=name) for name in names]))
+    chances, names = (
+        outlives(predictions),
+        predictions["policy"].unique(maintain_order=True).to_list(),
+    )
+    durations = flights.select("name", duration="flight_time_s").rename({"name": "policy"})
+    real = outlives(polars.concat([durations.filter(policy=name) for name in names]))
     sure = chances > 1.0 - UNSURE
     count = len(names) * (len(names) - 1) / 2
     return f"{sure.sum() / count:.0%}, {real[sure].mean():.0%}"
@@ -213,14 +216,16 @@ def elsewhere(folder: Path, drones: Mapping[str, Parameters]) -> list[dict[str, 
     rows: list[dict[str, object]] = []
     for name, drone in drones.items():
         drone = replace(drone, thrust_to_weight=np.float32(target.hovering(drone)[0]))
-        told = [shown for flight in flights if (shown := speed_told(flight, drone)) is not None]
+        predictions = [
+            slope for flight in flights if (slope := speed_told(flight, drone)) is not None
+        ]
         rows.append(
             {
                 "flights": folder.name,
                 "drone": name,
                 "k_F": round(float(drone.thrust_to_weight), 3),
                 "nats a row": round(-target(drone), 3),
-                "measured rotor speed, explained": np.round(told, 3).tolist(),
+                "measured rotor speed, explained": np.round(predictions, 3).tolist(),
             }
         )
     return rows
@@ -234,8 +239,13 @@ def speed_told(flight: Flight, drone: Parameters) -> float | None:
     """
     if flight.rotor_speed is None or not np.isfinite(flight.rotor_speed).all():
         return None
-    told, measured = _fast(rotors(flight, drone).speed, flight), _fast(flight.rotor_speed, flight)
-    left = measured - np.sum(told * measured) / np.sum(told**2) * told
+    simulated_speed, measured = (
+        _fast(rotors(flight, drone).speed, flight),
+        _fast(flight.rotor_speed, flight),
+    )
+    left = (
+        measured - np.sum(simulated_speed * measured) / np.sum(simulated_speed**2) * simulated_speed
+    )
     return float(1.0 - np.sum(left**2) / np.sum(measured**2))
 
 
@@ -258,30 +268,30 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--elsewhere", type=Path, action="append", default=[], help="logs of another Crazyflie"
     )
-    given = parser.parse_args(arguments)
-    policies, flights = published(given.authors)
+    options = parser.parse_args(arguments)
+    policies, flights = read_published(options.authors)
     fold = fold_of(list(policies))
     rows: list[dict[str, object]] = []
     files: dict[int, dict[str, Path]] = {}
     possible: dict[tuple[str, int], Parameters] = {}
-    for number in [*given.folds, WHOLE]:
+    for number in [*options.folds, WHOLE]:
         inner = {name: policy for name, policy in policies.items() if fold[name] != number}
-        place = given.output if number == WHOLE else given.output / f"fold_{number}"
-        files[number] = identified(given.authors, place, inner)
+        place = options.output if number == WHOLE else options.output / f"fold_{number}"
+        files[number] = identify_drones(options.authors, place, inner)
         for label, file in files[number].items():
             possible[label, number] = possible_drones(file, TRIMS, 0)
 
     def add(label: str, part: str, drones: Mapping[str, Parameters]) -> None:
         some = {name: policies[name] for name in drones}
-        told = [predicted(some, drones, given.trials, seed) for seed in range(given.seeds)]
-        rows.extend(agreements({"drone": label, "of": part}, polars.concat(told), flights))
+        predictions = [predict(some, drones, options.trials, seed) for seed in range(options.seeds)]
+        rows.extend(agreements({"drone": label, "of": part}, polars.concat(predictions), flights))
 
     for label in ("likelihood", "closed loop"):
-        outer = {name: possible[label, one] for name, one in fold.items() if one in given.folds}
+        outer = {name: possible[label, one] for name, one in fold.items() if one in options.folds}
         if outer:
             add(label, "outer", outer)
         add(label, "inner", dict.fromkeys(policies, possible[label, WHOLE]))
-    logs = {name: todays_log(given.authors, list(policies), name) for name in policies}
+    logs = {name: todays_log(options.authors, list(policies), name) for name in policies}
     for part in ("outer", "inner"):
         use = {name: one if part == "outer" else WHOLE for name, one in fold.items()}
         own = {
@@ -297,20 +307,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
         )
         for label in files[WHOLE]
     }
-    for folder in given.elsewhere:
+    for folder in options.elsewhere:
         for row in elsewhere(folder, points):
             print(", ".join(f"{name}: {value}" for name, value in row.items()))
     table = polars.DataFrame(rows)
     with polars.Config(tbl_rows=-1, tbl_cols=-1, tbl_width_chars=220, float_precision=2):
         print(table)
-    made = results.record(
+    record = results.record(
         seed=0,
         inputs=[file for own in files.values() for file in own.values()],
-        settings={"trials": given.trials, "seeds": given.seeds},
+        settings={"trials": options.trials, "seeds": options.seeds},
     )
     text = table.write_csv(float_precision=4)
-    text = results.table_text("maidenflight closed loop 2", made, text)
-    results.write(given.output / "closed_loop.csv", text)
+    text = results.table_text("maidenflight closed loop 2", record, text)
+    results.write(options.output / "closed_loop.csv", text)
 
 
 if __name__ == "__main__":

@@ -70,12 +70,12 @@ BOTH = (*FORCE, *FORCE_GROUPS["slowing_down"], "thrust_offset")
 
 def tables(folder: Path) -> dict[str, Table]:
     """The three logs, with the time since power-on [s]."""
-    found = {}
+    late_tables = {}
     for name in SLICES:
         table = usddeck.table((folder / name).read_bytes(), name)
         late = polars.col(usddeck.CLOCK) + FIRST[name]
-        found[name] = replace(table, frame=table.frame.with_columns(late))
-    return found
+        late_tables[name] = replace(table, frame=table.frame.with_columns(late))
+    return late_tables
 
 
 def between(table: Table, start: float, stop: float) -> Table:
@@ -85,14 +85,14 @@ def between(table: Table, start: float, stop: float) -> Table:
     )
 
 
-def sliced(logs: Mapping[str, Table]) -> list[Flight]:
+def slice_logs(logs: Mapping[str, Table]) -> list[Flight]:
     """What the source uses of the logs, as checked flights."""
-    kept: list[Flight] = []
+    pieces: list[Flight] = []
     for name, table in logs.items():
         for start, stop, _ in SLICES[name]:
             for flight, time in cflib.flights(between(table, start, stop))[0]:
-                kept += checking.pieces(flight, time)[0]
-    return kept
+                pieces += checking.pieces(flight, time)[0]
+    return pieces
 
 
 def columns(table: Table, name: str, numbers: Sequence[object]) -> Float[np.ndarray, "N k"]:
@@ -100,12 +100,12 @@ def columns(table: Table, name: str, numbers: Sequence[object]) -> Float[np.ndar
     return table.frame.select([f"{name}.{number}" for number in numbers]).to_numpy().astype(float)
 
 
-def lagged(table: Table, lag: float) -> Float[np.ndarray, "N 4"]:
+def lag_commands(table: Table, lag: float) -> Float[np.ndarray, "N 4"]:
     """Commands behind a first-order lag, as shares of the largest PWM."""
     command = columns(table, "motor", ["m1", "m2", "m3", "m4"]) / 65535
     step = float(np.median(np.diff(table.frame[usddeck.CLOCK].to_numpy())))
-    kept = np.exp(-step / lag)
-    return lfilter([0.0, 1 - kept], [1.0, -kept], command, axis=0, zi=command[:1])[0]
+    memory = np.exp(-step / lag)
+    return lfilter([0.0, 1 - memory], [1.0, -memory], command, axis=0, zi=command[:1])[0]
 
 
 def source_thrust(table: Table, gravity: float) -> tuple[float, Float[np.ndarray, "3"]]:
@@ -116,10 +116,10 @@ def source_thrust(table: Table, gravity: float) -> tuple[float, Float[np.ndarray
     force = MASS * gravity * columns(table, "acc", ["z"])[used, 0]
     best: tuple[float, float, np.ndarray] = (np.inf, 0.0, np.zeros(3))
     for lag in LAGS:
-        speed = lagged(table, lag)[used]
+        speed = lag_commands(table, lag)[used]
         powers = np.stack([np.full(len(speed), 4.0), speed.sum(1), (speed**2).sum(1)], axis=1)
-        found, left, *_ = np.linalg.lstsq(powers, force, rcond=None)
-        best = min(best, (float(left[0]), float(lag), found), key=lambda one: one[0])
+        curve, left, *_ = np.linalg.lstsq(powers, force, rcond=None)
+        best = min(best, (float(left[0]), float(lag), curve), key=lambda one: one[0])
     return best[1], best[2]
 
 
@@ -130,13 +130,13 @@ def source_inertia(
     start, stop, _ = SLICES["log15"][0]
     time = table.frame[usddeck.CLOCK].to_numpy()
     used = (time > start) & (time < stop)
-    force = np.polynomial.polynomial.polyval(lagged(table, lag), curve)
-    found = {}
+    force = np.polynomial.polynomial.polyval(lag_commands(table, lag), curve)
+    ratios = {}
     for axis, name in enumerate(("inertia_x", "inertia_y")):
         rate = np.radians(columns(table, "gyro", ["xyz"[axis]])[:, 0])
         both = np.cov(np.gradient(rate, time)[used], (ARM * force @ TORQUES[:, axis])[used])
-        found[name] = (float(both[0, 1] / both[0, 0]), float(both[1, 1] / both[0, 1]))
-    return found
+        ratios[name] = (float(both[0, 1] / both[0, 0]), float(both[1, 1] / both[0, 1]))
+    return ratios
 
 
 def curve_of(drone: Parameters) -> Float[np.ndarray, "3"]:
@@ -146,18 +146,18 @@ def curve_of(drone: Parameters) -> Float[np.ndarray, "3"]:
     return full * np.array([offset, linear, 1 - offset - linear])
 
 
-def ends(found: Identification) -> dict[str, str]:
+def ends(drone: Identification) -> dict[str, str]:
     """Each value with its interval, in the units of the table."""
-    shown = {}
-    for name, estimate in found.estimates.items():
+    texts = {}
+    for name, estimate in drone.estimates.items():
         scale = 1e3 if name in ("motor_time_constant", "latency", "motor_coasting") else 1.0
         scale = 1e5 if name.startswith("inertia") else scale
         low, high = (scale * end for end in estimate.interval)
-        shown[name] = f"{scale * estimate.value:.3g} [{low:.3g}, {high:.3g}]"
-    lag = found.posterior["motor_time_constant"] + found.posterior["latency"]
+        texts[name] = f"{scale * estimate.value:.3g} [{low:.3g}, {high:.3g}]"
+    lag = drone.posterior["motor_time_constant"] + drone.posterior["latency"]
     low, middle, high = 1e3 * (np.quantile(lag, [0.025, 0.5, 0.975]) + ACCELEROMETER_DELAY)
-    shown["at the accelerometer"] = f"{middle:.3g} [{low:.3g}, {high:.3g}]"
-    return shown
+    texts["at the accelerometer"] = f"{middle:.3g} [{low:.3g}, {high:.3g}]"
+    return texts
 
 
 def main() -> None:
@@ -165,8 +165,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--imu", type=Path, required=True, help="folder with log10, log15, log16")
     parser.add_argument("-o", "--output", type=Path, default=Path("eschmann_2024"))
-    given = parser.parse_args()
-    logs = tables(given.imu)
+    options = parser.parse_args()
+    logs = tables(options.imu)
     by_source = {scale: source_thrust(logs["log10"], scale) for scale in (SLIP, GRAVITY)}
     rows: list[dict[str, str]] = []
     for scale, (lag, curve) in by_source.items():
@@ -196,19 +196,19 @@ def main() -> None:
         }
     )
     start = with_values(crazyflie(), mass=MASS)
-    whole = read_flights(given.imu).flights
-    found = {
+    whole = read_flights(options.imu).flights
+    identifications = {
         "whole logs": identify(whole, start=start),
-        "the slices": identify(sliced(logs), start=start),
+        "the slices": identify(slice_logs(logs), start=start),
         "whole logs, the source's model": identify(whole, start=start, over=MODEL),
         "whole logs, thrust at standstill too": identify(whole, start=start, over=BOTH),
     }
     measured = AccelerometerErrors.of(whole)
     used = measured.signals.used
     print("errors of the accelerometer, all steps of 10 ms in the air [m/s2]:")
-    for name, one in found.items():
+    for name, one in identifications.items():
         print(f"  {name}: {measured.errors(one.parameters)[used].std():.2f}")
-    values = {name: ends(one) for name, one in found.items()}
+    values = {name: ends(one) for name, one in identifications.items()}
     quantities = list(dict.fromkeys(name for one in values.values() for name in one))
     compared = polars.DataFrame(
         {
@@ -222,7 +222,7 @@ def main() -> None:
     truth = np.polynomial.polynomial.polyval(THROTTLE, by_source[GRAVITY][1])
     thrust = {
         name: np.polynomial.polynomial.polyval(THROTTLE, curve_of(one.parameters)) / truth - 1
-        for name, one in found.items()
+        for name, one in identifications.items()
     }
     curves = polars.DataFrame(
         {
@@ -233,7 +233,7 @@ def main() -> None:
     )
     source = polars.DataFrame(rows)
     for name, frame in (("source", source), ("identified", compared), ("curves", curves)):
-        results.write(given.output / f"{name}.csv", frame.write_csv())
+        results.write(options.output / f"{name}.csv", frame.write_csv())
         with polars.Config(
             tbl_rows=60,
             tbl_cols=20,

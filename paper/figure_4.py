@@ -28,8 +28,9 @@ from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import MAX_DURATION_S
 from maidenflight.reporting.figures import picture
 from maidenflight.reporting.figures.charts import Figure
-from maidenflight.reporting.figures.flight_times import COLOURS, REACHED, flight_times
+from maidenflight.reporting.figures.flight_times import COLOURS, flight_times
 from maidenflight.simulator.controllers.interface import INTERFACES
+from maidenflight.simulator.tasks.failures import REACHED
 from maidenflight.studies import study as studies
 from maidenflight.studies.store import Folder
 from maidenflight.studies.study import Study, Task
@@ -126,8 +127,8 @@ def gather_flights(study: Study, folder: Path) -> polars.DataFrame:
     """
     store, parts = Folder(folder), []
     tasks = find_flown_tasks(study)
-    for trained, flown in tasks:
-        place = store.folder(flown.key) / run_folder.TRANSFER / run_folder.FLIGHTS.name
+    for trained, flight_rows in tasks:
+        place = store.folder(flight_rows.key) / run_folder.TRANSFER / run_folder.FLIGHTS.name
         rows, _ = run_folder.FLIGHTS.read(place)
         control, drone = trained.settings["control"], trained.settings["set"]
         rate = trained.settings["rate"] or INTERFACES[control]().rate
@@ -148,7 +149,7 @@ def gather_flights(study: Study, folder: Path) -> polars.DataFrame:
     drones = sorted({Path(trained.settings["drone"]).name for trained, _ in tasks})
     settings = {
         "drone": ", ".join(drones),
-        "duration": min(flown.settings["duration"] for _, flown in tasks),
+        "duration": min(flight_rows.settings["duration"] for _, flight_rows in tasks),
         "study": list(study.entries),
     }
     record = results.record(seed=None, inputs=[], settings=settings)
@@ -182,11 +183,11 @@ def print_cells(cells: polars.DataFrame) -> None:
     cells = cells.sort(polars.col("reality").replace_strict(order), maintain_order=True)
     for names, part in cells.group_by("reality", "control", "latency", maintain_order=True):
         reality, control, latency = names
-        found = {
+        tables = {
             row["motor_time_constant"]: f"{row['mean']:.1f} s  {row['share']:4.0%}"
             for row in part.iter_rows(named=True)
         }
-        times = (found.get(lag, "") for lag in lags)
+        times = (tables.get(lag, "") for lag in lags)
         rows.append([str(reality), str(control), f"{1e3 * float(str(latency)):g} ms", *times])
     title = (
         "Mean flight time and share of flights that reach the time limit, by what was trained for; "
@@ -221,15 +222,17 @@ def draw_chart(rows: dict[str, polars.DataFrame]) -> Figure:
     ]
     title = "Zero-shot flight times by the motor time constant that policies were trained for"
     labels = {colour: kinds[kind] for kind, colour in COLOURS.items()}
-    flown = polars.concat(drawn)
-    figure = flight_times(flown, title, labels)
-    made = dict(zip(flown["panel"].unique(maintain_order=True), figure.panels, strict=True))
+    flight_rows = polars.concat(drawn)
+    figure = flight_times(flight_rows, title, labels)
+    panels_by_name = dict(
+        zip(flight_rows["panel"].unique(maintain_order=True), figure.panels, strict=True)
+    )
     every = polars.concat([flights.select("latency") for flights in rows.values()])
     columns = every.unique().sort("latency").select(late.alias("latency"))["latency"].to_list()
     # A table without flights of a latency has an empty panel in its place.
     empty = {**figure.panels[0], "data": {"values": []}}
     heads = [f"{name}: latency {each}" for name in rows for each in columns]
-    panels = [{**made.get(head, empty), "title": head} for head in heads]
+    panels = [{**panels_by_name.get(head, empty), "title": head} for head in heads]
     return dataclasses.replace(figure, panels=panels, columns=len(columns))
 
 
@@ -255,9 +258,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--small", action="store_true", help="one policy of each cell, trained for a third as long"
     )
     parser.add_argument("--authors", type=Path, help="folder of the authors' data with flights.csv")
-    given = parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
     try:
-        run(given.settings, given.small, given.authors, given.output)
+        run(options.settings, options.small, options.authors, options.output)
     except InputError as error:
         parser.error(str(error))
 

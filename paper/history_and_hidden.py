@@ -56,7 +56,7 @@ class Kind(NamedTuple):
         return "x".join(map(str, self.hidden))
 
 
-class Studied(NamedTuple):
+class Study(NamedTuple):
     """What came of one kind."""
 
     policies: polars.DataFrame
@@ -77,7 +77,7 @@ def box(plan: argparse.Namespace) -> RelativeBox:
     return relative_box(control.in_fitting_steps(centre, control.CONTROLLERS[plan.control]()), 0.10)
 
 
-def studied(kind: Kind, plan: argparse.Namespace) -> Studied:
+def study_kind(kind: Kind, plan: argparse.Namespace) -> Study:
     """Trains policies of one kind, scores them and flies them."""
     drones, task, controller = box(plan), tasks.paper_circle(), control.CONTROLLERS[plan.control]()
     spec = PolicySpec(history=kind.history, hidden=kind.hidden)
@@ -91,7 +91,7 @@ def studied(kind: Kind, plan: argparse.Namespace) -> Studied:
     scores = [
         evaluate(env, policy, drones, jax.random.key(1234), plan.episodes) for policy in policies
     ]
-    flown = transfer(
+    flights = transfer(
         policies,
         [virtual_drone(7)],
         plan.trials,
@@ -99,9 +99,9 @@ def studied(kind: Kind, plan: argparse.Namespace) -> Studied:
         task=task,
         duration=plan.duration,
     )
-    times = flown.table.group_by("policy", maintain_order=True).agg(polars.col("duration").mean())[
-        "duration"
-    ]
+    times = flights.table.group_by("policy", maintain_order=True).agg(
+        polars.col("duration").mean()
+    )["duration"]
     rows = [
         {
             "history": kind.history,
@@ -115,9 +115,9 @@ def studied(kind: Kind, plan: argparse.Namespace) -> Studied:
             zip(policies, scores, times, strict=True), 1
         )
     ]
-    found = Studied(polars.DataFrame(rows), seconds)
-    print(row(f"H = {kind.history}, {kind.size}", found), file=sys.stderr, flush=True)
-    return found
+    result = Study(polars.DataFrame(rows), seconds)
+    print(row(f"H = {kind.history}, {kind.size}", result), file=sys.stderr, flush=True)
+    return result
 
 
 def count(policy: Policy) -> int:
@@ -125,7 +125,7 @@ def count(policy: Policy) -> int:
     return sum(leaf.size for leaf in jax.tree.leaves(policy.network))
 
 
-def table(first: str, named: dict[str, Studied]) -> str:
+def table(first: str, named: dict[str, Study]) -> str:
     """Means over policies, and in brackets the worst, as Markdown.
 
     `first` heads the column of names.
@@ -135,12 +135,12 @@ def table(first: str, named: dict[str, Studied]) -> str:
         "training [s] |",
         "|---|---:|---:|---:|---:|---:|---:|",
     ]
-    return "\n".join([*lines, *(row(name, found) for name, found in named.items())])
+    return "\n".join([*lines, *(row(name, result) for name, result in named.items())])
 
 
-def row(name: str, found: Studied) -> str:
+def row(name: str, result: Study) -> str:
     """Of the table."""
-    of = {column: found.policies[column].to_numpy() for column in found.policies.columns}
+    of = {column: result.policies[column].to_numpy() for column in result.policies.columns}
     cells = [
         name,
         f"{of['parameters'][0]:,}",
@@ -148,12 +148,12 @@ def row(name: str, found: Studied) -> str:
         f"{of['survival'].mean():.1%} ({of['survival'].min():.1%})",
         f"{100 * of['position_error'].mean():.1f} ({100 * of['position_error'].max():.1f})",
         f"{of['flight_time'].mean():.1f} ({of['flight_time'].min():.1f})",
-        f"{found.seconds:.0f}",
+        f"{result.seconds:.0f}",
     ]
     return "| " + " | ".join(cells) + " |"
 
 
-def planned(arguments: Sequence[str] | None) -> argparse.Namespace:
+def parse_arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
     """What the command line asks for."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -208,14 +208,18 @@ def planned(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Trains, scores, flies, prints and writes."""
-    plan = planned(arguments)
+    plan = parse_arguments(arguments)
     histories = [Kind(history, HIDDEN) for history in plan.histories]
     sizes = [Kind(HISTORY, hidden) for hidden in plan.sizes]
-    found = {kind: studied(kind, plan) for kind in dict.fromkeys([*histories, *sizes])}
+    results_by_kind = {kind: study_kind(kind, plan) for kind in dict.fromkeys([*histories, *sizes])}
     if histories:
-        print(table("H", {str(kind.history): found[kind] for kind in histories}), end="\n\n")
+        print(
+            table("H", {str(kind.history): results_by_kind[kind] for kind in histories}), end="\n\n"
+        )
     if sizes:
-        print(table("hidden layers", {kind.size: found[kind] for kind in sizes}), end="\n\n")
+        print(
+            table("hidden layers", {kind.size: results_by_kind[kind] for kind in sizes}), end="\n\n"
+        )
     names = ("control", "method", "updates", "seeds", "episodes", "trials", "duration")
     drone = {} if plan.drone is None else {"drone": Path(plan.drone).name}
     settings = (
@@ -224,7 +228,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     inputs = [Path(plan.drone)] if plan.drone is not None and Path(plan.drone).is_file() else []
     record = json.dumps(results.record(seed=plan.seed, inputs=inputs, settings=settings))
     # How long training took is not written: the same seed gives the same bytes.
-    everything = polars.concat([each.policies for each in found.values()])
+    everything = polars.concat([each.policies for each in results_by_kind.values()])
     results.write(plan.output, f"# record: {record}\n{everything.write_csv(float_precision=6)}")
     print(f"written to {plan.output}, a row a policy, SI units")
 

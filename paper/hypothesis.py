@@ -92,19 +92,19 @@ NOTE = (
 )
 
 
-def draw_chart(found: Sequence[Data]) -> Figure:
+def draw_chart(groups: Sequence[Data]) -> Figure:
     """Flight times over the difference of lag between training and reality.
 
     A panel per data set, a colour per structure, a dot per policy.
     """
     legend = [Entry(kind.replace("_", " "), colour, "line") for kind, colour in COLOURS.items()]
-    excess = [1e3 * (data.policies["trained"].to_numpy() - data.total_lag) for data in found]
+    excess = [1e3 * (data.policies["trained"].to_numpy() - data.total_lag) for data in groups]
     across = charts.margin([0.0, *np.concatenate(excess)])
     return Figure(
         "Flight time by the lag that policies were trained for",
-        [_panel(data, across) for data in found],
+        [_panel(data, across) for data in groups],
         legend,
-        columns=min(COLUMNS, len(found)),
+        columns=min(COLUMNS, len(groups)),
     )
 
 
@@ -148,17 +148,20 @@ def _panel(data: Data, across: tuple[float, float]) -> Spec:
     return charts.panel(charts.rows(rows), layers, title=title, height=210, zooms=())
 
 
-def print_results(found: Sequence[Data], lines: Sequence[Line]) -> None:
+def print_results(groups: Sequence[Data], lines: Sequence[Line]) -> None:
     """Prints tables and verdicts."""
-    for data in found:
+    for data in groups:
         rows = []
         for measure, title in TITLES.items():
-            told = (
+            shares = (
                 look_up(lines, data.name, kind, less, measure)
                 for kind, less in (*((kind, "") for kind in CONTROLS), *PAIRS)
             )
             rows.append(
-                [title, *("" if line is None else format_estimate(line.estimate) for line in told)]
+                [
+                    title,
+                    *("" if line is None else format_estimate(line.estimate) for line in shares),
+                ]
             )
         counts = [data.policies.filter(polars.col("control") == kind) for kind in CONTROLS]
         rows.append(
@@ -179,7 +182,7 @@ def print_results(found: Sequence[Data], lines: Sequence[Line]) -> None:
         "Low-level control needs higher fidelity: flight time falls more steeply for pwm than for "
         "attitude_rate and attitude."
     )
-    for data in found:
+    for data in groups:
         for against in DISTANCES:
             print(
                 f"  {data.name}, by {against}: "
@@ -197,11 +200,11 @@ def print_results(found: Sequence[Data], lines: Sequence[Line]) -> None:
                 )
             )
     print("Attitude control is the worst, in mean flight time.")
-    for data in found:
+    for data in groups:
         print(f"  {data.name}: attitude is {WORST[judge_attitude(lines, data.name)]}.")
-    if rate_pairs(found):
+    if rate_pairs(groups):
         print("What of it is due to training at another rate than that of flight.")
-    for matching, other in rate_pairs(found):
+    for matching, other in rate_pairs(groups):
         print(f"  {describe_ranking(lines, matching, other)}")
 
 
@@ -259,22 +262,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
         required=True,
         help="folder for statistics.csv and hypothesis.svg",
     )
-    given = parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
     try:
-        run(given)
+        run(options)
     except InputError as error:
         parser.error(str(error))
 
 
-def read_pairs(told: Sequence[str], option: str) -> dict[str, str]:
+def read_pairs(texts: Sequence[str], option: str) -> dict[str, str]:
     """What options of the form NAME=VALUE say.
 
     Raises:
         InputError: one is of another form.
     """
-    parts = [entry.partition("=") for entry in told]
+    parts = [entry.partition("=") for entry in texts]
     wrong = [
-        entry for entry, (name, _, value) in zip(told, parts, strict=True) if not name or not value
+        entry for entry, (name, _, value) in zip(texts, parts, strict=True) if not name or not value
     ]
     if wrong:
         raise InputError(
@@ -284,31 +287,31 @@ def read_pairs(told: Sequence[str], option: str) -> dict[str, str]:
     return {name: value for name, _, value in parts}
 
 
-def find_lags(realities: Sequence[str], given: argparse.Namespace) -> dict[str, float]:
+def find_lags(realities: Sequence[str], options: argparse.Namespace) -> dict[str, float]:
     """Total lag [s] of each reality that is flown in: as given, or of its parameters.
 
     Raises:
         InputError: a lag is not a positive number, or nothing is known of a reality.
     """
-    lags, places = read_pairs(given.lag, "--lag"), read_pairs(given.reality, "--reality")
+    lags, places = read_pairs(options.lag, "--lag"), read_pairs(options.reality, "--reality")
     unused = [name for name in (*lags, *places) if name not in realities]
     if unused:
         raise InputError(f"no flight in {unused[0]}; there are flights in {', '.join(realities)}.")
-    found = {}
+    lag_by_reality = {}
     for name in realities:
         if name in lags:
             try:
-                found[name] = float(lags[name])
+                lag_by_reality[name] = float(lags[name])
             except ValueError:
-                found[name] = math.nan
-            if not 0.0 < found[name] < 1.0:
+                lag_by_reality[name] = math.nan
+            if not 0.0 < lag_by_reality[name] < 1.0:
                 raise InputError(
                     f"--lag {name}={lags[name]}: expected seconds, such as {name}=0.09."
                 )
         elif name == REAL:
-            found[name] = total_lag(
-                parameters.read_drone(given.drone)
-                if given.drone
+            lag_by_reality[name] = total_lag(
+                parameters.read_drone(options.drone)
+                if options.drone
                 else replace(parameters.crazyflie(), **IDENTIFIED)
             )
         else:
@@ -320,59 +323,61 @@ def find_lags(realities: Sequence[str], given: argparse.Namespace) -> dict[str, 
                 place = find_reality(what)
                 if not isinstance(place, VirtualDrone):
                     raise InputError(f"{what} has no parameters.")
-                found[name] = total_lag(place.parameters)
+                lag_by_reality[name] = total_lag(place.parameters)
             except InputError as error:
                 raise InputError(
                     f"reality {name} is unknown ({error}) Give --reality {name}=FILE.toml or "
                     f"--lag {name}=SECONDS."
                 ) from error
-    return found
+    return lag_by_reality
 
 
-def run(given: argparse.Namespace) -> None:
+def run(options: argparse.Namespace) -> None:
     """All of it, for given arguments."""
-    if not given.tables and given.authors is None:
+    if not options.tables and options.authors is None:
         raise InputError("nothing to read. Give tables of flights, --authors, or both.")
-    if given.resamples < 100:
-        raise InputError(f"--resamples {given.resamples}: an interval of 95 % takes 100 or more.")
-    nominal, parts = parameters.read_drone(given.nominal), []
-    if given.tables:
-        flown = join_tables([read_simulated_flights(path, given.nominal) for path in given.tables])
-        if REAL in flown["reality"]:
+    if options.resamples < 100:
+        raise InputError(f"--resamples {options.resamples}: an interval of 95 % takes 100 or more.")
+    nominal, parts = parameters.read_drone(options.nominal), []
+    if options.tables:
+        flights = join_tables(
+            [read_simulated_flights(path, options.nominal) for path in options.tables]
+        )
+        if REAL in flights["reality"]:
             raise InputError(
                 f"a table's reality is called {REAL}, as the authors' flights are. Give it "
                 "another name."
             )
-        parts.append(average_policies(flown, nominal))
-    if given.authors is not None:
-        parts.append(average_policies(read_real_flights(given.authors), parameters.crazyflie()))
+        parts.append(average_policies(flights, nominal))
+    if options.authors is not None:
+        parts.append(average_policies(read_real_flights(options.authors), parameters.crazyflie()))
     policies = polars.concat(
         [part.select(sorted(part.columns)) for part in parts], how="vertical_relaxed"
     )
-    lags = find_lags(policies["reality"].unique(maintain_order=True).to_list(), given)
-    found = group_policies(
-        policies.filter(polars.col("latency") > given.least_latency - 1e-6), lags
+    lags = find_lags(policies["reality"].unique(maintain_order=True).to_list(), options)
+    groups = group_policies(
+        policies.filter(polars.col("latency") > options.least_latency - 1e-6), lags
     )
-    if not any(has_enough(data, kind) for data in found for kind in CONTROLS):
+    if not any(has_enough(data, kind) for data in groups for kind in CONTROLS):
         raise InputError(
             f"no control structure has {FEWEST} policies of at least 3 lags. Give more flights."
         )
-    lines = compute_statistics(found, given.resamples, given.seed)
+    lines = compute_statistics(groups, options.resamples, options.seed)
     inputs = [
-        *given.tables,
-        *([given.authors / "flights.csv"] if given.authors else []),
-        *([given.drone] if given.drone else []),
+        *options.tables,
+        *([options.authors / "flights.csv"] if options.authors else []),
+        *([options.drone] if options.drone else []),
     ]
     settings: dict[str, Any] = {
         "total_lag": {name: round(lag, 6) for name, lag in lags.items()},
-        "resamples": given.resamples,
+        "resamples": options.resamples,
     }
-    settings |= {"nominal": Path(given.nominal).name, "least_latency": given.least_latency}
-    made = results.record(seed=given.seed, inputs=inputs, settings=settings)
-    text = results.table_text(_STATISTICS, made, tabulate(lines).write_csv())
-    results.write(given.output / "statistics.csv", text)
-    results.write(given.output / "hypothesis.svg", picture.svg(draw_chart(found), note=NOTE))
-    print_results(found, lines)
+    settings |= {"nominal": Path(options.nominal).name, "least_latency": options.least_latency}
+    record = results.record(seed=options.seed, inputs=inputs, settings=settings)
+    text = results.table_text(_STATISTICS, record, tabulate(lines).write_csv())
+    results.write(options.output / "statistics.csv", text)
+    results.write(options.output / "hypothesis.svg", picture.svg(draw_chart(groups), note=NOTE))
+    print_results(groups, lines)
 
 
 _STATISTICS = (

@@ -146,14 +146,14 @@ def read_real_flights(folder: Path) -> polars.DataFrame:
     try:
         flights = read_published_flights(folder)
         trained = np.floor_divide(flights["latency"].to_numpy(), AUTHORS_STEP) * AUTHORS_STEP
-        told = [
+        labels = [
             polars.lit(0).alias("seed"),
             polars.lit(AUTHORS_RATE).alias("training_rate"),
             polars.Series("latency", trained),
             polars.col("policy").alias("number"),
             polars.lit(REAL).alias("reality"),
         ]
-        return flights.with_columns(told).select(*POLICY, "duration")
+        return flights.with_columns(labels).select(*POLICY, "duration")
     except polars.exceptions.PolarsError as error:
         raise InputError(
             f"{folder / 'flights.csv'}: not the authors' flights ({str(error).splitlines()[0]})."
@@ -165,13 +165,13 @@ def average_policies(flights: polars.DataFrame, nominal: Parameters) -> polars.D
 
     `trained` is the total lag of the drone that it was trained for [s].
     """
-    flown = flights.with_columns(polars.col("duration").clip(upper_bound=MAX_DURATION_S))
+    durations = flights.with_columns(polars.col("duration").clip(upper_bound=MAX_DURATION_S))
     means = [
         polars.col("duration").mean(),
         (polars.col("duration") >= MAX_DURATION_S).mean().alias("share"),
         polars.len().alias("flights"),
     ]
-    rows = flown.group_by(POLICY, maintain_order=True).agg(*means)
+    rows = durations.group_by(POLICY, maintain_order=True).agg(*means)
     drones = (
         replace(nominal, **constants)
         for constants in rows.select("motor_time_constant", "latency").iter_rows(named=True)
@@ -215,17 +215,17 @@ def group_policies(policies: polars.DataFrame, lags: Mapping[str, float]) -> lis
         {kind: own_rate(kind) for kind in CONTROLS}, return_dtype=polars.Int64
     )
     matches = polars.col("training_rate") == own
-    found = []
+    groups = []
     for (name,), here in policies.group_by("reality", maintain_order=True):
         matched, place = here.filter(matches), str(name)
         if matched.height and place != REAL:
-            found.append(Data(place, MATCHING, lags[place], matched))
+            groups.append(Data(place, MATCHING, lags[place], matched))
         for rate in (
             [AUTHORS_RATE]
             if place == REAL
             else here.filter(~matches)["training_rate"].unique().sort()
         ):
-            found.append(
+            groups.append(
                 Data(
                     place,
                     f"trained at {rate} Hz",
@@ -233,4 +233,4 @@ def group_policies(policies: polars.DataFrame, lags: Mapping[str, float]) -> lis
                     here.filter(polars.col("training_rate") == rate),
                 )
             )
-    return found
+    return groups

@@ -73,7 +73,7 @@ def estimate_difference(
     """
     samples = [sample] if less is None else [sample, less]
 
-    def told(*places: np.ndarray, axis: int = -1) -> Any:
+    def difference(*places: np.ndarray, axis: int = -1) -> Any:
         values = [
             statistic(x[drawn], y[drawn]) for (x, y), drawn in zip(samples, places, strict=True)
         ]
@@ -82,10 +82,15 @@ def estimate_difference(
     places = tuple(np.arange(len(y)) for _, y in samples)
     generator = np.random.default_rng(seed)
     drawn = stats.bootstrap(
-        places, told, n_resamples=resamples, vectorized=True, method="percentile", rng=generator
+        places,
+        difference,
+        n_resamples=resamples,
+        vectorized=True,
+        method="percentile",
+        rng=generator,
     )
     low, high = drawn.confidence_interval
-    return Estimate(float(told(*places)), float(low), float(high))
+    return Estimate(float(difference(*places)), float(low), float(high))
 
 
 class Measure(NamedTuple):
@@ -160,7 +165,7 @@ class Line(NamedTuple):
     flights: int
 
 
-def compute_statistics(found: Sequence[Data], resamples: int, seed: int) -> list[Line]:
+def compute_statistics(groups: Sequence[Data], resamples: int, seed: int) -> list[Line]:
     """All measures of all control structures.
 
     Their differences between structures, and for each structure between rates.
@@ -178,7 +183,7 @@ def compute_statistics(found: Sequence[Data], resamples: int, seed: int) -> list
             take_sample(data, kind, measure),
             None if other is None else take_sample(*other, measure),
         ]
-        told = estimate_difference(
+        estimate = estimate_difference(
             STATISTICS[measure.statistic], samples[0], samples[1], resamples, seed
         )
         sizes = [
@@ -191,13 +196,13 @@ def compute_statistics(found: Sequence[Data], resamples: int, seed: int) -> list
                 kind,
                 less,
                 measure,
-                told,
+                estimate,
                 sum(map(len, sizes)),
                 sum(int(size["flights"].sum()) for size in sizes),
             )
         )
 
-    for data in found:
+    for data in groups:
         kinds = [kind for kind in CONTROLS if has_enough(data, kind)]
         for measure in TITLES:
             for kind in kinds:
@@ -205,7 +210,7 @@ def compute_statistics(found: Sequence[Data], resamples: int, seed: int) -> list
             for kind, other in PAIRS:
                 if kind in kinds and other in kinds:
                     add(measure, data, kind, other, (data, other))
-    for data, other in rate_pairs(found):
+    for data, other in rate_pairs(groups):
         for kind in CONTROLS:
             if (
                 has_enough(data, kind)
@@ -217,9 +222,9 @@ def compute_statistics(found: Sequence[Data], resamples: int, seed: int) -> list
     return lines
 
 
-def rate_pairs(found: Sequence[Data]) -> list[tuple[Data, Data]]:
+def rate_pairs(groups: Sequence[Data]) -> list[tuple[Data, Data]]:
     """For each reality its data of matching rates beside each of other rates."""
-    pairs = ((one, other) for one in found for other in found)
+    pairs = ((one, other) for one in groups for other in groups)
     return [
         (one, other)
         for one, other in pairs
@@ -298,13 +303,13 @@ def judge_attitude(lines: Sequence[Line], data: str) -> int | None:
 
     0 if neither is sure; `None` if a control structure is missing.
     """
-    told = [
+    lines_of_rates = [
         look_up(lines, data, kind, "attitude", Measure("mean", TIME))
         for kind in CONTROLS
         if kind != "attitude"
     ]
-    signs = [line.estimate.sign for line in told if line is not None]
-    if len(signs) < len(told):
+    signs = [line.estimate.sign for line in lines_of_rates if line is not None]
+    if len(signs) < len(lines_of_rates):
         return None
     return 1 if min(signs) > 0 else -1 if min(signs) < 0 else 0
 
@@ -334,13 +339,13 @@ def describe_ranking(lines: Sequence[Line], matching: Data, other: Data) -> str:
             else "with matching rates it is no longer sure"
         )
     gain = f"matching rates change its mean flight time by {format_estimate(change.estimate)} s"
-    found = f"attitude, {other.rates}, is {WORST[before]}, and with {MATCHING} {WORST[after]}"
-    return f"{matching.reality}: {found}; {gain}. {words.capitalize()}."
+    ranking = f"attitude, {other.rates}, is {WORST[before]}, and with {MATCHING} {WORST[after]}"
+    return f"{matching.reality}: {ranking}; {gain}. {words.capitalize()}."
 
 
-def format_estimate(told: Estimate, decimals: int = 2) -> str:
+def format_estimate(estimate: Estimate, decimals: int = 2) -> str:
     """Such as 1.20 [0.90, 1.51]."""
-    value, low, high = (f"{round(number, decimals) + 0.0:.{decimals}f}" for number in told)
+    value, low, high = (f"{round(number, decimals) + 0.0:.{decimals}f}" for number in estimate)
     return f"{value} [{low}, {high}]"
 
 

@@ -84,17 +84,17 @@ def drones_of(drone: Path) -> list[VirtualDrone]:
     ]
 
 
-def tilt_at_start(flown: Transfer) -> float:
+def tilt_at_start(flights: Transfer) -> float:
     """Largest roll or pitch in the first half second of any flight [deg]."""
     return max(
         float(np.degrees(np.abs(one.attitude[: round(START_S / one.period), :2]).max()))
-        for one in flown.flights
+        for one in flights.flights
     )
 
 
-def row(name: str, pilot: str, flown: Transfer) -> dict[str, object]:
+def row(name: str, pilot: str, flights: Transfer) -> dict[str, object]:
     """Returns what a table says of flights of one kind of pilot."""
-    table = flown.table
+    table = flights.table
     lasting = (table["end_reason"] == "time limit") & (table["position_error"] <= WITHIN_M)
     return {
         "drone": name,
@@ -103,7 +103,7 @@ def row(name: str, pilot: str, flown: Transfer) -> dict[str, object]:
         "last 20 s": int((table["end_reason"] == "time limit").sum()),
         "error [cm]": round(100.0 * float(np.mean(table["position_error"].to_numpy())), 2),
         "worst [cm]": round(100.0 * float(np.max(table["position_error"].to_numpy())), 2),
-        "tilt margin at the start [deg]": round(GUARD_DEG - tilt_at_start(flown), 1),
+        "tilt margin at the start [deg]": round(GUARD_DEG - tilt_at_start(flights), 1),
     }
 
 

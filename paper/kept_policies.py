@@ -12,7 +12,7 @@ from maidenflight.policy import Policy
 def kept_policies(
     folder: StrPath,
     count: int,
-    made: Mapping[str, Any],
+    record: Mapping[str, Any],
     learn: Callable[[], Iterable[Policy]],
     restart: bool = False,
 ) -> list[Policy]:
@@ -21,7 +21,7 @@ def kept_policies(
     Args:
         folder: of `policy_1.json`, `policy_2.json`, ...
         count: how many.
-        made: record of their making.
+        record: of their making.
         learn: makes them; called where one of the files is missing.
         restart: use nothing of what is there.
 
@@ -33,12 +33,12 @@ def kept_policies(
         for path in files if restart else []:
             path.unlink(missing_ok=True)
         for path, one in zip(files, learn(), strict=True):
-            policy_file.write_policy(path, one, made)
-    found = [policy_file.read_policy(path) for path in files]
-    for path, one in zip(files, found, strict=True):
-        if one.record != results.plain(made):
+            policy_file.write_policy(path, one, record)
+    policies = [policy_file.read_policy(path) for path in files]
+    for path, one in zip(files, policies, strict=True):
+        if one.record != results.plain(record):
             raise InputError(
                 f"{path}: from a run with other settings or of another version. Choose another "
                 "folder with -o."
             )
-    return [one.policy for one in found]
+    return [one.policy for one in policies]

@@ -76,7 +76,7 @@ _OTHERS: dict[str, dict[str, float]] = {
 up and their ratio the slowdown."""
 
 
-def published(parameter: str) -> dict[str, float]:
+def list_published(parameter: str) -> dict[str, float]:
     """Returns what others give for a parameter [SI] by source, from the largest to the smallest.
 
     The paper's value is not among them.
@@ -100,14 +100,14 @@ def beside_literature(
         InputError: none of the parameters has a value above zero in the paper.
     """
     papers = {name: float(component(crazyflie(), name)) for name in estimates}
-    shown = [name for name in estimates if papers[name] > 0 and estimates[name].value > 0]
-    if not shown:
+    chosen_names = [name for name in estimates if papers[name] > 0 and estimates[name].value > 0]
+    if not chosen_names:
         raise InputError(
             "no parameter to draw beside the literature: the paper gives none of them a value "
             "above zero."
         )
     marks: list[Spec] = []
-    for row, name in enumerate(shown):
+    for row, name in enumerate(chosen_names):
         ends = (truth or {}).get(name)
         marks += [
             {**mark, "row": row, "name": name.replace("_", " ")}
@@ -127,26 +127,27 @@ def beside_literature(
             "labelExpr": f"({multiple}) + '\N{MULTIPLICATION SIGN}'",
         },
     )
-    names = [(text.plain_symbol(name), _numbers(name, estimates[name])) for name in shown]
-    told = {"name": "", "value": "value", "source": "source"}
+    names = [(text.plain_symbol(name), _numbers(name, estimates[name])) for name in chosen_names]
+    labels = {"name": "", "value": "value", "source": "source"}
     legend = [Entry("identified, 95 % interval", "orange", "bar", "identified")]
     legend += [Entry("truth", "green", "tick", "truth")] if truth else []
     legend += [Entry("paper", "purple", "tick", "paper"), Entry("others", "soft", "dot", "others")]
-    return Figure("Beside the literature", [intervals.rows(names, marks, x, told)], legend)
+    return Figure("Beside the literature", [intervals.rows(names, marks, x, labels)], legend)
 
 
 def _marks(
-    name: str, found: Estimate, paper: float, truth: tuple[float, float] | None
+    name: str, estimate: Estimate, paper: float, truth: tuple[float, float] | None
 ) -> list[Spec]:
     """What is drawn of a parameter; each value as a multiple of the paper's."""
 
     def mark(kind: str, series: str, colour: str, value: float, source: str) -> Spec:
         place = {"kind": kind, "series": series, "colour": charts.paint(colour), "x": value / paper}
-        return {**place, "value": _written(name, value), "source": source}
+        return {**place, "value": _write(name, value), "source": source}
 
     marks = [mark("line", "paper", "purple", paper, PAPER)]
     marks += [
-        mark("dot", "others", "soft", value, source) for source, value in published(name).items()
+        mark("dot", "others", "soft", value, source)
+        for source, value in list_published(name).items()
     ]
     if truth is not None and min(truth) > 0:
         bar = mark("whisker", "truth", "green", truth[0], "the virtual drone")
@@ -154,23 +155,25 @@ def _marks(
         marks += [
             mark("end", "truth", "green", end, "the virtual drone") for end in dict.fromkeys(truth)
         ]
-    low, high = (max(end, 1e-3 * found.value) for end in found.interval)
+    low, high = (max(end, 1e-3 * estimate.value) for end in estimate.interval)
     bar = mark("bar", "identified", "orange", low, "these flights")
     return [
         *marks,
         {**bar, "x2": high / paper},
-        mark("value", "identified", "orange", found.value, "these flights"),
+        mark("value", "identified", "orange", estimate.value, "these flights"),
     ]
 
 
-def _written(name: str, value: float) -> str:
+def _write(name: str, value: float) -> str:
     scale, unit = text.scale(name, [value])
     return f"{text.number(value * scale, 3)} {unit}".rstrip()
 
 
-def _numbers(name: str, found: Estimate) -> str:
-    scale, digits, unit = text.rounding(name, *found.interval)
-    value, low, high = (text.fixed(scale * each, digits) for each in (found.value, *found.interval))
+def _numbers(name: str, estimate: Estimate) -> str:
+    scale, digits, unit = text.rounding(name, *estimate.interval)
+    value, low, high = (
+        text.fixed(scale * each, digits) for each in (estimate.value, *estimate.interval)
+    )
     return f"{value} [{low}, {high}] {unit}".rstrip()
 
 
@@ -182,17 +185,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("drone", type=Path, help="the identified drone's file")
     parser.add_argument("--truth", type=Path, help="file of the virtual drone that was flown")
     parser.add_argument("-o", "--output", type=Path, required=True, help="the SVG file")
-    given = parser.parse_args(arguments)
-    drone = drone_file.read(given.drone)
+    options = parser.parse_args(arguments)
+    drone = drone_file.read(options.drone)
     truth = None
-    if given.truth is not None:
-        run = Run(reality=drone_file.read(given.truth).parameters, drone=drone)
+    if options.truth is not None:
+        run = Run(reality=drone_file.read(options.truth).parameters, drone=drone)
         truth = {name: true_ends(run, name) for name in drone.estimates}
-    results.write(given.output, picture.svg(beside_literature(drone.estimates, truth)))
+    results.write(options.output, picture.svg(beside_literature(drone.estimates, truth)))
     rows = [
-        [name, _written(name, value), source]
+        [name, _write(name, value), source]
         for name in drone.estimates
-        for source, value in published(name).items()
+        for source, value in list_published(name).items()
     ]
     terminal.print_table("What others give for a Crazyflie", ["", "value", "source"], rows)
 

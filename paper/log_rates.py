@@ -40,20 +40,20 @@ def row(seed: int, truth: Parameters, flights: Sequence[Flight]) -> dict[str, An
         "true": round(true, 1),
     }
     try:
-        found = mf.identify(flights, mf.Likelihood(trials=1), over=OVER)
+        identification = mf.identify(flights, mf.Likelihood(trials=1), over=OVER)
     except InputError:  # the flights tell nothing that is asked for
         return what
-    samples = found.posterior["motor_time_constant"] + found.posterior["latency"]
+    samples = identification.posterior["motor_time_constant"] + identification.posterior["latency"]
     low, middle, high = 1e3 * np.quantile(samples, [0.025, 0.5, 0.975])
-    inertia = float(component(found.parameters, "inertia_x")) / float(truth.inertia[0])
+    inertia = float(component(identification.parameters, "inertia_x")) / float(truth.inertia[0])
     return what | {
         "found": round(float(middle), 1),
         "low": round(float(low), 1),
         "high": round(float(high), 1),
         "holds": bool(low <= true <= high),
-        "lag told": "motor_time_constant" in found.estimates,
+        "lag told": "motor_time_constant" in identification.estimates,
         "inertia over true": round(inertia, 2),
-        "inertia told": "inertia_x" in found.estimates,
+        "inertia told": "inertia_x" in identification.estimates,
     }
 
 
@@ -67,13 +67,13 @@ def table(seeds: Sequence[int], every: Sequence[int], duration: float) -> polars
         for step in every:
             flights = [thinned(flight, step) for flight in whole]
             bare = [replace(flight, accelerometer=None) for flight in flights]
-            rows += [row(seed, drone.parameters, given) for given in (flights, bare)]
+            rows += [row(seed, drone.parameters, options) for options in (flights, bare)]
     return polars.DataFrame(rows)
 
 
-def summary(found: polars.DataFrame) -> polars.DataFrame:
+def summary(rows: polars.DataFrame) -> polars.DataFrame:
     """Means over the drones, by rate."""
-    by = found.group_by("accelerometer", "rate", maintain_order=True)
+    by = rows.group_by("accelerometer", "rate", maintain_order=True)
     counted = ("holds", "lag told", "inertia told")
     return by.agg(polars.exclude("drone", *counted).mean().round(2), polars.col(counted).sum())
 
@@ -85,12 +85,12 @@ def main() -> None:
     parser.add_argument("--every", type=int, nargs="*", default=EVERY, help="rows to one kept")
     parser.add_argument("--duration", type=float, default=30.0, help="of a flight [s]")
     parser.add_argument("-o", "--output", type=Path, default=Path("log_rates"))
-    given = parser.parse_args()
-    found = table(given.seeds, given.every, given.duration)
-    results.write(given.output / "log_rates.csv", found.write_csv())
+    options = parser.parse_args()
+    rows = table(options.seeds, options.every, options.duration)
+    results.write(options.output / "log_rates.csv", rows.write_csv())
     with polars.Config(tbl_rows=200, tbl_cols=20, tbl_hide_dataframe_shape=True):
-        print(found)
-        print(summary(found))
+        print(rows)
+        print(summary(rows))
 
 
 if __name__ == "__main__":

@@ -236,11 +236,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("evaluations", type=Path, help="identification.csv of a replay")
     parser.add_argument("--drone", type=Path, help="the drone file, for optimum and intervals")
     parser.add_argument("-o", "--output", type=Path, required=True, help="the SVG file")
-    given = parser.parse_args(arguments)
-    rows = polars.read_csv(given.evaluations, comment_prefix="#")
-    known = None if given.drone is None else drone_file.read(given.drone).estimates
+    options = parser.parse_args(arguments)
+    rows = polars.read_csv(options.evaluations, comment_prefix="#")
+    known = None if options.drone is None else drone_file.read(options.drone).estimates
     figure, note = loss_landscape(rows, known)
-    results.write(given.output, picture.svg(figure, 560))
+    results.write(options.output, picture.svg(figure, 560))
     print(note)
 
 

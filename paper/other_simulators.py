@@ -34,7 +34,7 @@ from maidenflight.verbs.record import Record
 from maidenflight.verbs.train import Train
 
 TASKS, CONTROLS, UPDATES, SEEDS = ("circle", "figure_eight"), ("pwm", "attitude_rate"), (40, 120), 5
-DURATION_S, PREDICTED, FLOWN, WITHIN = 10.0, 8, 1, 0.25
+DURATION_S, PREDICTED, ACTUAL, WITHIN = 10.0, 8, 1, 0.25
 """Longest flight [s]; flights of a policy, predicted and flown; the error of a ratio to count."""
 START = Start(
     *(
@@ -93,7 +93,7 @@ def compare_errors(
             policy_tasks=[task] * len(policies),
             **how,
         )
-        flights = mf.transfer(policies, reality, FLOWN, jax.random.key(1), task=task, **how).table
+        flights = mf.transfer(policies, reality, ACTUAL, jax.random.key(1), task=task, **how).table
         rows.append(means(predicted, "predicted").join(means(flights, "flown"), on="policy"))
         print(f"{name}, {structure}: {len(policies)} policies", flush=True)
     return polars.concat(rows).with_columns(
@@ -117,14 +117,14 @@ def describe(table: polars.DataFrame) -> str:
         if part.height < 2:
             lines.append(f"{label}: {part.height} policies")
             continue
-        predicted, flown, ratio = (
+        predicted, actual, ratio = (
             part[name].to_numpy() for name in ("predicted_error", "flown_error", "ratio")
         )
         low, middle, high = np.quantile(ratio, [0.1, 0.5, 0.9])
         within = int(np.sum(np.abs(ratio - 1.0) <= WITHIN))
         lines.append(
             f"{label}: {within} of {part.height} policies within {WITHIN:.0%}, ratio {middle:.2f} "
-            f"({low:.2f} to {high:.2f}), rank {agreement(predicted, flown).spearman:.2f}"
+            f"({low:.2f} to {high:.2f}), rank {agreement(predicted, actual).spearman:.2f}"
         )
     return "; ".join(lines)
 
@@ -136,10 +136,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--reality", action="append", required=True, help="may be repeated")
     parser.add_argument("-o", "--output", type=Path, default=Path("other_simulators"))
-    given = parser.parse_args(arguments)
-    folders = {name: given.output / name.replace(":", "_") for name in given.reality}
+    options = parser.parse_args(arguments)
+    folders = {name: options.output / name.replace(":", "_") for name in options.reality}
     drones = {name: identify_drone(name, folder) for name, folder in folders.items()}
-    trainings = train_policies(drones[given.reality[0]], given.output / "policies")
+    trainings = train_policies(drones[options.reality[0]], options.output / "policies")
     for name, folder in folders.items():
         table = compare_errors(drones[name], find_reality(name), trainings)
         record = results.record(seed=0, inputs=[], settings={"reality": name})

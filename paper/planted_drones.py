@@ -47,7 +47,7 @@ moves the lag by 1.7 ms."""
 TOTAL = "T_m + latency"
 
 
-def flown(policy: Policy, drone: Parameters, seed: int) -> list[Flight]:
+def fly(policy: Policy, drone: Parameters, seed: int) -> list[Flight]:
     """The flights of one drone, from starts of their own."""
     world = Environment.matching(drone, mf.simulator.paper_circle(), mf.simulator.pwm())
     keys = jax.random.split(jax.random.key(seed), FLIGHTS)
@@ -74,17 +74,17 @@ def _fly(world: Environment, policy: Policy, drone: Parameters, keys: jax.Array)
     return jax.vmap(one)(keys)
 
 
-def judged(seeds: range, policy: Policy) -> Iterator[dict[str, Any]]:
+def judge(seeds: range, policy: Policy) -> Iterator[dict[str, Any]]:
     """A row for each drone and quantity; times in ms."""
     for seed in track(seeds, description="drones"):
         generator = np.random.default_rng(seed)
         truth: dict[str, Any] = {
             name: float(generator.uniform(*ends)) for name, ends in DRAWN.items()
         }
-        flights = flown(policy, replace(crazyflie(), **truth, time_step=STEP), seed)
-        found = mf.identify(flights, over=tuple(DRAWN), key=jax.random.key(seed))
-        draws: dict[str, Any] = dict(found.posterior)
-        values: dict[str, Any] = {name: found.estimates[name].value for name in draws}
+        flights = fly(policy, replace(crazyflie(), **truth, time_step=STEP), seed)
+        identification = mf.identify(flights, over=tuple(DRAWN), key=jax.random.key(seed))
+        draws: dict[str, Any] = dict(identification.posterior)
+        values: dict[str, Any] = {name: identification.estimates[name].value for name in draws}
         for of in (draws, values, truth):
             of[TOTAL] = of["motor_time_constant"] + of["latency"]
         for name, samples in draws.items():
@@ -102,10 +102,10 @@ def judged(seeds: range, policy: Policy) -> Iterator[dict[str, Any]]:
             }
 
 
-def summary(found: polars.DataFrame) -> polars.DataFrame:
+def summary(rows: polars.DataFrame) -> polars.DataFrame:
     """Coverage and errors of each quantity."""
     error = polars.col("error")
-    return found.group_by("parameter", maintain_order=True).agg(
+    return rows.group_by("parameter", maintain_order=True).agg(
         polars.len().alias("drones"),
         polars.col("in 90 %", "in 95 %").sum(),
         error.mean().alias("mean error"),
@@ -121,18 +121,18 @@ def main() -> None:
     parser.add_argument("--drones", type=int, default=240)
     parser.add_argument("--updates", type=int, default=1500, help="of the policy's training")
     parser.add_argument("-o", "--output", type=Path, default=Path("planted_drones"))
-    given = parser.parse_args()
+    options = parser.parse_args()
     policy = mf.train(
         mf.simulator.paper_circle(),
         mf.simulator.pwm(),
         uniform_box(crazyflie(), **DRAWN),
         jax.random.split(jax.random.key(0), 1),
-        mf.AnalyticGradient(updates=given.updates),
+        mf.AnalyticGradient(updates=options.updates),
     )[0]
-    found = polars.DataFrame(judged(range(given.drones), policy))
-    results.write(given.output / "planted_drones.csv", found.write_csv())
+    rows = polars.DataFrame(judge(range(options.drones), policy))
+    results.write(options.output / "planted_drones.csv", rows.write_csv())
     with polars.Config(tbl_cols=20, tbl_hide_dataframe_shape=True):
-        print(summary(found))
+        print(summary(rows))
 
 
 if __name__ == "__main__":

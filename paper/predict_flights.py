@@ -31,7 +31,7 @@ LONGEST = 20.0
 """Of the flights [s]."""
 
 
-def published(folder: Path) -> tuple[dict[str, Policy], polars.DataFrame]:
+def read_published(folder: Path) -> tuple[dict[str, Policy], polars.DataFrame]:
     """The authors' policies by "control/number", and their flights: name, control, flight_time_s.
 
     Raises:
@@ -80,11 +80,11 @@ def within_band(compared: polars.DataFrame, flights: polars.DataFrame) -> float:
     joined = flights.join(
         compared.select("policy", "quantile_10", "quantile_90"), left_on="name", right_on="policy"
     )
-    flown = joined["flight_time_s"].to_numpy()
+    durations = joined["flight_time_s"].to_numpy()
     return float(
         np.mean(
-            (joined["quantile_10"].to_numpy() <= flown)
-            & (flown <= joined["quantile_90"].to_numpy())
+            (joined["quantile_10"].to_numpy() <= durations)
+            & (durations <= joined["quantile_90"].to_numpy())
         )
     )
 
@@ -97,19 +97,19 @@ def table(compared: polars.DataFrame, flights: polars.DataFrame) -> polars.DataF
             part if kind == "all" else part.filter(polars.col("control") == kind)
             for part in (compared, flights)
         )
-        found, floor = (
+        shares, floor = (
             agreement(chosen["mean"].to_numpy(), chosen["measured"].to_numpy()),
             one_against_others(own),
         )
         rows.append(
             {
                 "control": kind,
-                "policies": found.policies,
+                "policies": shares.policies,
                 "predicted [s]": chosen["mean"].mean(),
                 "measured [s]": chosen["measured"].mean(),
-                "Spearman": found.spearman,
-                "Pearson": found.pearson,
-                "error [s]": found.mean_absolute_error,
+                "Spearman": shares.spearman,
+                "Pearson": shares.pearson,
+                "error [s]": shares.mean_absolute_error,
                 "within 10 to 90 %": within_band(chosen, own),
                 "floor: Spearman": floor.spearman,
                 "floor: Pearson": floor.pearson,
@@ -178,19 +178,19 @@ def main() -> None:
         default=Path("predicted_flights.svg"),
         help="where to draw (default: %(default)s)",
     )
-    given = parser.parse_args()
+    options = parser.parse_args()
     try:
-        policies, flights = published(given.authors)
+        policies, flights = read_published(options.authors)
         drone = possible_drones(
-            given.drone,
-            0.0 if given.as_it_is else choose_prediction(given.drone),
-            given.seed,
+            options.drone,
+            0.0 if options.as_it_is else choose_prediction(options.drone),
+            options.seed,
         )
-        flown = predict_flight_times(
+        durations = predict_flight_times(
             list(policies.values()),
             drone,
-            jax.random.key(given.seed),
-            trials=given.trials,
+            jax.random.key(options.seed),
+            trials=options.trials,
             names=list(policies),
         )
         measured = (
@@ -198,8 +198,8 @@ def main() -> None:
             .agg(polars.col("flight_time_s").mean().alias("measured"))
             .rename({"name": "policy"})
         )
-        compared = summary(flown).join(measured, on="policy", maintain_order="left")
-        if given.json:
+        compared = summary(durations).join(measured, on="policy", maintain_order="left")
+        if options.json:
             print(
                 json.dumps(
                     {
@@ -217,7 +217,7 @@ def main() -> None:
                 tbl_hide_column_data_types=True,
             ):
                 print(table(compared, flights))
-        results.write(given.chart, picture.svg(chart(compared), 440))
+        results.write(options.chart, picture.svg(chart(compared), 440))
     except InputError as error:
         parser.error(str(error))
 

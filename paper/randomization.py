@@ -51,84 +51,92 @@ from maidenflight.simulator.tasks import tasks
 
 REALITIES = ["virtual:1", "virtual:2", "virtual:3", "pybullet:7"]
 """That nobody has trained for."""
-FLOWN = {"posterior": POSTERIOR, "trim": TRIMS}
+DRONES = {"posterior": POSTERIOR, "trim": TRIMS}
 """Places that `predict_flight_times` flies: drones about the identified one, by name."""
 
 
 def list_places(kind: str, realities: Sequence[str]) -> list[str]:
     """Where policies of a control structure are flown. PWM goes past the firmware."""
-    return [*FLOWN, *([] if kind == "pwm" else [name + OLD for name in FLOWN]), *realities]
+    return [*DRONES, *([] if kind == "pwm" else [name + OLD for name in DRONES]), *realities]
 
 
-def fly(place: str, policies: Mapping[str, Policy], given: argparse.Namespace) -> polars.DataFrame:
+def fly(
+    place: str, policies: Mapping[str, Policy], options: argparse.Namespace
+) -> polars.DataFrame:
     """Flights of policies of one control structure in one place.
 
     Columns: policy, trial, duration [s], end_reason.
 
     Args:
-        place: a key of `FLOWN`, with or without `OLD`; or a reality, as `find_reality` takes it.
+        place: a key of `DRONES`, with or without `OLD`; or a reality, as `find_reality` takes it.
         policies: by name.
-        given: the command line's arguments.
+        options: of the command line.
 
     Raises:
         InputError: the drone's file does not tell of such drones, or there is no such reality.
     """
     # Random numbers depend neither on the other places nor on their order.
     key = jax.random.fold_in(
-        jax.random.key(given.seed),
+        jax.random.key(options.seed),
         int.from_bytes(hashlib.sha256(place.removesuffix(OLD).encode()).digest()[:4]),
     )
     many, names = list(policies.values()), list(policies)
-    if place.removesuffix(OLD) in FLOWN:
-        drones = possible_drones(given.drone, FLOWN[place.removesuffix(OLD)], given.seed)
+    if place.removesuffix(OLD) in DRONES:
+        drones = possible_drones(options.drone, DRONES[place.removesuffix(OLD)], options.seed)
         controller_for = real_controller if place.endswith(OLD) else control.controller_for
         table = predict_flight_times(
             many,
             drones,
             key,
-            trials=given.flights,
-            duration=given.duration,
+            trials=options.flights,
+            duration=options.duration,
             names=names,
             controller_for=controller_for,
         )
     else:
         table = transfer(
-            *(many, [find_reality(place)], given.trials, key),
+            *(many, [find_reality(place)], options.trials, key),
             task=tasks.paper_circle(),
-            duration=given.duration,
+            duration=options.duration,
             names=names,
         ).table
     return table.select("policy", "trial", "duration", "end_reason")
 
 
 def read_or_fly(
-    place: str, kind: str, policies: Mapping[str, Policy], given: argparse.Namespace
+    place: str, kind: str, policies: Mapping[str, Policy], options: argparse.Namespace
 ) -> polars.DataFrame:
     """The result of `fly`, from its file if that is of the same policies and settings.
 
     Raises:
         InputError: the file is of other policies or settings; and see `fly`.
     """
-    path = given.output / "flights" / f"{kind}_{re.sub('[^a-z0-9.-]+', '_', Path(place).name)}.csv"
-    files = [given.output / "policies" / f"{name}.json" for name in policies]
-    trials = given.flights if place.removesuffix(OLD) in FLOWN else given.trials
+    path = (
+        options.output / "flights" / f"{kind}_{re.sub('[^a-z0-9.-]+', '_', Path(place).name)}.csv"
+    )
+    files = [options.output / "policies" / f"{name}.json" for name in policies]
+    trials = options.flights if place.removesuffix(OLD) in DRONES else options.trials
     reality = [place] if Path(place).is_file() else []
     settings = {
         "place": Path(place).name,
         "trials": trials,
-        "duration": given.duration,
+        "duration": options.duration,
         "policies": list(policies),
     }
-    made = results.plain(
-        results.record(seed=given.seed, inputs=[given.drone, *files, *reality], settings=settings)
+    record = results.plain(
+        results.record(
+            seed=options.seed, inputs=[options.drone, *files, *reality], settings=settings
+        )
     )
-    if path.exists() and results.read_record(path) != made:
+    if path.exists() and results.read_record(path) != record:
         raise InputError(
             f"{path}: flights of other policies or settings. Choose another folder with -o."
         )
     if not path.exists():
-        table = fly(place, policies, given)
-        results.write(path, results.table_text(_FLIGHTS, made, table.write_csv(float_precision=2)))
+        table = fly(place, policies, options)
+        results.write(
+            path, results.table_text(_FLIGHTS, record, table.write_csv(float_precision=2))
+        )
     return polars.read_csv(path, comment_prefix="#")
 
 
@@ -186,78 +194,83 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--updates", type=int, help="of training, for all control structures")
     parser.add_argument("--seed", type=int, default=0)
-    given = parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
     try:
-        run(given)
+        run(options)
     except InputError as error:
         parser.error(str(error))
 
 
-def run(given: argparse.Namespace) -> None:
+def run(options: argparse.Namespace) -> None:
     """All of it, for given arguments.
 
     Raises:
         InputError: the drone is no file that `maidenflight identify` wrote, or what earlier runs
             left is of other settings.
     """
-    if not Path(given.drone).is_file():
+    if not Path(options.drone).is_file():
         raise InputError(
-            f"{given.drone}: no such file. Give a drone.toml that `maidenflight identify` wrote."
+            f"{options.drone}: no such file. Give a drone.toml that `maidenflight identify` wrote."
         )
-    if min(given.seeds, given.flights, given.trials) < 1 or given.duration <= 0:
+    if min(options.seeds, options.flights, options.trials) < 1 or options.duration <= 0:
         raise InputError(
             "at least one policy, flight and trial, and a duration above 0 s, are needed."
         )
-    for place in given.realities:
+    for place in options.realities:
         find_reality(place)
-    kinds = [kind for kind in QUICK if kind in (given.control or QUICK)]
+    kinds = [kind for kind in QUICK if kind in (options.control or QUICK)]
     cells = [
         cell
         for cell in CELLS
-        if cell.control in kinds and cell.randomization in (given.randomization or COLOURS)
+        if cell.control in kinds and cell.randomization in (options.randomization or COLOURS)
     ]
-    total = len(cells) + sum(len(list_places(kind, given.realities)) for kind in kinds)
+    total = len(cells) + sum(len(list_places(kind, options.realities)) for kind in kinds)
     done, tables = 0, []
     with terminal.Bar("randomization") as bar:
         for kind in kinds:
             own: list[tuple[Cell, int, Policy]] = []
             for cell in [cell for cell in cells if cell.control == kind]:
                 bar.move(done, total, f"training {cell.name}")
-                settings = choose_settings(cell, given.updates)
+                settings = choose_settings(cell, options.updates)
                 several = train_cell(
-                    cell, given.drone, settings, given.seeds, given.seed, given.output / "policies"
+                    cell,
+                    options.drone,
+                    settings,
+                    options.seeds,
+                    options.seed,
+                    options.output / "policies",
                 )
                 own += [(cell, number, one) for number, one in enumerate(several, 1)]
                 done += 1
             policies = {f"{cell.name}/policy_{number}": one for cell, number, one in own}
-            told = [
+            labels = [
                 {"policy": name, **cell._asdict(), "number": number}
                 for name, (cell, number, _) in zip(policies, own, strict=True)
             ]
-            for place in list_places(kind, given.realities):
+            for place in list_places(kind, options.realities):
                 bar.move(done, total, f"flying {kind} in {place}")
-                table = polars.DataFrame(told).with_columns(place=polars.lit(place))
+                table = polars.DataFrame(labels).with_columns(place=polars.lit(place))
                 tables.append(
                     table.join(
-                        read_or_fly(place, kind, policies, given),
+                        read_or_fly(place, kind, policies, options),
                         on="policy",
                         maintain_order="left",
                     ).drop("policy")
                 )
                 done += 1
     flights = polars.concat(tables)
-    said = {
-        "realities": [Path(place).name for place in given.realities],
-        "flights": given.flights,
-        "trials": given.trials,
-        "duration": given.duration,
-        "policies": {cell.name: given.seeds for cell in cells},
+    run_settings = {
+        "realities": [Path(place).name for place in options.realities],
+        "flights": options.flights,
+        "trials": options.trials,
+        "duration": options.duration,
+        "policies": {cell.name: options.seeds for cell in cells},
     }
-    made = results.record(seed=given.seed, inputs=[given.drone], settings=said)
-    text = results.table_text(_FLIGHTS, made, flights.write_csv(float_precision=2))
-    results.write(given.output / "flights.csv", text)
+    record = results.record(seed=options.seed, inputs=[options.drone], settings=run_settings)
+    text = results.table_text(_FLIGHTS, record, flights.write_csv(float_precision=2))
+    results.write(options.output / "flights.csv", text)
     results.write(
-        given.output / "randomization.svg", picture.svg(draw_chart(flights, given.duration))
+        options.output / "randomization.svg", picture.svg(draw_chart(flights, options.duration))
     )
     with polars.Config(
         tbl_cols=-1,
@@ -268,14 +281,14 @@ def run(given: argparse.Namespace) -> None:
         tbl_hide_column_data_types=True,
     ):
         print("Means over policies, 95 % intervals over policies")
-        print(summarize(flights, given.duration))
+        print(summarize(flights, options.duration))
         print("Differences of shares, 95 % intervals over policies (Welch)")
-        print(compare_randomizations(flights, given.duration))
+        print(compare_randomizations(flights, options.duration))
         print(
-            f"The best policy of each control structure: does it reach {given.duration:g} s in "
+            f"The best policy of each control structure: does it reach {options.duration:g} s in "
             f"{BAR:.0%} of its flights everywhere?"
         )
-        print(find_best_policies(flights, given.duration))
+        print(find_best_policies(flights, options.duration))
 
 
 _FLIGHTS = (

@@ -87,20 +87,20 @@ def train_cell(
     controller = control.CONTROLLERS[cell.control]()
     drones = distribution_of(drone, RANDOMIZATIONS[cell.randomization], controller)
     priced = {"yaw_penalty": YAW_PENALTY} if cell.randomization == "recipe" else {}
-    said = {
+    run_settings = {
         **cell._asdict(),
         "drones": str(drones),
         **priced,
         "policies": seeds,
         **recorded(settings),
     }
-    made = results.record(seed=seed, inputs=[drone], settings=said)
+    record = results.record(seed=seed, inputs=[drone], settings=run_settings)
     # What a cell's policies are depends neither on the other cells nor on what an interrupted run
     # left.
     keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), CELLS.index(cell)), seeds)
     return kept_policies(
         folder / cell.name,
         seeds,
-        made,
+        record,
         lambda: train(choose_task(cell.randomization), controller, drones, keys, settings),
     )

@@ -73,13 +73,13 @@ def average_policies(flights: polars.DataFrame, longest: float) -> polars.DataFr
     mean duration [s].
     """
     duration = polars.col("duration")
-    told = [
+    rows_of_text = [
         polars.len().alias("flights"),
         (duration >= longest - 1e-6).mean().alias("share"),
         duration.mean().alias("mean"),
     ]
     return flights.group_by("control", "randomization", "place", "number", maintain_order=True).agg(
-        *told
+        *rows_of_text
     )
 
 
@@ -160,13 +160,13 @@ def find_best_policies(flights: polars.DataFrame, longest: float) -> polars.Data
             for row in own.iter_rows(named=True)
             if row["share"] < BAR
         ]
-        told = "yes" if not missed else f"no: {', '.join(missed)}"
+        rows_of_text = "yes" if not missed else f"no: {', '.join(missed)}"
         rows.append(
             {
                 "control": kind,
                 "policy": f"{best['randomization']} {best['number']}",
                 "least share": best["least"],
-                "meets it": told,
+                "meets it": rows_of_text,
             }
         )
     return polars.DataFrame(rows)
@@ -199,13 +199,13 @@ def draw_chart(flights: polars.DataFrame, longest: float) -> Figure:
 def _panel(
     policies: polars.DataFrame, kind: str, places: list[str], chosen: list[str], label: str
 ) -> Spec:
-    apart, rows = 0.8 / len(chosen), []
+    width, rows = 0.8 / len(chosen), []
     for (place, name), part in policies.group_by("place", "randomization", maintain_order=True):
         shares = 100 * part["share"].sort().to_numpy()
-        middle = apart * (chosen.index(str(name)) - (len(chosen) - 1) / 2)
+        middle = width * (chosen.index(str(name)) - (len(chosen) - 1) / 2)
         common = {"place": place, "colour": charts.paint(COLOURS[str(name)])}
         rows.append({**common, "kind": "mean", "shift": middle, "y": float(shares.mean())})
-        across = middle + 0.22 * apart * np.linspace(-1, 1, len(shares))
+        across = middle + 0.22 * width * np.linspace(-1, 1, len(shares))
         rows += [
             {**common, "kind": "policy", "shift": shift, "y": share}
             for shift, share in zip(across, shares, strict=True)
@@ -221,7 +221,7 @@ def _panel(
     shared = {"x": x, "y": y, "color": {"field": "colour", "type": "nominal", "scale": None}}
     shared["xOffset"] = charts.number("shift", scale={"domain": [-0.5, 0.5]})
     bar = {"type": "rule", "strokeDash": [7, 4], "color": charts.paint("line")}
-    mean = {"type": "tick", "orient": "horizontal", "size": 0.72 * apart * STEP, "thickness": 2}
+    mean = {"type": "tick", "orient": "horizontal", "size": 0.72 * width * STEP, "thickness": 2}
     layers: list[Spec] = [
         {"data": {"values": [{"y": 100 * BAR}]}, "mark": bar, "encoding": {"y": y}},
         charts.layer("mean", {**mean, "opacity": 0.6}, **shared),

@@ -18,7 +18,7 @@ import jax
 import numpy as np
 import polars
 from agreement import agreement
-from predict_flights import one_against_others, published
+from predict_flights import one_against_others, read_published
 from rich.console import Console
 from rich.table import Table
 
@@ -72,15 +72,15 @@ def split(flights: Sequence[Flight], seed: int) -> tuple[list[Flight], list[Flig
 
 
 def one_step_likelihood(
-    drones: Mapping[str, Parameters], training: Sequence[Flight], judged: Sequence[Flight]
+    drones: Mapping[str, Parameters], training: Sequence[Flight], held_out: Sequence[Flight]
 ) -> dict[str, float]:
     """Log-likelihood per row of held-out flights [nats], noise fitted to training flights."""
-    made, held = (
+    inside, others = (
         OneStep(windows(part, one_step.LENGTH, every=one_step.LENGTH), PERIOD, STEPS)
-        for part in (training, judged)
+        for part in (training, held_out)
     )
     return {
-        name: -held.per_segment(drone, made.noise_model(drone)).sum() / held.rows
+        name: -others.per_segment(drone, inside.noise_model(drone)).sum() / others.rows
         for name, drone in drones.items()
     }
 
@@ -88,33 +88,35 @@ def one_step_likelihood(
 def multi_step_likelihood(
     drones: Mapping[str, Parameters],
     training: Sequence[Flight],
-    judged: Sequence[Flight],
+    held_out: Sequence[Flight],
     rows: int,
 ) -> dict[str, float]:
     """Log density of velocity, attitude and body rates some rows ahead.
 
     Mean and covariance are those of the training flights' errors.
     """
-    made, held = (windows(part, rows) for part in (training, judged))
-    found = {}
+    inside, others = (windows(part, rows) for part in (training, held_out))
+    likelihoods = {}
     for name, drone in drones.items():
         wrong = []
-        for cut in (made, held):
+        for cut in (inside, others):
             ahead = cut.measured[:, -1] - predict(cut, drone, PERIOD)[:, -1]
             ahead[:, 6:9] = (ahead[:, 6:9] + np.pi) % (2 * np.pi) - np.pi
             wrong.append(ahead[:, 3:].astype(np.float64))
         mean, covariance = wrong[0].mean(axis=0), np.cov(wrong[0].T)
         left = wrong[1] - mean
         square = np.einsum("wi,ij,wj->w", left, np.linalg.inv(covariance), left)
-        found[name] = float(-0.5 * (square.mean() + np.linalg.slogdet(2 * np.pi * covariance)[1]))
-    return found
+        likelihoods[name] = float(
+            -0.5 * (square.mean() + np.linalg.slogdet(2 * np.pi * covariance)[1])
+        )
+    return likelihoods
 
 
-def real_controller(found: Identification) -> Parameters:
+def real_controller(identification: Identification) -> Parameters:
     """The drones that `maidenflight predict` flies, with other trims in each flight."""
-    if not set(TRIM) & set(found.estimates):
-        return found.parameters
-    return trim_ensemble(found.parameters, found.estimates, "flights").drones
+    if not set(TRIM) & set(identification.estimates):
+        return identification.parameters
+    return trim_ensemble(identification.parameters, identification.estimates, "flights").drones
 
 
 def flight_times(
@@ -130,7 +132,7 @@ def flight_times(
     names = list(policies)
     real = dict(flights.group_by("name").agg(polars.col("flight_time_s").mean()).iter_rows())
     measured = np.array([real[name] for name in names])
-    flown = {
+    durations = {
         drone: summary(
             predict_flight_times(
                 list(policies.values()), parameters, jax.random.key(seed), names=names
@@ -144,14 +146,19 @@ def flight_times(
         own = flights.filter(
             polars.col("name").is_in([name for name, one in zip(names, chosen, strict=True) if one])
         )
-        found = {drone: agreement(mean[chosen], measured[chosen]) for drone, mean in flown.items()}
-        means = {drone: float(mean[chosen].mean()) for drone, mean in flown.items()}
-        found["one real flight against the others"], means["one real flight against the others"] = (
+        agreements = {
+            drone: agreement(mean[chosen], measured[chosen]) for drone, mean in durations.items()
+        }
+        means = {drone: float(mean[chosen].mean()) for drone, mean in durations.items()}
+        (
+            agreements["one real flight against the others"],
+            means["one real flight against the others"],
+        ) = (
             one_against_others(own),
             float("nan"),
         )
-        for drone, one in found.items():
-            said = {
+        for drone, one in agreements.items():
+            labels = {
                 "spearman": one.spearman,
                 "pearson": one.pearson,
                 "mean absolute error": one.mean_absolute_error,
@@ -161,7 +168,7 @@ def flight_times(
                     "control": kind,
                     "policies": int(chosen.sum()),
                     "drone": drone,
-                    **said,
+                    **labels,
                     "predicted mean": means[drone],
                 }
             )
@@ -190,13 +197,13 @@ def show(title: str, rows: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def parameter_rows(found: Mapping[str, Identification]) -> list[dict[str, str]]:
+def parameter_rows(identifications: Mapping[str, Identification]) -> list[dict[str, str]]:
     """A row a parameter: value and 95 % interval in each identification."""
-    names = dict.fromkeys(name for one in found.values() for name in one.estimates)
+    names = dict.fromkeys(name for one in identifications.values() for name in one.estimates)
     rows = []
     for name in names:
         row = {"parameter": name}
-        for title, one in found.items():
+        for title, one in identifications.items():
             estimate = one.estimates.get(name)
             row[title] = (
                 ""
@@ -216,9 +223,9 @@ def nanobench(folder: Path, seed: int) -> list[str]:
     flights = list(read_flights(folder))
     files = sorted({flight.name.split(" ")[0] for flight in flights})
     judging = set(files[2::3])
-    training, judged = (
-        [flight for flight in flights if (flight.name.split(" ")[0] in judging) == held]
-        for held in (False, True)
+    training, held_out = (
+        [flight for flight in flights if (flight.name.split(" ")[0] in judging) == others]
+        for others in (False, True)
     )
     key = jax.random.key(seed)
     wide = {
@@ -226,13 +233,16 @@ def nanobench(folder: Path, seed: int) -> list[str]:
         "motor_time_constant": (0.01, 0.5),
         "latency": (0.0, 0.05),
     }
-    found = {
+    identifications = {
         "chosen by likelihood": identify(training, ONCE, key=key),
         "three by replay": identify(training, Replay(), key=key, bounds=wide),
     }
-    drones = {**{name: one.parameters for name, one in found.items()}, "paper": mf.crazyflie()}
-    ones = one_step_likelihood(drones, training, judged)
-    many = {rows: multi_step_likelihood(drones, training, judged, rows) for rows in (10, 25, 50)}
+    drones = {
+        **{name: one.parameters for name, one in identifications.items()},
+        "paper": mf.crazyflie(),
+    }
+    ones = one_step_likelihood(drones, training, held_out)
+    many = {rows: multi_step_likelihood(drones, training, held_out, rows) for rows in (10, 25, 50)}
     judge = [
         {
             "drone": name,
@@ -242,13 +252,13 @@ def nanobench(folder: Path, seed: int) -> list[str]:
         for name in drones
     ]
     return [
-        show("NanoBench: drones", parameter_rows(found)),
+        show("NanoBench: drones", parameter_rows(identifications)),
         show(
-            f"NanoBench: log likelihood of {len(judged)} held-out pieces of flight [nats a row or "
-            "window]",
+            f"NanoBench: log likelihood of {len(held_out)} held-out pieces of flight [nats a row "
+            "or window]",
             judge,
         ),
-        show("NanoBench: open loop, held out [m, m/s, deg, rad/s]", open_loop(judged, drones)),
+        show("NanoBench: open loop, held out [m, m/s, deg, rad/s]", open_loop(held_out, drones)),
     ]
 
 
@@ -282,29 +292,29 @@ def main() -> None:
         help="folder for tables and drones",
     )
     parser.add_argument("--seed", type=int, default=0, help="of the split")
-    given = parser.parse_args()
-    if given.nanobench is not None:
+    options = parser.parse_args()
+    if options.nanobench is not None:
         results.write(
-            given.output / "nanobench.md",
-            "\n\n".join(nanobench(given.nanobench, given.seed)) + "\n",
+            options.output / "nanobench.md",
+            "\n\n".join(nanobench(options.nanobench, options.seed)) + "\n",
         )
         return
     everything = {
-        structure: list(read_flights(given.authors / "flights" / structure))
+        structure: list(read_flights(options.authors / "flights" / structure))
         for structure in STRUCTURES
     }
-    parts = {structure: split(flights, given.seed) for structure, flights in everything.items()}
-    training, judged = parts["pwm"]
-    held = {
+    parts = {structure: split(flights, options.seed) for structure, flights in everything.items()}
+    training, held_out = parts["pwm"]
+    others = {
         f"{structure}/{policy_of(flight)}"
         for structure, (_, flights) in parts.items()
         for flight in flights
     }
-    policies, flown = published(given.authors)
-    policies = {name: policy for name, policy in policies.items() if name in held}
+    policies, flight_table = read_published(options.authors)
+    policies = {name: policy for name, policy in policies.items() if name in others}
 
-    key = jax.random.key(given.seed)
-    found = {
+    key = jax.random.key(options.seed)
+    identifications = {
         "chosen by likelihood": identify(training, ONCE, key=key),
         "three by replay": identify(training, Replay(), key=key),
         "ten by replay (the trap)": identify(
@@ -315,15 +325,18 @@ def main() -> None:
             },
         ),
     }  # fmt: skip
-    drones = {name: one.parameters for name, one in found.items()}
+    drones = {name: one.parameters for name, one in identifications.items()}
     drones["paper"] = mf.crazyflie()
     texts = [
-        show("Drones identified from seven of ten PWM policies' flights", parameter_rows(found))
+        show(
+            "Drones identified from seven of ten PWM policies' flights",
+            parameter_rows(identifications),
+        )
     ]
-    gains = [dataclasses.asdict(gain) for gain in found["chosen by likelihood"].gains]
+    gains = [dataclasses.asdict(gain) for gain in identifications["chosen by likelihood"].gains]
     texts.append(show("Gain of each group [nats a row, held-out flights]", gains))
-    ones = one_step_likelihood(drones, training, judged)
-    many = {rows: multi_step_likelihood(drones, training, judged, rows) for rows in (10, 25, 50)}
+    ones = one_step_likelihood(drones, training, held_out)
+    many = {rows: multi_step_likelihood(drones, training, held_out, rows) for rows in (10, 25, 50)}
     judge = [
         {
             "drone": name,
@@ -334,20 +347,20 @@ def main() -> None:
     ]
     texts.append(
         show(
-            f"First judge: log likelihood of {len(judged)} held-out PWM flights [nats a row or "
+            f"First judge: log likelihood of {len(held_out)} held-out PWM flights [nats a row or "
             "window]",
             judge,
         )
     )
-    flying = {**drones, **{name: real_controller(one) for name, one in found.items()}}
+    flying = {**drones, **{name: real_controller(one) for name, one in identifications.items()}}
     texts.append(
         show(
             "Second judge: flight times of held-out policies [s]",
-            flight_times(flying, policies, flown, given.seed),
+            flight_times(flying, policies, flight_table, options.seed),
         )
     )
     texts.append(
-        show("Open loop, held-out PWM flights [m, m/s, deg, rad/s]", open_loop(judged, drones))
+        show("Open loop, held-out PWM flights [m, m/s, deg, rad/s]", open_loop(held_out, drones))
     )
     by_structure = {
         structure: identify(flights, ONCE, key=key) for structure, flights in everything.items()
@@ -356,9 +369,9 @@ def main() -> None:
         [flight for flights in everything.values() for flight in flights], ONCE, key=key
     )
     texts.append(show("By control structure, all flights", parameter_rows(by_structure)))
-    for name, one in {**found, **by_structure}.items():
-        one.write(given.output / f"{name.replace(' ', '_')}.toml")
-    results.write(given.output / "real_flights.md", "\n\n".join(texts) + "\n")
+    for name, one in {**identifications, **by_structure}.items():
+        one.write(options.output / f"{name.replace(' ', '_')}.toml")
+    results.write(options.output / "real_flights.md", "\n\n".join(texts) + "\n")
 
 
 if __name__ == "__main__":

@@ -77,14 +77,14 @@ CONTROLLERS: dict[str, Makes] = {
 """Controllers of the firmware, as they are."""
 
 
-class Given(NamedTuple):
+class Sources(NamedTuple):
     """What is flown beside our own."""
 
     authors: Path | None
     raptor: bool
 
 
-def trained(
+def train_policies(
     folder: Path, drone: str | Path, kind: float | str, policies: int, memory: int = 0
 ) -> list[Policy]:
     """Policies of one training, made unless they are there."""
@@ -102,7 +102,7 @@ def trained(
     return [read_policy(file).policy for file in files]
 
 
-def identified(folder: Path, seed: int) -> Path:
+def identify_drone(folder: Path, seed: int) -> Path:
     """The drone file identified from recorded flights, made unless it is there."""
     file = folder / "drone.toml"
     if not file.exists():
@@ -115,10 +115,10 @@ def identified(folder: Path, seed: int) -> Path:
     return file
 
 
-def published(folder: Path) -> list[Policy]:
+def read_published(folder: Path) -> list[Policy]:
     """The authors' policies of `PUBLISHED`."""
     archive = np.load(folder / "policies.npz")
-    found = []
+    policies = []
     for number in PUBLISHED:
         (place,) = np.flatnonzero((archive["control"] == "pwm") & (archive["policy"] == number))
 
@@ -128,7 +128,7 @@ def published(folder: Path) -> list[Policy]:
             )
 
         mean, deviation = archive["observation_mean"][place], archive["observation_std"][place]
-        found.append(
+        policies.append(
             Policy(
                 weights=layers("W"),
                 biases=layers("b"),
@@ -136,37 +136,37 @@ def published(folder: Path) -> list[Policy]:
                 observation_std=jnp.asarray(deviation + EPSILON, jnp.float32),
             )
         )
-    return found
+    return policies
 
 
 def rivals_of(
-    folder: Path, drone: VirtualDrone, seed: int, policies: int, given: Given
+    folder: Path, drone: VirtualDrone, seed: int, policies: int, sources: Sources
 ) -> dict[str, Sequence[AnyPolicy]]:
     """All policies that fly a drone, by their training."""
-    made = partial(trained, policies=policies)
-    known = identified(folder / drone.name, seed)
-    found: dict[str, Sequence[AnyPolicy]] = {
-        f"unidentified, {name}": made(folder / UNKNOWN / name, UNKNOWN, kind)
+    train = partial(train_policies, policies=policies)
+    known = identify_drone(folder / drone.name, seed)
+    rivals: dict[str, Sequence[AnyPolicy]] = {
+        f"unidentified, {name}": train(folder / UNKNOWN / name, UNKNOWN, kind)
         for name, kind in RANDOMIZATIONS.items()
     }
-    found["unidentified, any, memory"] = made(
+    rivals["unidentified, any, memory"] = train(
         folder / UNKNOWN / "any, memory", UNKNOWN, ANY, memory=MEMORY
     )
-    found |= {
-        f"identified, {name}": made(folder / drone.name / name, known, kind)
+    rivals |= {
+        f"identified, {name}": train(folder / drone.name / name, known, kind)
         for name, kind in OF_IDENTIFIED.items()
     }
-    if given.authors is not None:
-        found[OTHERS[0]] = published(given.authors)
-    if given.raptor:
+    if sources.authors is not None:
+        rivals[OTHERS[0]] = read_published(sources.authors)
+    if sources.raptor:
         for name in OTHERS[1:]:
             raptor = foreign_policy(name)
             assert raptor is not None
-            found[name] = [raptor]
-    return found
+            rivals[name] = [raptor]
+    return rivals
 
 
-def controlled(
+def fly_controller(
     makes: Makes, drone: VirtualDrone, axis: str, flights: int, name: str
 ) -> polars.DataFrame:
     """A controller's flights along an axis of speed, in rows as `envelope.envelope` gives."""
@@ -206,7 +206,7 @@ def _fly(
     steps = round(seconds * env.controller.interface.rate)
 
     def one(key: jax.Array) -> Rows:
-        act = lambda seen, _: jnp.zeros(4) if policy is None else policy(seen)  # noqa: E731
+        act = lambda observation, _: jnp.zeros(4) if policy is None else policy(observation)  # noqa: E731
         return engine.simulate(env, act, drone, key, steps)
 
     return jax.vmap(one)(keys)
@@ -231,9 +231,9 @@ def precision(
         controller = makers[name] if policy is None else control.controller_for(policy.interface)
         spec = PolicySpec() if policy is None else policy.spec
         env = drone.environment(task, controller, spec=spec)
-        flown = jax.tree.map(np.asarray, _fly(env, drone.parameters, keys, policy, SECONDS))
+        columns = jax.tree.map(np.asarray, _fly(env, drone.parameters, keys, policy, SECONDS))
         for number in range(flights):
-            one = Rows(*(column[number] for column in flown))
+            one = Rows(*(column[number] for column in columns))
             log = SimulatedFlight(
                 one,
                 controller.interface.rate,
@@ -262,7 +262,7 @@ def table(
     axes: Sequence[str],
     policies: int,
     flights: int,
-    given: Given,
+    sources: Sources,
 ) -> polars.DataFrame:
     """A row a flight, as `envelope.envelope` gives; policies are called by their training.
 
@@ -272,27 +272,27 @@ def table(
     drones = [virtual_drone(seed) for seed in seeds]
     for axis in axes:
         for drone, seed in zip(drones, seeds, strict=True):
-            flown = rivals_of(folder, drone, seed, policies, given)
+            rivals = rivals_of(folder, drone, seed, policies, sources)
             makers = CONTROLLERS if isinstance(envelope.AXES[axis], envelope.SpeedRamp) else {}
-            for name in [*flown, *makers]:
+            for name in [*rivals, *makers]:
                 if name in OTHERS and axis != "circle":
                     continue
                 file = folder / drone.name / axis / f"{name}.csv"
                 if not file.exists():
                     print(f"{drone.name} along {axis}: {name}", flush=True)
-                    found = (
+                    flights_of_name = (
                         envelope.envelope(
-                            flown[name],
+                            rivals[name],
                             drone,
                             axis,
                             flights=flights,
                             task=tasks.TASKS[TASK](),
-                            names=[f"{name}: {place + 1}" for place in range(len(flown[name]))],
+                            names=[f"{name}: {place + 1}" for place in range(len(rivals[name]))],
                         )
-                        if name in flown
-                        else controlled(makers[name], drone, axis, flights, name)
+                        if name in rivals
+                        else fly_controller(makers[name], drone, axis, flights, name)
                     )
-                    results.write(file, found.write_csv())
+                    results.write(file, flights_of_name.write_csv())
                 parts.append(polars.read_csv(file, schema_overrides=_NUMBERS))
     return polars.concat(parts)
 
@@ -300,7 +300,7 @@ def table(
 _NUMBERS: Any = dict.fromkeys(("reached", "hardest", "limit"), polars.Float64)
 
 
-def by_training(found: polars.DataFrame) -> polars.DataFrame:
+def by_training(flights: polars.DataFrame) -> polars.DataFrame:
     """Mean envelope over policies of a training and over drones, and the worst of them.
 
     A policy that flies nothing counts as 0. `low` and `high` are a 95 % interval of the mean: a
@@ -309,7 +309,7 @@ def by_training(found: polars.DataFrame) -> polars.DataFrame:
     Source: Efron and Tibshirani 1993, An introduction to the bootstrap, sec. 13.3.
     """
     training = polars.col("policy").str.split(": ").list.first().alias("training")
-    each = envelope.summary(found).with_columns(
+    each = envelope.summary(flights).with_columns(
         training, value=polars.col("envelope").fill_nan(0.0)
     )
     rows = []
@@ -343,30 +343,30 @@ def main() -> None:
     parser.add_argument("--authors", type=Path, help="folder of the authors' policies.npz")
     parser.add_argument("--raptor", action="store_true", help="needs foundation-policy")
     parser.add_argument("-o", "--output", type=Path, default=Path("rivals"))
-    given = parser.parse_args()
-    beside = Given(given.authors, given.raptor)
-    found = table(
-        given.output,
-        given.drones,
-        given.along,
-        given.policies,
-        given.flights,
-        beside,
+    options = parser.parse_args()
+    extra = Sources(options.authors, options.raptor)
+    flights = table(
+        options.output,
+        options.drones,
+        options.along,
+        options.policies,
+        options.flights,
+        extra,
     )
-    results.write(given.output / "rivals.csv", found.write_csv())
+    results.write(options.output / "rivals.csv", flights.write_csv())
     of_drones = [
         precision(
-            rivals_of(given.output, drone, seed, given.policies, beside), drone, given.flights
+            rivals_of(options.output, drone, seed, options.policies, extra), drone, options.flights
         )
-        for seed, drone in ((seed, virtual_drone(seed)) for seed in given.drones)
+        for seed, drone in ((seed, virtual_drone(seed)) for seed in options.drones)
     ]
     close = polars.concat(of_drones)
-    results.write(given.output / "precision.csv", close.write_csv())
+    results.write(options.output / "precision.csv", close.write_csv())
     with polars.Config(
         tbl_rows=200, tbl_cols=20, tbl_hide_dataframe_shape=True, fmt_str_lengths=40
     ):
-        print(envelope.summary(found))
-        print(by_training(found))
+        print(envelope.summary(flights))
+        print(by_training(flights))
         print(
             close.group_by("training", maintain_order=True).agg(
                 polars.len().alias("flights"),

@@ -65,7 +65,7 @@ PAPER: dict[int, dict[str, tuple[float, float]]] = {
 table:results-sim-opt)."""
 TRUTH = {name: mean for name, (mean, _) in PAPER[30].items()}
 """xi of the virtual drone: the paper's, T = 30."""
-SHOWN = {
+PARAMETERS = {
     "thrust_to_weight": ("k_F", 1.0, 3),
     "motor_time_constant": ("T_m, ms", 1e3, 1),
     "latency": ("latency, ms", 1e3, 1),
@@ -91,7 +91,7 @@ class Entry:
     flights: str
     method: str
     length: int
-    found: Identification
+    identification: Identification
     at_paper: float
     """Objective at the paper's values of this T."""
     truth: dict[str, float] | None
@@ -99,7 +99,7 @@ class Entry:
     @property
     def objectives(self) -> list[float]:
         """Lowest objective of each trial."""
-        trials = self.found.search.filter(polars.col("trial") > 0).group_by(
+        trials = self.identification.search.filter(polars.col("trial") > 0).group_by(
             "trial", maintain_order=True
         )
         return trials.agg(polars.col("objective").min())["objective"].to_list()
@@ -130,16 +130,17 @@ def entries(
         for method in reversed(METHODS):
             evaluations = plan.evaluations if method == "bayesian" else 60
             key = jax.random.key(plan.seed)
-            found = identify(
+            identification = identify(
                 flights,
                 Replay(method, length, trials=plan.trials, evaluations=evaluations),
                 key=key,
             )
             print(
-                f"{name}, T = {length}, {method}: {found.windows} windows, {found.seconds:.1f} s",
+                f"{name}, T = {length}, {method}: {identification.windows} windows, "
+                f"{identification.seconds:.1f} s",
                 file=sys.stderr,
             )
-            yield Entry(name, method, length, found, at_paper, truth)
+            yield Entry(name, method, length, identification, at_paper, truth)
 
 
 def spread(mean: float, deviation: float, scale: float, decimals: int) -> str:
@@ -152,15 +153,15 @@ def where(value: float, low: float, high: float) -> str:
     return "below" if value < low else "above" if value > high else "inside"
 
 
-def table(name: str, found: Sequence[Entry], lengths: Sequence[int]) -> list[list[str]]:
+def table(name: str, results: Sequence[Entry], lengths: Sequence[int]) -> list[list[str]]:
     """Rows of the table of one set of flights, in the paper's layout."""
-    by = {(entry.method, entry.length): entry for entry in found}
+    by = {(entry.method, entry.length): entry for entry in results}
     rows = []
-    for parameter, (words, scale, decimals) in SHOWN.items():
+    for parameter, (words, scale, decimals) in PARAMETERS.items():
         bayesian, gradient = (
             [by[method, length] for length in lengths] for method in ("bayesian", "gradient")
         )
-        estimates = [entry.found.estimates[parameter] for entry in gradient]
+        estimates = [entry.identification.estimates[parameter] for entry in gradient]
         rows.append(
             [
                 words,
@@ -168,7 +169,7 @@ def table(name: str, found: Sequence[Entry], lengths: Sequence[int]) -> list[lis
                 *(spread(*PAPER[length][parameter], scale, decimals) for length in lengths),
             ]
         )
-        theirs = [entry.found.estimates[parameter] for entry in bayesian]
+        theirs = [entry.identification.estimates[parameter] for entry in bayesian]
         rows.append(
             [
                 "",
@@ -209,18 +210,18 @@ def table(name: str, found: Sequence[Entry], lengths: Sequence[int]) -> list[lis
             ]
         )
     excess = [
-        by["gradient", length].at_paper / by["gradient", length].found.value - 1
+        by["gradient", length].at_paper / by["gradient", length].identification.value - 1
         for length in lengths
     ]
     rows.append(["", "at paper's", *(f"{100 * share:+.1f} %" for share in excess)])
     return rows
 
 
-def as_data(found: Iterable[Entry]) -> polars.DataFrame:
+def as_data(results: Iterable[Entry]) -> polars.DataFrame:
     """A row for each parameter of each entry, SI units."""
     rows = []
-    for entry in found:
-        for parameter, estimate in entry.found.estimates.items():
+    for entry in results:
+        for parameter, estimate in entry.identification.estimates.items():
             low, high = estimate.interval
             mean, deviation = PAPER[entry.length][parameter]
             rows.append(
@@ -228,7 +229,7 @@ def as_data(found: Iterable[Entry]) -> polars.DataFrame:
                     "flights": entry.flights,
                     "length": entry.length,
                     "method": entry.method,
-                    "windows": entry.found.windows,
+                    "windows": entry.identification.windows,
                     "parameter": parameter,
                     "trial_mean": estimate.trial_mean,
                     "trial_sd": estimate.trial_sd,
@@ -262,7 +263,7 @@ def markdown(tables: dict[str, list[list[str]]], columns: list[str], record: str
     )
 
 
-def planned(arguments: Sequence[str] | None) -> argparse.Namespace:
+def parse_arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
     """What the command line asks for; `--small` sets what is not given."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -307,21 +308,23 @@ def planned(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Identifies, prints and writes."""
-    plan = planned(arguments)
-    made = virtual_flights(plan.seed, plan.flights, plan.duration)
-    found = {"Virtual flights, truth known": list(entries("virtual", made, plan, dict(TRUTH)))}
+    plan = parse_arguments(arguments)
+    recordings = virtual_flights(plan.seed, plan.flights, plan.duration)
+    by_title = {
+        "Virtual flights, truth known": list(entries("virtual", recordings, plan, dict(TRUTH)))
+    }
     if plan.logs is not None:
         for name, flights in sets_of_flights(plan.logs):
-            found[f"Real flights: {name}"] = list(entries(name, flights, plan, None))
+            by_title[f"Real flights: {name}"] = list(entries(name, flights, plan, None))
     names = ("lengths", "evaluations", "trials", "flights", "duration")
     settings = {name: getattr(plan, name) for name in names}
     record = json.dumps(results.record(seed=plan.seed, inputs=[], settings=settings))
     columns = ["", "", *(f"T = {length}" for length in plan.lengths)]
-    tables = {title: table(title, some, plan.lengths) for title, some in found.items()}
+    tables = {title: table(title, some, plan.lengths) for title, some in by_title.items()}
     for title, rows in tables.items():
         terminal.print_table(title, columns, rows)
     print("\n".join(NOTES))
-    everything = as_data(entry for some in found.values() for entry in some)
+    everything = as_data(entry for some in by_title.values() for entry in some)
     results.write(plan.output / "table_2.md", markdown(tables, columns, record))
     results.write(
         plan.output / "table_2.csv",

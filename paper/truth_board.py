@@ -158,7 +158,7 @@ SIMULATED = (
     "crazyflow:cf2x_L250+sensors",
 )
 """Drones of other simulators, without and with the noise of sensors."""
-TOLD = ("thrust_to_weight", "motor_time_constant", "inertia_x", "inertia_y")
+PARAMETERS = ("thrust_to_weight", "motor_time_constant", "inertia_x", "inertia_y")
 """What of them stands on the board."""
 
 
@@ -183,15 +183,15 @@ def simulated_rows(name: str) -> Iterator[dict[str, Any]]:
         # Logs without forces tell the inertia over mass and arm.
         arms = [float(one.mass) * arm_length(one) for one in (start, truth)]
         values = {}
-        for one in TOLD:
+        for one in PARAMETERS:
             scale = arms[0] / arms[1] if one.startswith("inertia") else 1.0
             values[one] = (float(component(truth, one)) * scale,) * 2
-        found = mf.identify(flights, start=start, key=jax.random.key(0))
+        identification = mf.identify(flights, start=start, key=jax.random.key(0))
         drone = Drone((), "", None, values, f"its makers; start: {label}")
-        yield from rows_of(name, drone, found, None)
+        yield from rows_of(name, drone, identification, None)
 
 
-def read(drone: Drone, data: Path) -> list[Flight]:
+def read_drone_flights(drone: Drone, data: Path) -> list[Flight]:
     """Flights of a drone, in the order of their files."""
     files = [file for pattern in drone.files for file in sorted(data.glob(pattern))]
     return [flight for file in files for flight in read_flights(file, drone=drone.start)]
@@ -205,41 +205,48 @@ def speed_share(flights: Sequence[Flight], drone: Parameters) -> float | None:
             continue
         most = min(20.0, 0.4 / flight.period)
         band = butter(2, [2 * flight.period * hertz for hertz in (0.5, most)], "band", output="sos")
-        measured, found = (
+        measured, identification = (
             sosfiltfilt(band, np.nan_to_num(np.asarray(speed, float)), axis=0)
             for speed in (flight.rotor_speed, rotors(flight, drone).speed)
         )
-        product = (measured * found).sum(axis=0) ** 2 / np.maximum((found**2).sum(axis=0), 1e-12)
+        product = (measured * identification).sum(axis=0) ** 2 / np.maximum(
+            (identification**2).sum(axis=0), 1e-12
+        )
         explained, whole = explained + product.sum(), whole + (measured**2).sum()
     return float(explained / whole) if whole else None
 
 
-def per_square(flights: Sequence[Flight], found: Identification) -> np.ndarray:
+def per_square(flights: Sequence[Flight], identification: Identification) -> np.ndarray:
     """Samples of a rotor's thrust over its squared speed, means over the flights."""
     command = np.concatenate([one.command for one in flights]).clip(0.0).astype(float)
     speeds = [one.rotor_speed for one in flights if one.rotor_speed is not None]
-    linear = found.posterior.get("thrust_linear", float(found.parameters.thrust_linear))
+    linear = identification.posterior.get(
+        "thrust_linear", float(identification.parameters.thrust_linear)
+    )
     shares = (1 - linear) * command.mean() + linear * np.sqrt(command).mean()
-    weight = float(found.parameters.mass * found.parameters.gravity) / 4
+    weight = float(identification.parameters.mass * identification.parameters.gravity) / 4
     square = np.mean(np.square(np.concatenate(speeds), dtype=float))
-    return found.posterior["thrust_to_weight"] * shares * weight / square
+    return identification.posterior["thrust_to_weight"] * shares * weight / square
 
 
 def rows_of(
     name: str,
     drone: Drone,
-    found: Identification,
+    identification: Identification,
     share: float | None,
     flights: Sequence[Flight] = (),
 ) -> Iterator[dict[str, Any]]:
     """A row for each quantity that was measured, SI units."""
     for quantity, (least, most) in drone.truth.items():
         if quantity == TOTAL:
-            draws = found.posterior["motor_time_constant"] + found.posterior["latency"]
+            draws = (
+                identification.posterior["motor_time_constant"]
+                + identification.posterior["latency"]
+            )
         elif quantity == PER_SQUARE:
-            draws = per_square(flights, found)
+            draws = per_square(flights, identification)
         else:
-            draws = found.posterior.get(quantity)
+            draws = identification.posterior.get(quantity)
         row = {"drone": name, "quantity": quantity, "least": least, "most": most}
         row |= {"rotor_speed_r2": share, "source": drone.source}
         if draws is None:
@@ -247,9 +254,9 @@ def rows_of(
             continue
         low, value, high = (float(end) for end in np.quantile(draws, [0.025, 0.5, 0.975]))
         needs = {TOTAL: "motor_time_constant", PER_SQUARE: "thrust_to_weight"}
-        told = needs.get(quantity, quantity) in found.estimates
+        is_known = needs.get(quantity, quantity) in identification.estimates
         yield row | {
-            "found": value if told else None,
+            "found": value if is_known else None,
             "low": low,
             "high": high,
             "high_over_low": high / low if low > 0 else None,
@@ -259,10 +266,12 @@ def rows_of(
 
 def real_rows(name: str, data: Path) -> Iterator[dict[str, Any]]:
     """Rows of a public drone."""
-    drone, flights = DRONES[name], read(DRONES[name], data)
+    drone, flights = DRONES[name], read_drone_flights(DRONES[name], data)
     used = [replace(one, rotor_speed=None) if drone.hide else one for one in flights]
-    found = mf.identify(used, start=drone.parameters, key=jax.random.key(0))
-    yield from rows_of(name, drone, found, speed_share(flights, found.parameters), flights)
+    identification = mf.identify(used, start=drone.parameters, key=jax.random.key(0))
+    yield from rows_of(
+        name, drone, identification, speed_share(flights, identification.parameters), flights
+    )
 
 
 def lag_rows(data: Path) -> Iterator[dict[str, Any]]:
@@ -274,9 +283,9 @@ def lag_rows(data: Path) -> Iterator[dict[str, Any]]:
                 hidden = [thinned(replace(one, rotor_speed=None), every) for one in parts]
                 ends = []
                 for some in (parts, hidden):
-                    seen = estimate_motor_response(some, np.random.default_rng(0), crazyflie())
-                    if seen is not None:
-                        total = seen.lag + seen.latency
+                    response = estimate_motor_response(some, np.random.default_rng(0), crazyflie())
+                    if response is not None:
+                        total = response.lag + response.latency
                         ends.append(1e3 * np.quantile(total, [0.025, 0.5, 0.975]))
                 if len(ends) == 2:
                     (_, measured, _), (low, value, high) = (end.tolist() for end in ends)
@@ -330,11 +339,11 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", default=every, help="drones to identify again")
     parser.add_argument("--lag", action="store_true", help="add the lag of every log")
     parser.add_argument("-o", "--output", type=Path, default=Path("truth_board"))
-    given = parser.parse_args()
-    table = given.output / "truth_board.csv"
+    options = parser.parse_args()
+    table = options.output / "truth_board.csv"
     rows = polars.read_csv(table).to_dicts() if table.exists() else []
-    for name in given.only:
-        new = list(real_rows(name, given.data) if name in DRONES else simulated_rows(name))
+    for name in options.only:
+        new = list(real_rows(name, options.data) if name in DRONES else simulated_rows(name))
         if not new:
             continue
         rows = [row for row in rows if row["drone"] != name] + new
@@ -342,9 +351,9 @@ def main() -> None:
         results.write(table, polars.DataFrame(rows, infer_schema_length=None).write_csv())
         print("\n".join(map(_cell, new)), flush=True)
     PAGE.write_text(HEAD + "\n".join(map(_cell, rows)) + "\n")
-    if given.lag:
-        lags = polars.DataFrame(lag_rows(given.data))
-        results.write(given.output / "lags.csv", lags.write_csv())
+    if options.lag:
+        lags = polars.DataFrame(lag_rows(options.data))
+        results.write(options.output / "lags.csv", lags.write_csv())
         with polars.Config(tbl_rows=200, tbl_cols=20, tbl_hide_dataframe_shape=True):
             print(lags)
 

@@ -21,7 +21,7 @@ import numpy as np
 import polars
 from agreement import agreement
 from jaxtyping import Float
-from predict_flights import one_against_others, published
+from predict_flights import one_against_others, read_published
 
 from maidenflight import compiler, parameters
 from maidenflight.errors import InputError
@@ -56,14 +56,14 @@ def mean_command(files: Sequence[Path]) -> Float[np.ndarray, "4"] | None:
     Raises:
         InputError: a file is damaged or not one of the authors' logs.
     """
-    flown = [np.zeros((0, 4))]
+    all_commands = [np.zeros((0, 4))]
     for file in files:
         parts, _ = authors.flights(tables.read(file, f"{file.parent.name}/{file.name}"))
         commands = np.concatenate([flight.command for flight, _ in parts])[
             round(BEGIN / authors.PERIOD) :
         ]
-        flown.append(commands[np.isfinite(commands).all(axis=1)])
-    rows = np.concatenate(flown)
+        all_commands.append(commands[np.isfinite(commands).all(axis=1)])
+    rows = np.concatenate(all_commands)
     return rows.mean(axis=0, dtype=np.float64) if len(rows) else None
 
 
@@ -79,19 +79,19 @@ def mean_commands(folder: Path, names: Sequence[str]) -> dict[str, Float[np.ndar
     Raises:
         InputError: see `mean_command`; or no logs at all.
     """
-    found = {}
+    commands = {}
     for name in names:
         control, number = name.split("/")
         files = sorted((folder / "flights" / control / f"policy_{int(number):03d}").glob("*.csv*"))
         command = mean_command(files)
         if command is not None:
-            found[name] = command
-    if not found:
+            commands[name] = command
+    if not commands:
         raise InputError(
             f"{folder / 'flights'}: no logs of {BEGIN} s of these {len(names)} policies. Give the "
             "folder of the authors' data."
         )
-    return found
+    return commands
 
 
 def balanced_torque(command: Float[np.ndarray, "4"], drone: Parameters) -> float:
@@ -130,8 +130,8 @@ def fly(
     ]
     columns = (("as_it_is", as_it_is), ("own_trim", polars.concat(own)))
     first, second = (
-        summary(flown).select("policy", polars.col("mean").alias(column))
-        for column, flown in columns
+        summary(prediction).select("policy", polars.col("mean").alias(column))
+        for column, prediction in columns
     )
     return first.join(second, on="policy", maintain_order="left")
 
@@ -139,10 +139,10 @@ def fly(
 def agreements(compared: polars.DataFrame, flights: polars.DataFrame) -> polars.DataFrame:
     """How well both predictions, and one real flight, tell the measured mean flight times."""
     measured = compared["measured"].to_numpy()
-    found = {
+    values = {
         name: agreement(compared[name].to_numpy(), measured) for name in ("as_it_is", "own_trim")
     }
-    found["one real flight against the others"] = one_against_others(flights)
+    values["one real flight against the others"] = one_against_others(flights)
     rows = [
         {
             "prediction": name,
@@ -150,7 +150,7 @@ def agreements(compared: polars.DataFrame, flights: polars.DataFrame) -> polars.
             "Pearson": one.pearson,
             "error [s]": one.mean_absolute_error,
         }
-        for name, one in found.items()
+        for name, one in values.items()
     ]
     return polars.DataFrame(rows)
 
@@ -186,22 +186,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
         action="store_true",
         help="print one JSON object: a row a policy, and the agreement",
     )
-    given = parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
     try:
-        policies, flights = published(given.authors)
-        drone = parameters.read_drone(given.drone)
-        asked = {
+        policies, flights = read_published(options.authors)
+        drone = parameters.read_drone(options.drone)
+        chosen_policies = {
             name: policy
             for name, policy in policies.items()
-            if given.control in (policy.interface.name, "all")
+            if options.control in (policy.interface.name, "all")
         }
-        commands = mean_commands(given.authors, list(asked))
-        flights = flights.filter(polars.col("name").is_in(list(asked)))
+        commands = mean_commands(options.authors, list(chosen_policies))
+        flights = flights.filter(polars.col("name").is_in(list(chosen_policies)))
         # Flights too short to tell a trim are flown on the drone as it is.
         own = float(parameters.component(drone, "torque_bias_z"))
         trims = {
             name: balanced_torque(commands[name], drone) if name in commands else own
-            for name in asked
+            for name in chosen_policies
         }
         measured = (
             flights.group_by("name")
@@ -209,22 +209,23 @@ def main(arguments: Sequence[str] | None = None) -> None:
             .rename({"name": "policy"})
         )
         counts = [
-            COUNTS * float(YAW @ commands[name]) if name in commands else None for name in asked
+            COUNTS * float(YAW @ commands[name]) if name in commands else None
+            for name in chosen_policies
         ]
         table = polars.DataFrame(
-            {"policy": list(asked), "yaw_counts": counts, "trim": list(trims.values())}
+            {"policy": list(chosen_policies), "yaw_counts": counts, "trim": list(trims.values())}
         )
-        flown = fly(asked, drone, trims, given.seed, given.trials)
+        predictions = fly(chosen_policies, drone, trims, options.seed, options.trials)
         compared = table.join(measured, on="policy", maintain_order="left").join(
-            flown, on="policy", maintain_order="left"
+            predictions, on="policy", maintain_order="left"
         )
         agreed = agreements(compared, flights)
     except InputError as error:
         parser.error(str(error))
-    if given.json:
+    if options.json:
         print(json.dumps({"agreement": agreed.to_dicts(), "policies": compared.to_dicts()}))
         return
-    shown = compared.select(
+    display = compared.select(
         "policy",
         polars.col("measured").alias("measured [s]"),
         polars.col("yaw_counts").round(0).cast(polars.Int32).alias("yaw command [counts]"),
@@ -244,7 +245,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             "The drone's own yaw trim: "
             f"{1e5 * float(parameters.component(drone, 'torque_bias_z')):.2f}e-5 N m"
         )
-        print(shown)
+        print(display)
         print(agreed)
 
 

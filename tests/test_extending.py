@@ -18,13 +18,9 @@ Patches = dict[str, tuple[str, str]]
 
 PARAMETER: Patches = {
     "parameters/quantities.py": (
-        "    flapping_moment: Any = quantity(",
-        '    buoyancy: Any = quantity("body", "b", "m/s2", (0.0, 5.0), "of a balloon", "a test")\n'
-        "    flapping_moment: Any = quantity(",
-    ),
-    "parameters/named.py": (
-        "        flapping_moment=(0.0, 0.0),\n",
-        "        flapping_moment=(0.0, 0.0),\n        buoyancy=0.0,\n",
+        "    flapping_moment: Any = _body(",
+        '    buoyancy: Any = _body("b [m/s2]", 0.0, (0.0, 5.0), "of a balloon", "a test")\n'
+        "    flapping_moment: Any = _body(",
     ),
     "simulator/physics/dynamics.py": (
         "lift[2] - parameters.gravity",

@@ -88,7 +88,6 @@ def test_numbered_files_are_found_in_their_order(tmp_path):
 )
 def test_evaluations_lie_beside_their_drone(drone, evaluations):
     assert run_folder.evaluations_path(drone).as_posix() == evaluations
-    assert run_folder.picture_path(drone).as_posix() == evaluations.replace(".csv", ".svg")
 
 
 @pytest.mark.parametrize("stages", ["3", '{"train": "long"}', '{"train": -1}', '{"train": true}'])

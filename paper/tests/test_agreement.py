@@ -42,7 +42,7 @@ def test_a_drone_of_three_parameters_ranks_the_published_pwm_policies_as_their_f
     shared_data: Path,
 ) -> None:
     """0.89 and 3.5 s measured; the paper's drone misses their times by 5.8 s."""
-    policies, flights = predict_flights.published(shared_data / "authors")
+    policies, flights = predict_flights.read_published(shared_data / "authors")
     own = {name: policy for name, policy in policies.items() if name.startswith("pwm/")}
     measured = np.array(
         [flights.filter(name=name)["flight_time_s"].to_numpy().mean() for name in own]

@@ -16,7 +16,7 @@ FOUND = {"motor_time_constant": Estimate(0.176, (0.132, 0.22), (0.176,), 0.0)}
 
 def test_what_others_give_is_within_the_bounds_of_the_parameter() -> None:
     for name, (field, _) in COMPONENTS.items():
-        for source, value in literature.published(name).items():
+        for source, value in literature.list_published(name).items():
             assert QUANTITIES[field].lower <= value <= QUANTITIES[field].upper
             assert source
 
@@ -29,7 +29,7 @@ def test_values_are_multiples_of_the_papers_and_said_as_they_are() -> None:
     assert [one["x"] for one in of(figure, series="paper")] == [1.0]
     assert [one["x"] for one in of(figure, series="truth", kind="end")] == pytest.approx([1.0, 1.5])
     others = {one["source"]: one["x"] for one in of(figure, series="others")}
-    for source, given in literature.published("motor_time_constant").items():
+    for source, given in literature.list_published("motor_time_constant").items():
         assert others[source] == pytest.approx(given / 0.088, rel=1e-5)
     low, high = figure.panels[0]["layer"][-1]["encoding"]["x"]["scale"]["domain"]
     assert all(low < row["x"] < high for row in rows(figure))

@@ -6,7 +6,6 @@ RL-tools.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -60,14 +59,9 @@ class Gru:
 
 
 def untrained_gru(key: Array, inputs: int, size: int) -> Gru:
-    """Returns a unit that keeps most of its memory from one period to the next.
+    """Returns a unit of M numbers that keeps most of its memory from one period to the next.
 
     Weights are uniform within 1 / sqrt(M), as PyTorch's; the update gate's bias is 2.
-
-    Args:
-        key: random key.
-        inputs: I.
-        size: M.
     """
     bound = np.float32(1.0 / np.sqrt(size))
     first, second = jax.random.split(key)
@@ -80,8 +74,3 @@ def untrained_gru(key: Array, inputs: int, size: int) -> Gru:
         jnp.asarray(biases),
         jnp.zeros(rows),
     )
-
-
-def fields_of(gru: Gru) -> dict[str, Any]:
-    """Returns the arrays by name."""
-    return {name: getattr(gru, name) for name in Gru.__dataclass_fields__}

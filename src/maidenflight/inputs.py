@@ -42,15 +42,7 @@ def content(path: StrPath) -> bytes:
 
 
 def check_growth(packed: int, plain: int) -> None:
-    """Checks how much compressed data grows, before it does or while it does.
-
-    Args:
-        packed: bytes of the file.
-        plain: bytes of what it holds.
-
-    Raises:
-        ValueError: more than a log does.
-    """
+    """Refuses (ValueError) compressed data that grows to more bytes than a log, while it does."""
     if plain > min(max(UNBOUNDED, MOST_GROWTH * packed), MOST_BYTES):
         raise ValueError(
             f"{packed / 1e6:.1f} MB that unpack to {plain / 1e6:.0f} MB or more, as no log does"
@@ -69,11 +61,7 @@ def gunzip(raw: bytes) -> bytes:
 
 
 def blocks(path: StrPath, size: int) -> Iterator[bytes]:
-    """Reads the bytes of a file, decompressed if it is a gzip file, some at a time.
-
-    Args:
-        path: the file.
-        size: bytes at a time, at most.
+    """Reads the bytes of a file, decompressed if it is a gzip file, at most `size` at a time.
 
     Raises:
         ValueError, EOFError, OSError, zlib.error: see `gunzip` and `content`.
@@ -97,11 +85,7 @@ def _unpack(file: BinaryIO, packed: int, size: int) -> Iterator[bytes]:
 
 
 def beginning(path: StrPath, count: int) -> bytes:
-    """Returns the first bytes of a file.
-
-    Args:
-        path: of the file.
-        count: bytes to read at most.
+    """Returns the first bytes of a file, at most so many.
 
     Raises:
         OSError: see `content`.
@@ -128,11 +112,7 @@ def text(path: StrPath) -> str:
 
 
 def readable(path: StrPath, kind: str = "text") -> str:
-    """Returns the text of a file that a user gives.
-
-    Args:
-        path: the file.
-        kind: what it should be, for the error.
+    """Returns the text of a file that a user gives; the error names its kind.
 
     Raises:
         InputError: it cannot be read.
@@ -144,12 +124,7 @@ def readable(path: StrPath, kind: str = "text") -> str:
 
 
 def toml_file(path: StrPath, kind: str, cure: str) -> dict[str, Any]:
-    """Returns the content of a TOML file that a user gives.
-
-    Args:
-        path: the file.
-        kind: what it should be, for the error.
-        cure: what to do where it is not, as a sentence.
+    """Returns the content of a TOML file that a user gives; the error has its kind and a cure.
 
     Raises:
         InputError: it cannot be read, or is not TOML.
@@ -161,7 +136,7 @@ def toml_file(path: StrPath, kind: str, cure: str) -> dict[str, Any]:
 
 
 def json_file(path: StrPath, cure: str) -> Any:
-    """Returns the content of a JSON file of ours; arguments as of `toml_file`.
+    """Returns the content of a JSON file of ours; the error has a cure.
 
     Raises:
         InputError: it cannot be read, or is not JSON.
@@ -243,13 +218,7 @@ class Fields:
     """
 
     def __init__(self, content: Any, place: str, title: str, cure: str):
-        """Begins with a table.
-
-        Args:
-            content: what was read in its place.
-            place: the file.
-            title: the table's name in it.
-            cure: what to do where the table is damaged, as a sentence.
+        """Begins with the content of a file's table of that title; errors have the cure.
 
         Raises:
             InputError: it is no table.

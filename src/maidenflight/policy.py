@@ -88,11 +88,7 @@ class Policy:
         return dataclasses.replace(self, weights=weights, biases=biases, gru=gru)
 
     def must_be_plain(self) -> None:
-        """Refuses a subclass, whose network files and other programs cannot hold.
-
-        Raises:
-            InputError: it is one.
-        """
+        """Refuses a subclass, whose network files and other programs cannot hold."""
         if type(self) is not Policy:
             raise InputError(
                 f"{type(self).__name__}: has a network of its own, which neither policy files nor "
@@ -100,14 +96,7 @@ class Policy:
             )
 
     def check(self, place: str = "policy") -> None:
-        """Checks that shapes and numbers make sense.
-
-        Args:
-            place: what errors name, such as the file.
-
-        Raises:
-            InputError: they do not.
-        """
+        """Refuses shapes and numbers that make no sense; errors name the place, such as a file."""
         _check_sizes(self, place)
         if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(self)):
             raise InputError(
@@ -127,10 +116,8 @@ def untrained_policy(
 ) -> Policy:
     """Draws a policy with Kaiming-uniform weights and zero biases, or as its form says.
 
-    Its last layer is small, so that it starts near a constant.
-
-    Observations are scaled by fixed, round numbers of the circle task's size; training changes only
-    the network.
+    Its last layer is small, so that it starts near a constant. Observations are scaled by fixed,
+    round numbers of the circle task's size; training changes only the network.
 
     Args:
         key: random key.

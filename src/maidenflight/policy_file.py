@@ -16,7 +16,7 @@ from jaxtyping import Array
 
 from maidenflight import inputs, results
 from maidenflight.errors import InputError
-from maidenflight.gru import Gru, fields_of
+from maidenflight.gru import Gru
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import GEOMETRY
 from maidenflight.policy import Policy
@@ -53,12 +53,25 @@ class PolicyFile:
 
     @classmethod
     def read(cls, path: StrPath, control: str | None = None) -> "PolicyFile":
-        """Reads a policy file, ours or the authors'; see `read`.
+        """Reads a policy file, ours or the authors', recognised by content.
+
+        Args:
+            path: the file.
+            control: what the authors' policy commands; by default, the control structure that the
+                file's name begins with, such as `attitude_rate_066.json`, or that its folder is
+                called. Ours say it themselves.
 
         Raises:
-            InputError: as of `read`.
+            InputError: no such file; or see `from_json`.
         """
-        return read_policy(path, control)
+        path = Path(path)
+        if path.is_dir():
+            first = min(path.glob("*.json"), default=None)
+            cure = f"Give one file of it, such as {first}." if first else _SUCH_AS
+            raise InputError(f"{path}: a folder, not a policy. {cure}")
+        if not path.exists():
+            raise InputError(f"{path}: cannot be read as a policy: no such file. {_SUCH_AS}")
+        return from_json(inputs.readable(path, "a policy"), str(path), control)
 
     def write(self, path: StrPath) -> Path:
         """Writes the policy with its record.
@@ -105,10 +118,7 @@ class PolicyFile:
 
     @property
     def rotors(self) -> dict[str, list[float]] | None:
-        """Places [m] and directions of the rotors that the policy was trained for.
-
-        By field of `parameters.Parameters`; None if unknown.
-        """
+        """Places [m] and directions of the rotors trained for, by field, if known."""
         rotors = self.record.get("rotors")
         if not isinstance(rotors, dict) or rotors.keys() != set(GEOMETRY):
             return None
@@ -147,20 +157,12 @@ def to_json(policy: Policy, record: Mapping[str, Any] | None = None) -> str:
         "layers": layers,
     }
     if policy.gru is not None:
-        arrays = fields_of(policy.gru)
-        content["gru"] = {name: _decimals(array) for name, array in arrays.items()}
+        content["gru"] = {name: _decimals(array) for name, array in vars(policy.gru).items()}
     return json.dumps(content)
 
 
 def from_json(text: str, place: str = "policy", control: str | None = None) -> PolicyFile:
     """Reads the text of a policy file, ours or the authors', recognised by content.
-
-    Args:
-        text: content of the file.
-        place: what errors name, usually the file.
-        control: what the authors' policy commands, one of `interface.CONTROLS`, which also sets the
-            rate; by default, what `place` begins with or its folder is called. Ours say it
-            themselves.
 
     Raises:
         InputError: neither kind of policy; it is damaged, or its shapes or numbers make no sense;
@@ -192,7 +194,6 @@ def from_json(text: str, place: str = "policy", control: str | None = None) -> P
 
 
 def _own(content: Mapping[str, Any], place: str) -> Policy:
-    """The policy of a file of ours."""
     try:
         weights = tuple(_numbers(layer["weights"]) for layer in content["layers"])
         biases = tuple(_numbers(layer["biases"]) for layer in content["layers"])
@@ -259,23 +260,4 @@ def write_policy(path: StrPath, policy: Policy, record: Mapping[str, Any] | None
     return results.write(path, to_json(policy, record) + "\n")
 
 
-def read_policy(path: StrPath, control: str | None = None) -> PolicyFile:
-    """Reads a policy file, ours or the authors', recognised by content.
-
-    Args:
-        path: the file.
-        control: what the authors' policy commands; by default, the control structure that the
-            file's name begins with, such as `attitude_rate_066.json`, or that its folder is called.
-            Ours say it themselves.
-
-    Raises:
-        InputError: no such file; or see `from_json`.
-    """
-    path = Path(path)
-    if path.is_dir():
-        first = min(path.glob("*.json"), default=None)
-        cure = f"Give one file of it, such as {first}." if first else _SUCH_AS
-        raise InputError(f"{path}: a folder, not a policy. {cure}")
-    if not path.exists():
-        raise InputError(f"{path}: cannot be read as a policy: no such file. {_SUCH_AS}")
-    return from_json(inputs.readable(path, "a policy"), str(path), control)
+read_policy = PolicyFile.read

@@ -28,12 +28,7 @@ _LOCK_TIMEOUT = 0.2
 def write(path: StrPath, content: str | bytes) -> Path:
     """Writes a file atomically: even after a power cut it has its old content or the new.
 
-    Args:
-        path: where to write; missing folders are made.
-        content: text (UTF-8, newlines as they are) or bytes.
-
-    Returns:
-        The path.
+    Missing folders are made; text is UTF-8 with newlines as they are.
 
     Raises:
         WriteError: the folder or the file cannot be written; its former content stays.
@@ -63,17 +58,12 @@ def write(path: StrPath, content: str | bytes) -> Path:
 
 
 def claim(path: StrPath, timeout: float = _LOCK_TIMEOUT) -> Callable[[], None]:
-    """Locks a place against other processes of this computer and user.
+    """Locks a place, which need not exist, against other processes of this computer and user.
 
-    Args:
-        path: a file or a folder; it need not exist, and nothing is written to it.
-        timeout: longest wait for another process [s].
-
-    Returns:
-        A function that releases the lock. The end of the process releases it too, even a kill.
+    Returns a function that releases the lock. The end of the process releases it too, even a kill.
 
     Raises:
-        InputError: another process holds the lock.
+        InputError: another process holds the lock for longer than the timeout [s].
     """
     from filelock import FileLock, Timeout
 
@@ -101,12 +91,9 @@ def claim(path: StrPath, timeout: float = _LOCK_TIMEOUT) -> Callable[[], None]:
 
 
 def remove_older(written: Sequence[StrPath], record: Mapping[str, Any]) -> None:
-    """Removes tables that an earlier run of the same kind left beside those just written.
+    """Removes tables that an earlier run of the same kind left beside CSV files just written.
 
-    Args:
-        written: CSV files of one folder.
-        record: how they were made; what an earlier run wrote has a record that names the same
-            settings.
+    What an earlier run wrote has a record that names the same settings.
     """
     new_files = {Path(path) for path in written}
     folders = {path.parent for path in new_files}
@@ -153,12 +140,8 @@ def record(
 def recorded_inputs(record: Mapping[str, Any], place: str) -> dict[str, str]:
     """Returns the files that a record names: their names by the digest of their content.
 
-    Args:
-        record: as `record` made it.
-        place: the file that holds it, for errors.
-
     Raises:
-        InputError: its `inputs` are no list of names with digests.
+        InputError: its `inputs` are no list of names with digests; `place` is the record's file.
     """
     entries = record.get("inputs", [])
     if not isinstance(entries, list):
@@ -186,13 +169,7 @@ def record_line(record: Mapping[str, Any] | None) -> str:
 
 
 def table_text(heading: str, record: Mapping[str, Any], rows: str) -> str:
-    """Returns the text of a table with comments above it: what it is, and its record.
-
-    Args:
-        heading: what the table is, beginning with "# ".
-        record: how it was made.
-        rows: the CSV's text.
-    """
+    """Returns the text of a CSV table below a heading, such as "# flights", and its record."""
     return f"{heading}\n{record_line(record)}\n{rows}"
 
 

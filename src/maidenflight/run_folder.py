@@ -265,11 +265,6 @@ def evaluations_path(drone: StrPath) -> Path:
     return path.with_name(named)
 
 
-def picture_path(drone: StrPath) -> Path:
-    """Returns where the picture of an identification goes, beside the evaluations."""
-    return evaluations_path(drone).with_suffix(".svg")
-
-
 def windows_path(validation: StrPath) -> Path:
     """Returns where the windows of a validation go: `NAME_windows.csv` for `NAME.csv`."""
     path = Path(validation)

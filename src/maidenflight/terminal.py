@@ -35,11 +35,9 @@ class Bar(Progress):
     """A progress bar on standard error, with the time since it began."""
 
     def __init__(self, title: str, remaining: bool = True) -> None:
-        """Makes a bar, to be entered as a context.
+        """Makes a bar with a title, to be entered as a context.
 
-        Args:
-            title: what goes on.
-            remaining: whether to show how long it will still take, as if all of it were alike.
+        `remaining`: it shows how long it will still take, as if all of it were alike.
         """
         self._title, self._remaining = title, remaining
         self._bar: Any = None

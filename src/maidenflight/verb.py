@@ -137,18 +137,10 @@ class Verb:
         return None if value is PENDING else value
 
     def check(self) -> None:
-        """Refuses settings that do not go together or name what is not there.
-
-        Raises:
-            InputError: as above.
-        """
+        """Refuses settings that do not go together or name what is not there."""
 
     def check_early(self) -> None:
-        """Refuses what can be refused before anything heavy is imported.
-
-        Raises:
-            InputError: as of `check`, which calls it too.
-        """
+        """Refuses what can be refused before anything heavy is imported; before `check`."""
 
     def choose_output(self, output: StrPath | None) -> Any:
         """Returns where to write: a path, or an address such as s3://BUCKET; None: nowhere."""
@@ -167,12 +159,7 @@ class Verb:
         return False
 
     def compute(self, output: Any, progress: Progress) -> Result:
-        """Does the stage and writes its files.
-
-        Args:
-            output: what `choose_output` returned.
-            progress: called with its progress.
-        """
+        """Does the stage and writes its files to what `choose_output` returned."""
         raise NotImplementedError
 
     def discard_state(self, output: Path) -> None:
@@ -181,9 +168,7 @@ class Verb:
     def run(self, output: StrPath | None = None, progress: Progress = SILENT) -> Result:
         """Does the stage: checks the settings, computes, and writes the files.
 
-        Args:
-            output: where to write; the verb's own default by default.
-            progress: called with its progress.
+        The output is the verb's own by default.
 
         Raises:
             InputError: the settings do not go together, or an input is wrong.
@@ -203,11 +188,8 @@ class Verb:
     def make_record(self, inputs: Sequence[StrPath] = (), **more: Any) -> dict[str, Any]:
         """Returns how a result is made, for its files; see `results.record`.
 
-        Settings are the fields, without folders, and without those that take no part in the result.
-
-        Args:
-            inputs: files that are read.
-            more: further settings, or others in place of the fields' own.
+        Settings are the fields, without folders, and without those that take no part in the result;
+        `more` are further ones, or others in place of the fields' own.
         """
         settings: dict[str, Any] = {}
         for name, (attribute, one) in self.settings().items():

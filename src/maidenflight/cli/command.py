@@ -129,8 +129,6 @@ def _parameter(name: str, setting: Setting, known: bool = False) -> click.Parame
 
 
 def _common_options(verb: type[Verb], rare: bool) -> list[click.Parameter]:
-    """Returns the options that every verb has."""
-
     def show_every_option(context: click.Context, _: click.Parameter, requested: bool) -> None:
         if requested:
             context.meta["every_option"] = True
@@ -213,10 +211,7 @@ def _set_up_jax(verb: Verb) -> None:
 def claim(place: Path, overwrite: bool, resume: bool | None) -> None:
     """Refuses a place where something is or another process writes, and locks it for this one.
 
-    Args:
-        place: where the command is to write.
-        overwrite: whether it may replace what is there.
-        resume: whether it is to go on with what is there; None for a verb that cannot.
+    `resume` says whether it is to go on with what is there, None of a verb that cannot.
 
     Raises:
         InputError: something is there, or another process writes there.

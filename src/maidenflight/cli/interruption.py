@@ -78,11 +78,8 @@ def handle_sigint(patience: float | None = None) -> Iterator[None]:
 
     One that falls into a callback of the garbage collector, JAX's or another, is dropped there, and
     is sent again. One that falls into the start of an extension module comes out as that module's
-    ImportError, and is taken for what it was.
-
-    Args:
-        patience: of a process of a command: after this time a Ctrl-C that has come to nothing ends
-            it, and one in an import at once [s].
+    ImportError, and is taken for what it was. In a process of a command one that has come to
+    nothing ends it after `patience` [s], and one in an import at once.
     """
     global _line
     _line = plainly
@@ -175,11 +172,9 @@ def _written(file: Path) -> tuple[int, int] | None:
 def resumable(checkpoint: Path | None, again: str = "--resume") -> Iterator[None]:
     """Says how to go on where work is interrupted that a checkpoint, a file or a folder, holds.
 
-    Or that it holds nothing yet: a file may be that of an earlier run, which this one replaces.
-
-    Args:
-        checkpoint: as above; None: there is nothing to go on from.
-        again: option by which the command goes on; nothing for one that always does.
+    Or that it holds nothing yet: a file may be that of an earlier run, which this one replaces. The
+    option `again` goes on; it is empty for a command that always does. Without a checkpoint there
+    is nothing to go on from.
     """
     global _line
     if checkpoint is None:

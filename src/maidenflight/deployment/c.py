@@ -197,13 +197,7 @@ def _evaluated(policy: Policy, observations: Numbers) -> Numbers:
 
 
 def remembered(gru: Gru, values: NDArray[Any], memory: NDArray[Any]) -> NDArray[Any]:
-    """Returns what a recurrent unit remembers next, of a batch, in float64.
-
-    Args:
-        gru: the unit.
-        values: its inputs, (B, I).
-        memory: before, (B, M).
-    """
+    """Returns what a recurrent unit remembers next, of a batch of inputs, (B, I), in float64."""
 
     def gates(weights: Any, inputs: NDArray[Any], biases: Any) -> list[NDArray[Any]]:
         sums = inputs @ np.asarray(weights, np.float64).T + np.asarray(biases, np.float64)
@@ -264,7 +258,6 @@ def _hover(share: float) -> str:
 
 
 def _array(name: str, numbers: Numbers) -> str:
-    """A constant table in C."""
     rows = [", ".join(_literal(number) for number in row) for row in np.atleast_2d(numbers)]
     blocks = rows if numbers.ndim == 1 else [f"{{{row}}}," for row in rows]
     lines = "\n".join(

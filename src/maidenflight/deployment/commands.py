@@ -39,21 +39,13 @@ def described(interface: ControlInterface) -> str:
 
 
 def check_hover(share: float | None) -> None:
-    """Checks the share of full thrust at which a drone hovers; None where it is not known.
-
-    Raises:
-        InputError: it is no share.
-    """
+    """Refuses what is no share of full thrust to hover at; None where it is not known."""
     if share is not None and not 0.0 < share <= 1.0:
         raise InputError(f"hover = {share}; expected a share above 0 and at most 1.")
 
 
 def check_form(policy: Policy) -> None:
-    """Checks that a network sees observations as they are, and gives actions.
-
-    Raises:
-        InputError: it does not.
-    """
+    """Refuses a network that does not see observations as they are, or give actions."""
     form = policy.spec.form
     if form != INSTANTS:
         raise InputError(

@@ -5,9 +5,8 @@ from collections.abc import Collection
 
 import polars
 
-from maidenflight.experiments.recovery import LASTS
 from maidenflight.experiments.transfer import LIMIT_CYCLE
-from maidenflight.simulator.tasks.failures import BACKUP
+from maidenflight.simulator.tasks.failures import BACKUP, LARGEST, REACHED
 
 RULE = (
     "longest mean flight, or farthest along the axes; among those within 2 % of it no limit cycle, "
@@ -18,21 +17,17 @@ ALIKE = 0.98
 """Share of the longest mean flight from which flights are as long."""
 LEAST_TILT_MARGIN = 8.0
 """Margin to the guard of the tilt below which a policy is reported [deg]; ours."""
-LARGEST = ("largest_tilt", "largest_body_rate", "largest_distance")
-"""Columns of the largest values of a flight, in SI units; see `failures.largest`."""
 
 
 def summarize(flights: polars.DataFrame) -> polars.DataFrame:
     """Returns flights, those that reached the time limit, mean duration [s] and error [m].
 
-    A row a policy and reality, with the largest tilt [rad], body rate [rad/s] and distance [m].
-
-    Args:
-        flights: the table of `transfer`.
+    A row a policy and reality of a `transfer`, with the largest tilt [rad], body rate [rad/s] and
+    distance [m].
     """
     return flights.group_by("policy", "reality", maintain_order=True).agg(
         polars.len().alias("flights"),
-        (polars.col("end_reason") == LASTS).sum().alias("time_limit"),
+        (polars.col("end_reason") == REACHED).sum().alias("time_limit"),
         polars.col("duration").mean(),
         polars.col("position_error").mean(),
         polars.col("command_change").mean(),
@@ -42,12 +37,10 @@ def summarize(flights: polars.DataFrame) -> polars.DataFrame:
 
 
 def choose_best(flights: polars.DataFrame, among: Collection[str]) -> str | None:
-    """Returns the best policy by `RULE`; None among none.
+    """Returns the best of some policies by `RULE`; None among none.
 
-    Args:
-        flights: a row a flight with policy and duration, and position_error and command_change
-            where they are known: the tables of `transfer`, `predict_flight_times` and `envelope`.
-        among: policies to choose from.
+    Flights are a row each with policy and duration, and position_error and command_change where
+    they are known: the tables of `transfer`, `predict_flight_times` and `envelope`.
     """
     if not among:
         return None
@@ -66,8 +59,7 @@ def choose_best(flights: polars.DataFrame, among: Collection[str]) -> str | None
 def describe_margins(summary: polars.DataFrame) -> list[str]:
     """Returns a sentence on policies whose flights lasted, but tilted nearly as far as a guard.
 
-    Args:
-        summary: what `summarize` or `flight_times.summary` returns.
+    By what `summarize` or `flight_times.summary` returns.
     """
     limit = math.degrees(BACKUP.tilt)
     tilt = polars.col("largest_tilt").degrees()
@@ -83,11 +75,7 @@ def describe_margins(summary: polars.DataFrame) -> list[str]:
 
 
 def describe_limit_cycles(summary: polars.DataFrame) -> list[str]:
-    """Returns a sentence on each policy and reality whose motors are thrown between their limits.
-
-    Args:
-        summary: what `summarize` returns.
-    """
+    """Returns a sentence on each policy and reality whose motors are thrown between limits."""
     return [
         f"{row['policy']} in {row['reality']} changes its commands by {row['command_change']:.2f} "
         f"of full thrust in 10 ms, {100 * row['at_limits']:.0f} % of them at a limit: a limit "

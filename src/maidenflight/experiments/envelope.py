@@ -23,7 +23,7 @@ from maidenflight.flying.pilots import AnyPolicy, ForeignPilot, PolicyPilot, pil
 from maidenflight.flying.rows import Rows, SimulatedFlight
 from maidenflight.flying.scenario import Change, Scenario
 from maidenflight.parameters import QUANTITIES, Parameters, replace
-from maidenflight.simulator.realities import additions
+from maidenflight.simulator.realities.additions import loaded
 from maidenflight.simulator.realities.reality import AnyReality, Reality
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone, must_be_virtual
 from maidenflight.simulator.tasks import tasks, trajectories
@@ -81,10 +81,6 @@ def _in_wind(drone: Parameters, grade: float, number: int) -> Parameters:
     return replace(drone, wind=(grade * math.cos(heading), grade * math.sin(heading), 0.0))
 
 
-def _loaded(drone: Parameters, grade: float, _: int) -> Parameters:
-    return additions.loaded(drone, grade)
-
-
 def _drained(drone: Parameters, grade: float, _: int) -> Parameters:
     return replace(drone, battery_voltage=drone.battery_voltage - np.float32(grade))
 
@@ -109,7 +105,7 @@ _HARDER = (
     SpeedRamp("m/s", trajectories.accelerating_circle, 3.0, 0.5),
     SpeedRamp("m/s", trajectories.accelerating_figure_eight, 3.0, 1.0 / 3.0),
     Condition("m/s", _grades(1.0, 12), _in_wind, Partial(gust)),
-    Condition("of mass", _grades(0.05, 12), _loaded),
+    Condition("of mass", _grades(0.05, 12), lambda drone, grade, _: loaded(drone, grade)),
     Condition("V less", _grades(0.1, 12), _drained),
     Condition("of a rotor's thrust", _grades(0.05, 10), _damaged),
     Condition("s more", _grades(0.0025, 12), _late),
@@ -131,9 +127,8 @@ def choose_axes(task: str) -> tuple[str, ...]:
 def limit(axis: str, reality: AnyReality) -> float:
     """Returns the fastest that physics allows [m/s].
 
-    NaN under a condition and where thrust is not known.
-
-    A level curve of radius r takes v^2 / r sideways beside g upwards, and thrust gives k_F g.
+    NaN under a condition and where thrust is not known. A level curve of radius r takes v^2 / r
+    sideways beside g upwards, and thrust gives k_F g.
     """
     pace = AXES[axis]
     if not isinstance(pace, SpeedRamp) or isinstance(reality, Reality):
@@ -206,7 +201,6 @@ def _speeds_reached(
     keys: Array,
     base_task: Task,
 ) -> list[float]:
-    """Returns the speed that each flight reaches."""
     if pace.of is None:
         path, slowest = trajectories.hastening(base_task.reference, pace.fastest), 1.0
     else:
@@ -223,10 +217,7 @@ def _speeds_reached(
 def steps_done(rows: Rows, rate: int, estimated: bool = False) -> int:
     """Returns rows until a guard trips or the distance's mean over `WINDOW_S` exceeds `WITHIN_M`.
 
-    Args:
-        rows: one flight.
-        rate: its rows a second.
-        estimated: whether the drone's estimates are judged.
+    The flight has `rate` rows a second; with `estimated` the drone's estimates are judged.
     """
     steps, reason = rows.end(LOST, estimated)
     # The row in which it is lost does not count; the tilt that speed takes trips no guard here.
@@ -271,12 +262,9 @@ def _succeeds(flight: SimulatedFlight) -> bool:
 def summary(flights: polars.DataFrame) -> polars.DataFrame:
     """Returns the envelope of each policy and reality along each axis, with a 95 % interval.
 
-    Args:
-        flights: rows of `envelope`.
-
     Returns:
-        One row a policy, reality and axis: flights, envelope (what `SHARE` of the flights reach),
-        low and high (percentiles of a bootstrap over flights), median, unit, hardest and limit.
+        One row a policy, reality and axis of `envelope`: flights, envelope (what `SHARE` of them
+        reach), low and high (percentiles of a bootstrap), median, unit, hardest and limit.
         NaN: more than the other flights fly nothing at all.
 
     Source: Efron and Tibshirani 1993, An introduction to the bootstrap, sec. 13.3.
@@ -306,5 +294,4 @@ def summary(flights: polars.DataFrame) -> polars.DataFrame:
 
 
 def _reached_by_most(reached: Float[np.ndarray, "n"]) -> float:
-    """The most that `SHARE` of the flights reach."""
     return float(np.sort(reached)[math.floor((1.0 - SHARE) * len(reached) + 1e-9)])

@@ -160,7 +160,7 @@ def _fly_kind(
     start: Start,
     controller_for: Callable[[ControlInterface], Controller],
 ) -> Iterator[tuple[FlightOutcome, np.ndarray]]:
-    """How each policy's flights went, and the places of their drones; policies of one kind.
+    """Returns how each policy's flights went, and the places of their drones; policies of one kind.
 
     They fly in portions of one size: the same program flies few and many, in bounded memory.
     """
@@ -259,10 +259,7 @@ QUANTILES = (10, 25, 50, 75, 90)
 
 
 def summary(flights: polars.DataFrame) -> polars.DataFrame:
-    """Returns one row a policy, in the order of the flights.
-
-    Args:
-        flights: what `predict_flight_times` gives.
+    """Returns one row a policy, in the order of `predict_flight_times`.
 
     Returns:
         policy, control, trials; mean and quantiles (`QUANTILES`, in percent) of the duration [s],
@@ -297,11 +294,8 @@ def outlives(flights: polars.DataFrame) -> Float[np.ndarray, "policies policies"
 
     Of equal durations, such as two at the time limit, each counts half.
 
-    Args:
-        flights: what `predict_flight_times` gives.
-
     Returns:
-        Row over column, in the order of the flights; 0.5 along the diagonal.
+        Row over column, in the order of `predict_flight_times`; 0.5 along the diagonal.
 
     Source: Mann and Whitney 1947, On a test of whether one of two random variables is larger.
     """
@@ -324,9 +318,7 @@ def describe_alike(
 ) -> list[str]:
     """Returns a sentence on the policies that cannot be told apart from the best one.
 
-    Args:
-        summary: what `summary` returns.
-        against_best: column of `outlives` of the policy with the longest mean.
+    By their `summary` and the best one's column of `outlives`.
     """
     names = summary["policy"].to_list()
     best = int(np.argmax(summary["mean"].to_numpy()))

@@ -9,26 +9,20 @@ from jaxtyping import Float
 
 from maidenflight.flights.log import Flight
 from maidenflight.simulator.realities import additions
-from maidenflight.simulator.tasks.failures import END_REASONS, TIME_LIMIT
+from maidenflight.simulator.tasks.failures import REACHED
 
 WITHIN_M = 0.05
 """Distance from the set-point [m] within which a flight is back."""
 SOON_S = 2.0
 """Time after the change [s] in which a flight is back soon."""
-LASTS = END_REASONS[TIME_LIMIT]
-"""End reason of a flight that no guard ends."""
 
 
 def recovery(errors: Float[np.ndarray, "F T"], rate: float, at: float) -> Float[np.ndarray, "F"]:
-    """Returns the time after the change from which a flight stays within `WITHIN_M`, to its end.
+    """Returns the time after the change from which a flight stays within `WITHIN_M` to its end [s].
 
-    Args:
-        errors: distances from the set-point [m], one row a flight.
-        rate: distances a second [Hz]; the first is at the flight's start.
-        at: when the drone changes [s].
-
-    Returns:
-        [s]; infinite where a flight is never back, or ends before the drone changes.
+    Errors are distances from the set-point [m], one row a flight and so many a second, the first at
+    its start; the drone changes at `at` [s]. Infinite where a flight is never back, or ends before
+    the drone changes.
     """
     far = ~(errors[:, round(at * rate) :] <= WITHIN_M)
     if not far.shape[1]:
@@ -44,11 +38,7 @@ def distance(flight: Flight) -> Float[np.ndarray, "N"]:
 
 
 def of_flights(table: polars.DataFrame, flights: Sequence[Flight]) -> polars.DataFrame:
-    """Returns the flights whose drone changes, as the names of their realities say.
-
-    Args:
-        table: rows of a transfer.
-        flights: their logs, in the same order.
+    """Returns the flights of a transfer whose drone changes, as the names of their realities say.
 
     Returns:
         One row a flight: place (in `table`, from 0), policy, reality, at [s], lasts (whether no
@@ -57,7 +47,7 @@ def of_flights(table: polars.DataFrame, flights: Sequence[Flight]) -> polars.Dat
     """
     rows: list[dict[str, Any]] = []
     for place, (row, flight) in enumerate(zip(table.iter_rows(named=True), flights, strict=True)):
-        at, lasts = additions.jump_of(row["reality"]), row["end_reason"] == LASTS
+        at, lasts = additions.jump_of(row["reality"]), row["end_reason"] == REACHED
         if at is None or (lasts and len(flight) <= round(at / flight.period)):
             continue
         (back,) = recovery(distance(flight)[None], 1 / flight.period, at)

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from maidenflight.identification.drone_file import DroneFile
-from maidenflight.simulator.tasks.failures import END_REASONS, TIME_LIMIT
+from maidenflight.simulator.tasks.failures import REACHED
 
 WITHIN_M = 0.05
 """Mean distance from the set-point within which a flight is good [m]."""
@@ -19,14 +19,11 @@ _SURE = 0.01
 def verdicts(flights: polars.DataFrame, file: DroneFile, seconds: float) -> list[str]:
     """Returns a line for each control structure: how many drones fly well, and what decides.
 
-    Args:
-        flights: of drones of the posterior, with the column `drone`; see `predict_flight_times`.
-        file: the drone's file.
-        seconds: longest flight [s].
+    Flights are of up to so many seconds and of drones of the file's posterior, by `drone`; see
+    `predict_flight_times`.
     """
-    is_good = (polars.col("end_reason") == END_REASONS[TIME_LIMIT]) & (
-        polars.col("position_error") < WITHIN_M
-    )
+    lasts = polars.col("end_reason") == REACHED
+    is_good = lasts & (polars.col("position_error") < WITHIN_M)
     lines = []
     for (control,), part in flights.group_by("control", maintain_order=True):
         shares = part.group_by("policy", maintain_order=True).agg(is_good.mean().alias("share"))
@@ -52,7 +49,7 @@ def _decides(flights: polars.DataFrame, samples: Mapping[str, Float[ndarray, "N"
     """
     drone = flights["drone"].to_numpy() - 1
     error = flights["position_error"].to_numpy().copy()
-    ended = (flights["end_reason"] != END_REASONS[TIME_LIMIT]).to_numpy()
+    ended = (flights["end_reason"] != REACHED).to_numpy()
     error[ended] = 1e6 - flights["duration"].to_numpy()[ended]
     if len(set(error)) < 2:
         return None

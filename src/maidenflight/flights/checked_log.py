@@ -44,12 +44,7 @@ class CheckedLog(NamedTuple):
 
 
 def check_log(parts: Iterable[Logged], ignore: Collection[str] = ()) -> CheckedLog:
-    """Cuts and checks the flights of a file, a part in memory at a time.
-
-    Args:
-        parts: what the file holds, one after another.
-        ignore: signals to pass over.
-    """
+    """Cuts and checks the flights of a file, a part in memory at a time."""
     first: list[Flight] = []
     notes: dict[str, None] = {}
     results: dict[str, list[tuple[CheckResult, ...]]] = {}

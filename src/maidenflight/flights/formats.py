@@ -36,10 +36,7 @@ LoggedFlights = tuple[list[tuple[Flight, np.ndarray]], list[str]]
 
 
 class TableFormat(NamedTuple):
-    """A way of writing flights down in a table.
-
-    `compensated` says whether its commands are PWM that a battery law reads as thrust.
-    """
+    """A way of writing flights down in a table; a battery law reads `compensated` PWM as thrust."""
 
     description: str
     recognises: Callable[[Table], bool]
@@ -116,12 +113,9 @@ def logged(
 ) -> Iterator[Logged] | Table:
     """Returns the flights in a file as they were logged; of a table in no known format, the table.
 
-    A long table is read in parts, one after another, so that memory is bounded.
-
-    Args:
-        file: to be read.
-        battery_law: a key of `compensation.LAWS`, whatever the log says.
-        law_of_drone: one that is taken where the log does not decide.
+    A long table is read in parts, one after another, so that memory is bounded. `battery_law`, a
+    key of `compensation.LAWS`, counts whatever the log says, `law_of_drone` where the log does not
+    decide.
 
     Raises:
         InputError: the file is damaged, or its commands are read by no battery law.
@@ -156,8 +150,9 @@ def logged(
     laws = zip(keys, (battery_law, law_of_drone), strict=True)
     head = {key: law for key, law in laws if law}
     return (
-        Logged(name, *_with_notes(part, kind.flights(replace(part, head=part.head | head))))
+        Logged(name, flights, [*part.notes, *notes])
         for part in itertools.chain([table], parts)
+        for flights, notes in [kind.flights(replace(part, head=part.head | head))]
     )
 
 
@@ -171,10 +166,6 @@ def _by_map(map_file: Path) -> TableFormat:
         return [(flight, time)], notes
 
     return TableFormat(f"a table with {map_file.name}", lambda _: True, flights)
-
-
-def _with_notes(part: Table, logs: LoggedFlights) -> LoggedFlights:
-    return logs[0], [*part.notes, *logs[1]]
 
 
 def unknown(table: Table) -> str:
@@ -201,11 +192,9 @@ def _help(table: Table) -> str:
 
 
 def write_map(file: Path) -> Path | None:
-    """Writes a map of the columns of a table in no known format beside it.
+    """Writes a map of the columns of a table in no known format beside it, and returns its path.
 
-    Returns:
-        The map; none where there is one, the format is known, names show too little or the file is
-        damaged.
+    None where there is one, the format is known, names show too little or the file is damaged.
     """
     map_file, table = column_map.map_path(file), None
     if map_file.exists() or not file.name.endswith(TABLES):
@@ -257,7 +246,6 @@ def _tables(file: Path, name: str, names: Iterable[str] = LOG_FORMATS) -> Iterat
 
 
 def _table(file: Path, name: str, names: Iterable[str]) -> Table:
-    """The table in a file."""
     raw = tables.content(file)
     packed = next((kind for kind in _formats(PackedTable, names) if kind.recognises(raw)), None)
     if packed is not None:

@@ -170,11 +170,7 @@ class Flight:
 
 
 def by_log(flights: Iterable[Flight]) -> dict[str, list[Flight]]:
-    """Returns the pieces of each log by its name, in the order of the flights.
-
-    Args:
-        flights: checked pieces of flights; those of one name are of one log.
-    """
+    """Returns the checked pieces of each log by its name, in the order of the flights."""
     logs: dict[str, list[Flight]] = {}
     for flight in flights:
         logs.setdefault(flight.name, []).append(flight)
@@ -206,13 +202,10 @@ def averaged(flight: Flight, every: int) -> Flight:
 
 
 def flight_of(name: str, period: float, **known: Any) -> Flight:
-    """Returns a flight of what was logged.
+    """Returns a flight of what was logged, with rows at a period [s].
 
-    Args:
-        name: where it comes from.
-        period: time between two rows [s].
-        known: other fields of `Flight`; arrays of any kind of number. What each row of our format
-            has, and was not logged, is NaN.
+    What each row of our format has, and was not logged, is NaN. Arrays may be of any kind of
+    number.
     """
     rows = len(known["command"])
     for group, names in GROUPS.items():
@@ -294,10 +287,7 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
 
 
 def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
-    """Reads a flight in our format; the rows are not checked, `checking` does that.
-
-    Returns:
-        The flight, and the time of each of its rows [s].
+    """Reads a flight in our format, unchecked, and the time of each of its rows [s].
 
     Raises:
         InputError: a column is missing or is not numeric, or it is not said what a command stands

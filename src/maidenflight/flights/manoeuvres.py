@@ -35,7 +35,7 @@ def _square(axis: int) -> Wave:
 
 
 def _chirp(axis: int) -> Wave:
-    """A sine whose frequency grows, linearly in time, from 1 / period to four times that.
+    """Makes a sine whose frequency grows, linearly in time, from 1 / period to four times that.
 
     Source: Ljung 1999, System identification: theory for the user, sec. 13.3 (chirp signals).
     """
@@ -58,7 +58,7 @@ def _circle(
 
 
 def _random(*axes: int) -> Wave:
-    """Random signs, drawn anew each half period for each axis by itself.
+    """Makes random signs, drawn anew each half period for each axis by itself.
 
     Height moves by half of the size, yaw by two radians a metre.
 
@@ -132,11 +132,7 @@ class Manoeuvre:
         return self.size * KINDS[self.kind](time, self.period, np.random.default_rng(seed))
 
     def checked(self, place: str) -> "Manoeuvre":
-        """Returns the manoeuvre.
-
-        Raises:
-            InputError: no such kind, or size or period out of range.
-        """
+        """Returns the manoeuvre; refuses an unknown kind, and size or period out of range."""
         sound = 0.0 <= self.size <= LARGEST and SHORTEST <= self.period <= LONGEST
         if not sound or self.kind not in KINDS:
             raise InputError(
@@ -148,12 +144,10 @@ class Manoeuvre:
 
 
 def library(half_width: float, half_height: float, motors: bool) -> list[Manoeuvre]:
-    """Manoeuvres that may be flown, calm ones first; a simulation tells which fit a room.
+    """Returns manoeuvres that may be flown, calm ones first; a simulation tells which fit a room.
 
-    Args:
-        half_width: how far the set-point may go from the point, along x and y [m].
-        half_height: how far up and down [m].
-        motors: whether excitation of the motors is among them.
+    The set-point may go so far [m] from the point along x and y, and so far up and down. `motors`:
+    excitation of the motors is among them.
     """
     manoeuvres = [Manoeuvre(HOVER)]
     manoeuvres += [Manoeuvre("circle", size, 3.0) for size in (0.2, 0.3, 0.4) if size <= half_width]

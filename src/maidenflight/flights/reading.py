@@ -323,9 +323,7 @@ def log_files(folder: Path) -> list[Path]:
 
 
 def whole_flights(file: Path) -> list[Flight]:
-    """Returns the flights of a file as they were logged, unchecked, uncut, however short.
-
-    To look at.
+    """Returns the flights of a file to look at: as logged, unchecked, uncut, however short.
 
     Raises:
         InputError: the file is damaged or in no known format.

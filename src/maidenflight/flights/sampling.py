@@ -23,17 +23,12 @@ all others be cut again."""
 def sampled(
     flights: Iterable[Flight], most: float, lead_in: int = LEAD_IN
 ) -> tuple[list[Flight], float]:
-    """Keeps all flights if they are short enough together, else segments of the longer ones.
+    """Keeps all flights if they last no longer than `most` [s], else segments of the longer ones.
 
     Flights that last longer than an equal share are cut. Segments lie at random places that depend
-    on the flight's number alone, and carry the rows before them that their windows need; their
-    windows are among those of the whole flight. Each flight gives at least `UNIT` rows.
-
-    Args:
-        flights: checked flights, of which one at a time need be in memory beside those that are
-            kept.
-        most: what to keep, all flights together [s]; a segment may add a row.
-        lead_in: rows of commands before a window.
+    on the flight's number alone, and carry the rows of commands before them, `lead_in`, that their
+    windows need; their windows are among those of the whole flight. Each flight gives at least
+    `UNIT` rows; a segment may add one. Beside what is kept one flight at a time need be in memory.
 
     Returns:
         The choice, in the order of the flights, and how long all flights last together [s].
@@ -97,7 +92,7 @@ def _shortened(parts: list[Flight], number: int, share: float, lead_in: int) -> 
 
 
 def _places(flight: Flight, number: int, lead_in: int) -> list[tuple[Flight, int, int]]:
-    """Segments of `SEGMENT_SECONDS` of a flight in the order in which they are taken.
+    """Returns segments of `SEGMENT_SECONDS` of a flight in the order in which they are taken.
 
     Each as the flight, the row of its first window, and its number of units.
     """

@@ -64,10 +64,9 @@ class Summary:
 
 
 def rank(logs: Sequence[Summary]) -> list[tuple[Summary, dict[str, float]]]:
-    """Returns logs by what they tell, the most telling first.
+    """Returns logs, the most telling first, with their shares of what all say of each quantity.
 
-    Returns:
-        Each log with its share of what all together say of each quantity; their mean ranks it.
+    The mean of its shares ranks a log.
     """
     totals = {name: sum(log.information.get(name, 0.0) for log in logs) for name in QUANTITIES}
     shares = [
@@ -91,11 +90,7 @@ def choose_most_telling(
 
 
 def summaries(flights: Iterable[Flight]) -> tuple[Summary, ...]:
-    """Returns a summary of each log, in the order of the flights.
-
-    Args:
-        flights: checked pieces of flights; those of one name are of one log.
-    """
+    """Returns a summary of each log of checked flights, in their order."""
     return tuple(_summary(name, pieces) for name, pieces in by_log(flights).items())
 
 
@@ -135,10 +130,11 @@ def _summary(name: str, pieces: list[Flight]) -> Summary:
 
 
 def _information(pieces: Iterable[Flight]) -> dict[str, float]:
-    """The integral of what excites each quantity, squared: its Fisher information but for noise.
+    """Returns the integral of what excites each quantity, squared: its information but for noise.
 
     Accelerations are gains times commands that lag; noise is taken as that of the drone's sensors,
     alike in all logs. A lag shows in the commands' change.
+
     Source: Ljung 1999, System Identification, sec. 9.4 (information of a gain and of a delay).
     """
     sums: dict[str, float] = dict.fromkeys(QUANTITIES, 0.0)

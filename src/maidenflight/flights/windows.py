@@ -50,13 +50,7 @@ def first_start(flight: Flight, stride: int = 1) -> int:
 
 
 def segment_names(flights: Iterable[Flight], length: int, stride: int = 1) -> list[str]:
-    """Returns the name of the flight of each segment that `windows` numbers, in their order.
-
-    Args:
-        flights: as of `windows`.
-        length: as of `windows`.
-        stride: as of `windows`.
-    """
+    """Returns the name of the flight of each segment that `windows` numbers, in their order."""
     return [
         flight.name
         for flight in flights
@@ -70,11 +64,7 @@ def _segments(flight: Flight) -> int:
 
 
 def must_have_one_rate(flights: Iterable[Flight]) -> None:
-    """Refuses flights whose periods differ by more than `SAME_RATE`.
-
-    Raises:
-        InputError: the lowest and the highest rate.
-    """
+    """Refuses flights whose periods differ by more than `SAME_RATE`."""
     periods = [flight.period for flight in flights]
     if periods and max(periods) > (1 + SAME_RATE) * min(periods):
         raise InputError(

@@ -46,18 +46,11 @@ def simulate(
     start: Float[Array, ""] | float = 0.0,
     during: Change | None = None,
 ) -> Rows:
-    """Flies from hover near the reference's start and logs every control period.
+    """Flies from hover near the reference's start, at a time [s], and logs every control period.
 
-    A failed flight goes on; the caller decides where it ended.
-
-    Args:
-        env: what is simulated.
-        act: (observation, number of the control period) to action.
-        parameters: the drone.
-        key: random key.
-        steps: control periods, static.
-        start: the reference's clock at the start [s].
-        during: what changes of the drone in the course of the flight; nothing by default.
+    A failed flight goes on; the caller decides where it ended. `act` gives an action of an
+    observation and the number of the control period, `during` what changes of the drone in the
+    course of the flight.
     """
     offset, begin_key, key = near_reference(key)
     state = dynamics.at_hover(env.task.reference(jnp.asarray(start)) + offset, parameters)
@@ -99,16 +92,10 @@ def fly_all(
     keys: Array,
     guard: Guard | None = None,
 ) -> list[SimulatedFlight]:
-    """Flies a flight for each key.
+    """Flies a flight for each key, up to where the guard ends it before its time.
 
-    Virtual drones fly all at once where pilots can; all else flies one flight after another.
-
-    Args:
-        reality: where.
-        pilots: one for all flights, or one for each: of one kind those that fly many drones.
-        scenario: the task, its duration and the initial states.
-        keys: random keys.
-        guard: what ends a flight before its time.
+    Virtual drones fly all at once where pilots can; all else flies one flight after another. There
+    is one pilot for all flights, or one for each: of one kind those that fly many drones.
 
     Raises:
         InputError: the reality takes other commands than the pilots', or changes in the course of a
@@ -200,7 +187,6 @@ def _simulate(
 
 
 def _cut_at_end(rows: Rows, guard: Guard | None, **logged: Any) -> SimulatedFlight:
-    """A flight up to its end."""
     if guard is None:
         return SimulatedFlight(rows, **logged)
     end = rows.end(guard, logged.get("estimated", False))
@@ -217,12 +203,7 @@ def fly(
 ) -> SimulatedFlight:
     """Flies a reality one command at a time, and logs as `simulate` does with the same key.
 
-    Args:
-        reality: the drone or simulator; it is reset first.
-        pilot: what flies it.
-        scenario: the task, its duration and the initial states.
-        key: random key.
-        guard: what ends the flight before its time.
+    The reality is reset first; the guard ends the flight before its time.
 
     Raises:
         InputError: the reality takes other commands than the pilot's, its rate is no multiple of

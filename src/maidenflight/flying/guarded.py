@@ -94,12 +94,7 @@ def fly_together(
 ) -> FlightOutcome:
     """Flies until the last flight has ended, on each device for itself.
 
-    Args:
-        env: what is simulated; its actions last for a row of 10 ms.
-        every: rows from one action of the policies to the next.
-        trials: drones and initial states to simulate.
-        limits: of each flight.
-        start: spread of first states.
+    Policies act every so many rows of 10 ms.
     """
 
     def take_over(policy: Policy, drone: Parameters, key: Array) -> tuple[EnvState, Array]:
@@ -160,7 +155,7 @@ def _until_next_action(
     key: Array,
     before: tuple[EnvState, Float[Array, "H 20"]],
 ) -> tuple[tuple[EnvState, Float[Array, "H 20"]], tuple[Int[Array, "every"], Excursion]]:
-    """Drone and history one action, `every` rows of 10 ms, later.
+    """Returns drone and history one action, `every` rows of 10 ms, later.
 
     Also, after each row, why the flight would end, and what guards see.
     """
@@ -186,14 +181,10 @@ def _until_next_action(
 def end_reason(
     env_state: EnvState, setpoint: Float[Array, "3"], farthest: Float[Array, ""]
 ) -> tuple[Int[Array, ""], Excursion]:
-    """Returns why the drone's guards would stop the policy now, by its measurements, and those.
+    """Returns why guards would stop the policy now, by the drone's measurements, and those.
 
-    The first is an index of `END_REASONS`; 0: they would not.
-
-    Args:
-        env_state: the drone.
-        setpoint: [m].
-        farthest: distance from it [m].
+    The first is an index of `END_REASONS`, 0 if they would not; `farthest` is a distance from the
+    set-point [m].
 
     Source: Gronauer et al. 2022, sec. Zero-Shot Experiments; the ground and the distance are ours.
     """

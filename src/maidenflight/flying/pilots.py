@@ -67,8 +67,7 @@ class PolicyPilot:
     def begin(self, env: Environment, key: Array, steps: int) -> tuple[Environment, Act, Array]:
         """Begins a flight of so many control periods in JAX.
 
-        Returns:
-            What is simulated, what acts, and the key of all else that is random.
+        Returns what is simulated, what acts, and the key of all else that is random.
         """
         return env, lambda observation, _: self.policy(observation), key
 
@@ -77,8 +76,7 @@ class PolicyPilot:
     ) -> tuple[Commands, Array]:
         """Begins a flight, by the reality's own controller if it has the policy's.
 
-        Returns:
-            Its commands, and the key of all else that is random.
+        Returns its commands, and the key of all else that is random.
 
         Raises:
             InputError: the reality takes other commands.
@@ -122,12 +120,7 @@ class ForeignPolicy(Protocol):
         ...
 
     def begin(self, hover: float, task: Task) -> Fly:
-        """Begins a flight.
-
-        Args:
-            hover: thrust command at which the drone hovers.
-            task: what it follows; some policies see its velocity.
-        """
+        """Begins a flight of a drone that hovers at this command; some see a task's velocity."""
         ...
 
 
@@ -157,12 +150,9 @@ AnyPolicy = Policy | ForeignPolicy
 def pilots_of(
     policies: Sequence[AnyPolicy], controller: Controller | None = None
 ) -> list[PolicyPilot | ForeignPilot]:
-    """Returns a pilot of each policy.
+    """Returns a pilot of each policy, ours of one kind or others'.
 
-    Args:
-        policies: ours, of one kind, and others'.
-        controller: what carries out commands; `control.controller_for` their interface unless
-            given.
+    The controller is by default `control.controller_for` their interface.
 
     Raises:
         InputError: ours are of different kinds, or the controller is of another interface.
@@ -177,7 +167,6 @@ def pilots_of(
 
 
 def _controller_of(policies: Sequence[Policy], controller: Controller | None) -> Controller:
-    """The controller that all policies are for."""
     kinds = {
         "control structure": [policy.interface for policy in policies],
         **{
@@ -205,11 +194,10 @@ def _controller_of(policies: Sequence[Policy], controller: Controller | None) ->
 def cascade(
     controller: Controller, act: Callable[[Measurement, Float[np.ndarray, "3"]], Any]
 ) -> Fly:
-    """Returns the motors' commands that a controller makes of actions.
+    """Returns the motors' commands that a controller makes of actions in one flight.
 
-    Args:
-        controller: the control structure; its memory stays here, for one flight.
-        act: measurement and set-point to action, called at the rate of the controller's interface.
+    `act` gives an action of a measurement and a set-point, at the rate of the controller's
+    interface. The controller's memory stays here.
     """
     compiled, every = _compiled(controller), controller.command_rate // controller.interface.rate
     memory, action, calls = controller.init(), np.zeros(4, np.float32), 0

@@ -32,11 +32,7 @@ its field, and its place in it if that is a vector."""
 
 
 def check_names(names: Iterable[str]) -> None:
-    """Refuses what is no parameter, with those that may be meant: the whole list is long.
-
-    Raises:
-        InputError: a name is none of `COMPONENTS`.
-    """
+    """Refuses what is no parameter, with those that may be meant: the whole list is long."""
     for name in names:
         if name in COMPONENTS:
             continue
@@ -95,11 +91,7 @@ def noiseless(parameters: Parameters) -> Parameters:
 
 
 def check(parameters: Parameters, place: str = "parameters") -> Parameters:
-    """Returns one drone's parameters if every value lies in its physical range.
-
-    Args:
-        parameters: a point, without batch axes.
-        place: what the error names, usually a file.
+    """Returns one drone's parameters, a point, if every value lies in its physical range.
 
     Raises:
         InputError: a value is not a finite number, has the wrong number of components or is out of

@@ -26,12 +26,9 @@ Frame = dict[str, Any]
 
 
 def h_frame(forward: float, sideways: float, reversed_rotors: bool = False) -> Frame:
-    """Rotors at the corners of a rectangle: an H, a stretched X or a wide one.
+    """Returns rotors at the corners of a rectangle: an H, a stretched X or a wide one.
 
-    Args:
-        forward: from the centre to the rotors' line in front, and to that behind [m].
-        sideways: from the centre to the rotors' line on either side [m].
-        reversed_rotors: whether the front right rotor turns clockwise from above.
+    They are so far from the centre forward and backward, and to either side [m].
 
     Raises:
         InputError: a distance is not a positive number.
@@ -46,9 +43,7 @@ def h_frame(forward: float, sideways: float, reversed_rotors: bool = False) -> F
 def x_frame(arm: float, reversed_rotors: bool = False) -> Frame:
     """Returns a square X: front right, back right, back left, front left.
 
-    Args:
-        arm: from the centre to a rotor [m], half of what is between opposite rotors.
-        reversed_rotors: whether the front right rotor turns clockwise from above.
+    The arm [m] is from the centre to a rotor, half of what is between opposite rotors.
 
     Raises:
         InputError: the arm is not a positive number.
@@ -59,12 +54,8 @@ def x_frame(arm: float, reversed_rotors: bool = False) -> Frame:
 def plus_frame(arm: float, reversed_rotors: bool = False) -> Frame:
     """Returns a +, which is the X turned to the left by 45 degrees: front, right, back, left.
 
-    Args:
-        arm: from the centre to a rotor [m].
-        reversed_rotors: whether the front rotor turns clockwise from above.
-
     Raises:
-        InputError: the arm is not a positive number.
+        InputError: the arm [m] is not a positive number.
 
     Source: Crazyflie firmware, power_distribution_stock.c, normal formation (the motors' order).
     """
@@ -85,7 +76,7 @@ LAYOUTS = {"x": x_frame, "+": plus_frame}
 
 def arm_length(drone: "Parameters") -> float:
     """Returns the mean distance of the rotors from the centre of mass [m], of a point."""
-    x, y = (np.asarray(getattr(drone, name), np.float64) for name in PLACES)
+    x, y, _ = rotors(drone).T
     return float(np.hypot(x, y).mean())
 
 
@@ -96,13 +87,11 @@ def rotors(drone: "Parameters") -> Float[np.ndarray, "4 3"]:
 
 
 def levers(drone: "Parameters") -> Float[np.ndarray, "4 3"]:
-    """Returns what a newton of each rotor turns about.
-
-    Y [m], -x [m] and its direction [-], of a point.
+    """Returns what a newton of each rotor turns about, of a point: y [m], -x [m] and direction [-].
 
     Source: the torque r x F of a thrust along body z.
     """
-    x, y = (np.asarray(getattr(drone, name), np.float64) for name in PLACES)
+    x, y, _ = rotors(drone).T
     return np.stack([y, -x, np.asarray(drone.rotor_direction, np.float64)], axis=1)
 
 
@@ -117,11 +106,7 @@ def effectiveness(drone: "Parameters") -> Float[np.ndarray, "4 4"]:
 
 
 def check(drone: "Parameters", place: str) -> "Parameters":
-    """Returns a drone whose rotors can hover it and turn it about every axis.
-
-    Args:
-        drone: a point.
-        place: what the error names, usually a file.
+    """Returns a point, a drone whose rotors can hover it and turn it about every axis.
 
     Raises:
         InputError: a direction is neither 1 nor -1, the rotors' thrusts cannot make thrust and

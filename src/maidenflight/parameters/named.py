@@ -4,14 +4,13 @@ Thrust-to-weight ratio is that at 60000 counts of the firmware, as everywhere fo
 logs; motors' lags are where identification begins, not what every drone has.
 """
 
-import math
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 from maidenflight.errors import InputError
 from maidenflight.parameters.components import replace
 from maidenflight.parameters.frames import PLACES, h_frame, x_frame
-from maidenflight.parameters.quantities import Parameters
+from maidenflight.parameters.quantities import QUANTITIES, Parameters
 from maidenflight.parameters.scaling import isometric, with_mass
 
 
@@ -22,50 +21,7 @@ def crazyflie() -> Parameters:
     thrust-to-weight ratio, motor time constant and latency those that its Bayesian optimisation
     found for T = 30 (table:results-sim-opt); noise is that of the authors' code.
     """
-    return Parameters(
-        thrust_to_weight=1.725,
-        thrust_offset=0.0,
-        thrust_linear=0.0,
-        motor_time_constant=0.088,
-        spin_down_ratio=1.0,
-        motor_coasting=0.0,
-        latency=0.018,
-        rotor_thrust=(1.0, 1.0, 1.0, 1.0),
-        torque_to_thrust=5.96e-3,
-        torque_offset=1.56e-5,
-        rotor_momentum=0.0,
-        actuator_noise=0.019,
-        actuator_noise_rate=32.5,
-        mass=0.028,
-        inertia=(1.33e-5, 1.33e-5, 2.64e-5),
-        **x_frame(0.0396),
-        drag=(0.0, 0.0, 0.0),
-        flapping_moment=(0.0, 0.0),
-        rotational_damping=0.0,
-        torque_bias=(0.0, 0.0, 0.0),
-        gravity=9.81,
-        ground_effect=3.8e-4,
-        wind=(0.0, 0.0, 0.0),
-        position_noise=0.002,
-        position_noise_uniform=0.001,
-        velocity_noise=0.01,
-        position_walk=0.0,
-        height_walk=0.0,
-        velocity_walk=0.0,
-        attitude_noise=math.radians(0.1),
-        attitude_noise_uniform=math.radians(0.05),
-        gyro_noise=0.051,
-        gyro_cutoff=80.0,
-        gyro_time_constant=0.0,
-        gyro_turn_on_bias=math.radians(0.5),
-        gyro_bias_walk=1.75e-4,
-        gyro_bias_time=1000.0,
-        estimator_delay=0.0,
-        battery_voltage=4.2,
-        battery_resistance=0.0,
-        battery_discharge=0.0,
-        time_step=0.005,
-    )
+    return Parameters(**{name: one.paper for name, one in QUANTITIES.items()})
 
 
 _COUNTS = 60000.0 / 65535.0
@@ -151,10 +107,7 @@ def x500() -> Parameters:
 
 
 def racer_5_inch() -> Parameters:
-    """Returns a racing quadrotor with propellers of five inches.
-
-    All of it is guessed, see `DRONES`.
-    """
+    """Returns a racing quadrotor with propellers of five inches; all of it is guessed."""
     mass, arm = 0.65, 0.11
     flat = mass * arm**2
     return replace(
@@ -303,12 +256,7 @@ def drone(name: str, mass: float | None = None) -> Parameters:
 
 
 def sources(name: str, mass: float | None = None) -> dict[str, str]:
-    """Sources of a named drone's values that are not the paper's, by field.
-
-    Args:
-        name: of `DRONES`.
-        mass: as in `named`.
-    """
+    """Returns sources of a named drone's values that are not the paper's, by field; see `drone`."""
     drone = DRONES[name]
     if mass is None or drone.frameless:
         return dict(drone.sources)

@@ -1,4 +1,4 @@
-"""`Quantity`: what is known of one physical constant besides its value."""
+"""`Quantity`: what is known of one physical constant."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -6,11 +6,13 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Quantity:
-    """What is known of one physical constant besides its value."""
+    """What is known of one physical constant."""
 
     symbol: str
     unit: str
     """SI; "-" for a pure number."""
+    paper: Any
+    """The value of the paper's Crazyflie: a number, or one of each component."""
     lower: float
     """Smallest value with a physical meaning."""
     upper: float
@@ -20,30 +22,23 @@ class Quantity:
     """Where the model or the named drone's value comes from."""
     table: str
     """The table of the TOML file in which it stands."""
-    size: int = 1
-    """Number of components."""
+
+    @property
+    def size(self) -> int:
+        """Number of components."""
+        return len(self.paper) if isinstance(self.paper, tuple) else 1
 
 
 def quantity(
     table: str,
-    symbol: str,
-    unit: str,
+    label: str,
+    paper: Any,
     bounds: tuple[float, float],
     meaning: str,
     source: str,
-    size: int = 1,
 ) -> Any:
-    """Returns a field of `Parameters`, with what is known of it.
-
-    Args:
-        table: of the TOML file, in which it stands.
-        symbol: in formulas.
-        unit: SI; "-" for a pure number.
-        bounds: smallest value with a physical meaning and largest plausible one.
-        meaning: in words.
-        source: where the model or the named drone's value comes from.
-        size: number of components.
-    """
+    """Returns a field of `Parameters`, with what is known of it; labelled as `T_m [s]`."""
+    symbol, _, unit = label.removesuffix("]").partition(" [")
     return field(
-        metadata={"quantity": Quantity(symbol, unit, *bounds, meaning, source, table, size)}
+        metadata={"quantity": Quantity(symbol, unit, paper, *bounds, meaning, source, table)}
     )

@@ -128,7 +128,7 @@ _TABLES: Mapping[manifest.Kind, Table] = {
     "prediction": run_folder.PREDICTION,
     "study": run_folder.STUDY,
 }
-"""Tables of a run but that of test flights, by kind."""
+"""Tables of a run but that of test flights, by kind, which are fields of `Run`."""
 
 
 def read_run(source: StrPath | None = None, options: FileOptions | None = None) -> Run:
@@ -140,7 +140,7 @@ def read_run(source: StrPath | None = None, options: FileOptions | None = None) 
     files = find_files(source, options or {})
     first = {kind: path for kind in files.files if (path := files.first(kind)) is not None}
     tables = {kind: table.read(first[kind]) for kind, table in _TABLES.items() if kind in first}
-    rows = {kind: rows for kind, (rows, _) in tables.items()}
+    rows: dict[str, Any] = {kind: rows for kind, (rows, _) in tables.items()}
     drones = {kind: drone_file.read(first[kind]) for kind in ("truth", "drone") if kind in first}
     records = {first[kind].name: drone.record for kind, drone in drones.items()}
     records |= {first[kind].name: record for kind, (_, record) in tables.items()}
@@ -160,24 +160,19 @@ def read_run(source: StrPath | None = None, options: FileOptions | None = None) 
         logs=len(files.files.get("logs", ())) - len(refused),
         drone=drone,
         kinds=kinds,
-        validation=rows.get("validation"),
-        windows=rows.get("windows"),
-        calibration=rows.get("calibration"),
         predicted=predicted,
         used=used,
         judged=judged,
         policies=len(files.files.get("policies", ())),
         controls={} if table is None else trained.controls(policies, table["policy"]),
-        training=rows.get("training"),
         table=table,
         flights=flights,
-        prediction=rows.get("prediction"),
-        study=rows.get("study"),
         records={name: one for name, one in records.items() if isinstance(one, dict) and one},
         seconds=run_folder.read_stages(first["stages"]) if "stages" in first else {},
         refused=tuple(refused),
         missing_files=files.missing,
         other_files=files.others,
+        **rows,
     )
     if not run.known:
         raise nothing_here(Path(source or ""), files.missing)
@@ -187,9 +182,7 @@ def read_run(source: StrPath | None = None, options: FileOptions | None = None) 
 def read_flights_of(source: StrPath | None, options: FileOptions) -> Sequence[Flight]:
     """Reads the flights of a run: test flights, else recorded ones.
 
-    Args:
-        source: see `find_files`; or a log or a folder of logs, of any known format.
-        options: see `find_files`.
+    The source is as of `find_files`, or a log or a folder of logs, of any known format.
 
     Raises:
         InputError: nothing is there, or a log cannot be used.
@@ -229,7 +222,7 @@ def _name(path: Path) -> str:
 def _recorded(
     files: RunFiles, records: dict[str, Mapping[str, Any]]
 ) -> tuple[list[tuple[Path, Flight]], list[str]]:
-    """The flights in logs of any format, and why others cannot be used.
+    """Returns the flights in logs of any format, and why others cannot be used.
 
     Our own logs count whole, of others the gapless pieces in which the drone flies, if any.
     """
@@ -287,7 +280,6 @@ def _own(path: Path, records: dict[str, Mapping[str, Any]]) -> Flight:
 def _test_flights(
     files: RunFiles, records: dict[str, Mapping[str, Any]]
 ) -> tuple[polars.DataFrame | None, tuple[Flight, ...]]:
-    """Reads the rows of test flights, and their logs."""
     path = files.first("flights")
     if path is None:
         return None, ()

@@ -80,11 +80,8 @@ class RunFiles:
 def find_files(source: StrPath | None, options: FileOptions) -> RunFiles:
     """Finds the files that a report shows.
 
-    Of several entries of a kind the command's usual output counts, else the latest.
-
-    Args:
-        source: a run folder, or a file or folder that its manifest lists.
-        options: files that replace those of their kind.
+    Of several entries of a kind the command's usual output counts, else the latest. The source is a
+    run folder, or a file or folder that its manifest lists; options replace files of their kind.
 
     Raises:
         InputError: a path does not exist, no manifest lists `source`, or a manifest is damaged.
@@ -126,7 +123,6 @@ def nothing_here(place: Path, missing: Sequence[str] = ()) -> InputError:
 
 
 def _paths_of_option(kind: str, value: StrPath | Sequence[StrPath]) -> list[Path]:
-    """The paths of an option."""
     paths = [Path(one) for one in ([value] if isinstance(value, str | os.PathLike) else value)]
     for path in paths:
         if not path.exists() or (path.is_dir() and kind not in ("logs", "policies")):

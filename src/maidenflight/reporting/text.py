@@ -109,10 +109,9 @@ def signed(number_text: str) -> str:
 
 
 def with_error(value: float, error: float | None) -> tuple[str, str]:
-    """Returns a difference with its sign, and its standard error.
+    """Returns a difference with its sign, and its standard error; `unknown` if that is not known.
 
-    Both have two digits of the error, from four to nine decimals; `unknown` for an error that is
-    not known.
+    Both have two digits of the error, from four to nine decimals.
     """
     decimals = min(9, max(4, 1 - math.floor(math.log10(error)))) if error else 4
     return f"{value:+.{decimals}f}", "unknown" if error is None else f"{error:.{decimals}f}"

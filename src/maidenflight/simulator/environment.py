@@ -125,10 +125,6 @@ class Environment:
         """Returns the time for which an action holds [s]."""
         return self.commands_per_action * self.command_period(parameters)
 
-    def delay_slots(self) -> int:
-        """Returns the length of the delay line, from the controller's nominal rate."""
-        return latency.slots(1.0 / self.controller.command_rate)
-
 
 class EnvState(NamedTuple):
     """All that changes while a drone flies."""
@@ -191,7 +187,7 @@ def remember(history: Float[Array, "H 20"], instant: Float[Array, "20"]) -> Floa
 def observation(environment: Environment, env_state: EnvState) -> Float[Array, "20H+3K+M"]:
     """Returns the policy's input.
 
-    The last H instants, oldest first, the K points of a look-ahead, and what it remembers.
+    It is the last H instants, oldest first, the K points of a look-ahead, and what it remembers.
     """
     spec = environment.spec
     points = spec.points(environment.task.reference, env_state.time)
@@ -206,16 +202,9 @@ def begin(
     parameters: Parameters,
     key: Array,
 ) -> EnvState:
-    """Returns an episode that starts in some state.
+    """Returns an episode that starts in some state, at a time [s] of the reference's clock.
 
     Its delay line holds the task's first command.
-
-    Args:
-        environment: what is simulated.
-        state: first state.
-        time: the reference's clock [s].
-        parameters: the drone.
-        key: random key for bias and sensor noise.
 
     Raises:
         InputError: the state holds a number that is not finite (raised outside compiled functions
@@ -236,7 +225,8 @@ def begin(
     return EnvState(
         state=state,
         delay_line=jnp.broadcast_to(
-            actuators.rotor_speed_command(command), (environment.delay_slots(), 4)
+            actuators.rotor_speed_command(command),
+            (latency.slots(1.0 / environment.controller.command_rate), 4),
         ),
         actuators=actuators.switched_on(command, parameters, environment.supply),
         controller=environment.controller.init(),

@@ -174,9 +174,8 @@ def relative_box(
 def uniform_box(nominal: Parameters, **ranges: tuple[float, float]) -> UniformBox:
     """Returns a box of values in SI units, such as `uniform_box(crazyflie(), latency=(0.0, 0.03))`.
 
-    Args:
-        nominal: the values of all other fields.
-        ranges: smallest and largest value by field; every component of a vector gets the same.
+    Ranges are the smallest and largest value by field; every component of a vector gets the same,
+    and other fields have the nominal values.
 
     Raises:
         InputError: a field is unknown, or its range is not two numbers in order within its physical
@@ -293,11 +292,7 @@ class InSteps:
 
 
 def ensemble(drones: Sequence[Parameters]) -> Ensemble:
-    """Returns an ensemble of drones.
-
-    Raises:
-        InputError: no drone.
-    """
+    """Returns an ensemble of drones, one or more."""
     if not drones:
         raise InputError("an ensemble of no drones; give one or more.")
     return Ensemble(jax.tree.map(lambda *leaves: np.stack(leaves), *drones))

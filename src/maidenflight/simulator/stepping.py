@@ -216,10 +216,7 @@ def _estimate(
     parameters: Parameters,
     drawn: Noise,
 ) -> EnvState:
-    """Reads the sensors.
-
-    Position, velocity and attitude only where an estimate is due after so many actions.
-    """
+    """Reads the sensors; all but the gyro only where an estimate is due after so many actions."""
     walk, turn, normal, shaking = jnp.split(
         drawn.estimate, np.cumsum((sensors.DRIFT_NORMALS, 3, sensors.NORMALS)).tolist()
     )
@@ -263,14 +260,7 @@ def spin(
     steps: int | Int[Array, ""],
     parameters: Parameters,
 ) -> Float[Array, "4"]:
-    """Returns the rotor speeds after one command period, without the rest of the drone.
-
-    Args:
-        speed: of the rotors at the newest command.
-        line: rotor speed commands.
-        steps: physics steps in the period.
-        parameters: the drone.
-    """
+    """Returns the rotor speeds after one command period, without the rest of the drone."""
 
     def turn(number: Array, speed: Array) -> Array:
         delayed = latency.in_step(line, parameters, steps, number)
@@ -287,15 +277,9 @@ def drive(
     parameters: Parameters,
     floor: float | None = None,
 ) -> State:
-    """Integrates the physics over one command period.
+    """Integrates the physics over one command period, from the state at the newest command.
 
-    Args:
-        integrator: `dynamics.midpoint`, `dynamics.euler` or `dynamics.rk4`.
-        state: the drone at the newest command.
-        line: rotor speed commands.
-        steps: physics steps in the period.
-        parameters: the drone.
-        floor: height at which the drone stands [m], if there is a floor; the ground is at height 0.
+    A drone stands at the height `floor` [m], if there is one; the ground is at height 0.
     """
     delayed = latency.delayed(line, parameters, steps)
 
@@ -317,16 +301,9 @@ def drive_entries(
 ) -> State:
     """Integrates the physics over one command period, of a state of `Entries` and without a floor.
 
-    Faster than `drive` for many states of one drone, and one program serves any number of steps.
-    Each step makes its delayed command anew: those of all states and steps, with derivatives, would
-    be larger than all the rest.
-
-    Args:
-        integrator: as of `drive`.
-        state: the drone at the newest command, as `vectors.entries` gives it.
-        line: as of `drive`; of `Entries` it is faster.
-        steps: as of `drive`, or an argument of the program.
-        parameters: the drone.
+    Faster than `drive` for many states of one drone, most of all with a delay line of `Entries`;
+    and one program serves any number of steps. Each step makes its delayed command anew: those of
+    all states and steps, with derivatives, would be larger than all the rest.
     """
     drone = vectors.entries(parameters)
 

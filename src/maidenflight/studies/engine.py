@@ -21,11 +21,7 @@ class Engine(Protocol):
         ...
 
     def ended(self, timeout: float) -> Sequence[TaskResult]:
-        """Tasks that have ended since the last call.
-
-        Args:
-            timeout: longest wait for one [s].
-        """
+        """Tasks that have ended since the last call; waits for one at most so long [s]."""
         ...
 
     def close(self) -> None:
@@ -50,12 +46,9 @@ class Resources:
 
 
 def engine(name: str, resources: Resources) -> Engine:
-    """Returns an engine by name.
+    """Returns an engine by name: `local`, `ray`, `ray:ADDRESS`, `slurm`, `slurm:PARTITION`.
 
-    Args:
-        name: `local`, `ray`, `ray:ADDRESS`, `slurm`, `slurm:PARTITION`, or `NAME` or `NAME:PLACE`
-            with another name of `registry.ENGINES`.
-        resources: what it may use.
+    Or `NAME` or `NAME:PLACE` with another name of `registry.ENGINES`.
 
     Raises:
         InputError: there is no such engine, its package is not installed, or it cannot be reached.

@@ -56,10 +56,6 @@ class Local:
     def __init__(self, resources: Resources, place: str = ""):
         """Begins with as many processes as cores and GPUs allow, each started when needed.
 
-        Args:
-            resources: what tasks may use.
-            place: nothing, as there is one machine.
-
         Raises:
             InputError: there are not as many GPUs, or there is a place.
         """

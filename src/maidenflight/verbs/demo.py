@@ -172,7 +172,6 @@ def _summarize_flights(table: "core.DataFrame") -> list[Table | str]:
 
 
 def _list_files(folder: Path, best: Path) -> list[str]:
-    """Returns where the results are."""
     return [
         "",
         f"  drone      {folder / run_folder.DRONE}",

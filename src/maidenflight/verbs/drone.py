@@ -53,7 +53,6 @@ class Drone(Verb):
 
 
 def _list() -> Result:
-    """Lists the named drones."""
     drones = [
         {
             "name": name,

@@ -107,7 +107,6 @@ def _read_parts(path: Path, record: dict[str, Any]) -> "dict[tuple[str, str], Da
 
 
 def _tabulate(summary: list[Row]) -> Table:
-    """Returns a table of policies along axes in realities."""
     columns = {
         **{"policy": "{policy}", "reality": "{reality}", "along": "{axis}"},
         **{"envelope": "{envelope:.3g}", "95 %": "{low:.3g} to {high:.3g}"},

@@ -117,7 +117,8 @@ class Identify(Verb):
 
     def places(self, output: Path) -> list[Path]:
         """Returns the drone's file, the evaluations and the picture."""
-        return [output, run_folder.evaluations_path(output), run_folder.picture_path(output)]
+        evaluations = run_folder.evaluations_path(output)
+        return [output, evaluations, evaluations.with_suffix(".svg")]
 
     def check_early(self) -> None:
         """Refuses settings of a replay where there is none."""
@@ -198,11 +199,7 @@ class Identify(Verb):
         return core.read_start(self.start, self.mass)
 
     def read(self, on_file: Callable[[int, int], None]) -> "core.Flights":
-        """Reads the logs.
-
-        Args:
-            on_file: called with (files read, files found).
-        """
+        """Reads the logs; calls `on_file` with (files read, files found)."""
         return core.read_flights(
             *(self.logs, on_file, self.most_seconds, self.lead_in),
             commands=self.commands,
@@ -218,13 +215,7 @@ class Identify(Verb):
         key: Any,
         on_progress: "Callable[[core.Stage], None]",
     ) -> "core.Identification":
-        """Identifies the drone from flights.
-
-        Args:
-            flights: checked flights.
-            key: random key.
-            on_progress: called with the stage and how far it is.
-        """
+        """Identifies the drone from checked flights; calls `on_progress` with stages."""
         return core.identify(
             flights,
             self._objective(),

@@ -114,7 +114,6 @@ class Match(Verb):
 
 
 def _tabulate(match: "core.Match") -> list[Table]:
-    """Tabulates a match of closed loops."""
     rows = []
     for name, (value, error) in match.estimates.items():
         scale, unit = core.logs.scale_of(name, value)

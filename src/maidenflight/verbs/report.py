@@ -74,7 +74,6 @@ class Report(Verb):
 
     @property
     def _files(self) -> Any:
-        """Returns the files that options name."""
         names = ("logs", "drone", "truth", "policies", "flights", "validation", "prediction")
         options = {name: getattr(self, name) for name in (*names, "study")}
         return {name: value for name, value in options.items() if value}

@@ -117,7 +117,6 @@ class Sweep(Verb):
 
 
 def _summarize(now: "core.Status", output: str) -> list[Table | str]:
-    """Returns how far a study is."""
     running, rate = now.state == "running", now.policies_per_hour
     rows: dict[str, Any] = {
         "state": {"silent": "no driver writes; begin again"}.get(now.state, now.state),

@@ -375,7 +375,6 @@ class Train(Verb):
 
 
 def _tabulate(scores: list[Row]) -> list[Table | str]:
-    """Returns the scores of trained policies."""
     columns = {"policy": "{policy}", "return": "{episode_return:.1f}"}
     columns |= {"survival": "{survival:.1%}", "position error": "{position_error:.1f cm}"}
     falling = [one["policy"] for one in scores if one["survival"] < LEAST_SURVIVAL]

@@ -98,7 +98,6 @@ def tabulate_flights(flights: list[Row]) -> Table:
 
 
 def _tabulate(summary: list[Row]) -> Table:
-    """Returns a table of policies in realities."""
     columns = {
         "policy": "{policy}",
         "reality": "{reality}",

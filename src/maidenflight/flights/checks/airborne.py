@@ -63,7 +63,9 @@ def faults(flight: Flight) -> dict[str, Bool[np.ndarray, "N"]]:
 
 def motors_off(flight: Flight) -> Bool[np.ndarray, "N"]:
     """Returns rows in which motors are off for longer than in a flight."""
-    return _lasting(_off(flight), LONGEST_CUT, flight.period)
+    count = max(1, round(LONGEST_CUT / flight.period))
+    padded = np.pad(_off(flight), count, mode="edge")
+    return np.asarray(binary_opening(padded, np.ones(count)))[count:-count]
 
 
 def _off(flight: Flight) -> Bool[np.ndarray, "N"]:
@@ -75,10 +77,8 @@ def leave_out_ground(
 ) -> tuple[Bool[np.ndarray, "N"], list[str]]:
     """Returns rows in which an autopilot flies, without those beside the ground, and notes.
 
-    Args:
-        name: of the file, for notes.
-        at: times of the rows [s].
-        ground: rows in which it is disarmed or has landed, as it says.
+    `ground`: rows, at times [s], in which it is disarmed or has landed, as it says; `name`: of the
+    file, for notes.
     """
     if not ground.any():
         return ~ground, []
@@ -93,13 +93,6 @@ def leave_out_ground(
         f"{name}: {int(left.sum())} of {len(at)} rows left out: disarmed or landed, "
         f"{TAKE_OFF:g} s after and {LANDED + LANDING:g} s before"
     ]
-
-
-def _lasting(rows: Bool[np.ndarray, "N"], seconds: float, period: float) -> Bool[np.ndarray, "N"]:
-    """Those of some rows that last so long without a break."""
-    count = max(1, round(seconds / period))
-    padded = np.pad(rows, count, mode="edge")
-    return np.asarray(binary_opening(padded, np.ones(count)))[count:-count]
 
 
 def _stands(flight: Flight) -> Bool[np.ndarray, "N"]:

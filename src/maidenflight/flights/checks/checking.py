@@ -49,15 +49,9 @@ _COLUMNS = GROUPS | OPTIONAL
 def pieces(
     flight: Flight, time: Float[np.ndarray, "N"] | None = None, shortest: int = 0
 ) -> tuple[list[Flight], list[str]]:
-    """Cuts a flight into usable pieces.
+    """Cuts a flight, with rows at times [s], equally spaced by default, into usable pieces.
 
-    Args:
-        flight: as read.
-        time: time of each row [s]; equally spaced by default.
-        shortest: rows that a piece must have; 0 is `SHORTEST_S`.
-
-    Returns:
-        The pieces, and notes on what was dropped.
+    They have at least so many rows; 0 stands for `SHORTEST_S`. Notes say what was dropped.
 
     Raises:
         InputError: the rate is not steady, or a whole flight is in the wrong unit.
@@ -119,7 +113,7 @@ def _greatest_rate(flight: Flight) -> float:
 
 
 def _before_runaway(flight: Flight) -> tuple[Flight, list[str]]:
-    """The flight without an end in which no body rate is possible any more, and a note on it.
+    """Returns the flight without an end in which no body rate is possible, and a note on it.
 
     In a wrong unit rates are too large as well, but pass through zero now and then.
     """
@@ -138,10 +132,7 @@ def _before_runaway(flight: Flight) -> tuple[Flight, list[str]]:
 
 
 def _blanked(flight: Flight) -> tuple[Flight, list[str]]:
-    """The flight without impossible numbers in what may be unknown, and notes on them.
-
-    Rows are not dropped for these.
-    """
+    """Returns the flight without impossible numbers in what may be unknown, and notes on them."""
     with np.errstate(invalid="ignore"):
         odd = {
             "battery": (flight.battery < 0) | (flight.battery > 100),
@@ -325,9 +316,6 @@ def _refuse_wrong_units(flight: Flight) -> None:
 
 
 def _median(values: np.ndarray) -> np.ndarray:
-    """The median of what is finite, if anything is.
-
-    A crash may spin for a while, a flight does not.
-    """
+    """Returns the median of what is finite; a crash may spin for a while, a flight does not."""
     finite = values[np.isfinite(values)]
     return np.median(finite, keepdims=True) if len(finite) else finite

@@ -135,10 +135,10 @@ def _check_scale(pieces: Sequence[Flight]) -> CheckResult:
 def _responses(
     pieces: Sequence[Flight],
 ) -> tuple[Float[np.ndarray, "M 2 3"], Float[np.ndarray, "M 2"]] | None:
-    """Returns what pushes along x and y should follow, and the force along both.
+    """Returns what pushes along x and y should follow, and the force along both, within `BAND_HZ`.
 
     Features are tilt, its integral and angular acceleration, signed as drag along each axis sees
-    them, all within `BAND_HZ`.
+    them.
     """
     features, forces = [], []
     for piece in pieces:

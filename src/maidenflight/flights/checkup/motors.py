@@ -10,7 +10,7 @@ from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from maidenflight.flights.checkup.response import (
     DELAYS_S,
@@ -61,6 +61,8 @@ THRUST_TO_WEIGHT = (1.02, 16.0)
 """Ratio of full thrust to weight that a quadrotor can have."""
 LATE_GYRO_S = 0.04
 """By which the gyro may follow commands later than the accelerometer does [s]."""
+_POSSIBLE = np.abs(DELAYS_S - (EARLIEST_S + LATEST_S) / 2) < (LATEST_S - EARLIEST_S) / 2 + 1e-6
+"""Delays that motors can have."""
 _OUR_ORDER = "front right, back right, back left, front left"
 
 
@@ -79,9 +81,7 @@ class Fit(NamedTuple):
 def check_motors(pieces: Sequence[Flight], yaw_is_right: bool = False) -> list[CheckResult]:
     """Checks the motors' commands against the motion of pieces of one flight.
 
-    Args:
-        pieces: of the flight.
-        yaw_is_right: whether attitude and velocity confirm the sign of yaw and its rate.
+    `yaw_is_right`: attitude and velocity confirm the sign of yaw and its rate.
     """
     motion = spectra(pieces)
     if motion is None:
@@ -115,14 +115,13 @@ def best_fits(answer: Responses) -> dict[tuple[int, ...], Fit]:
 
     Other orders than the logged one are tried at possible delays alone.
     """
-    possible = _within(EARLIEST_S, LATEST_S)
     fits = {}
     for order in ORDERS:
         torques = TORQUES[np.argsort(order)]
         roll, pitch = (answer.correlation(axis, torques[:, axis]) for axis in (0, 1))
         scores = roll + pitch
         if order != ORDERS[0]:
-            scores = np.where(possible, scores, -2.0)
+            scores = np.where(_POSSIBLE, scores, -2.0)
         lag, delay = _place_of_largest(scores)
         score = float(scores[lag, delay])
         fits[order] = Fit(order, score, float(LAGS_S[lag]), float(DELAYS_S[delay]))
@@ -130,13 +129,8 @@ def best_fits(answer: Responses) -> dict[tuple[int, ...], Fit]:
 
 
 def _place_of_largest(scores: Float[np.ndarray, "T D"]) -> tuple[int, int]:
-    """By lag and delay."""
     lag, delay = np.unravel_index(int(np.argmax(scores)), scores.shape)
     return int(lag), int(delay)
-
-
-def _within(low: float, high: float) -> Bool[np.ndarray, "D"]:
-    return np.abs(DELAYS_S - (low + high) / 2) < (high - low) / 2 + 1e-6
 
 
 def _check_drive(fits: dict[tuple[int, ...], Fit], segments: float) -> CheckResult:
@@ -293,14 +287,14 @@ def _check_delay(logged: Fit, answer: Responses) -> CheckResult:
 
 def _check_curve(pieces: Sequence[Flight], answer: Responses, logged: Fit) -> CheckResult:
     name = "thrust curve"
-    matches = answer.correlation(FORCE, np.ones(4))[:, _within(EARLIEST_S, LATEST_S)]
+    matches = answer.correlation(FORCE, np.ones(4))[:, _POSSIBLE]
     lag, delay = _place_of_largest(matches)
     match = float(matches[lag, delay])
     command = np.concatenate([piece.mean_command for piece in pieces]).mean(dtype=np.float64)
     force = np.concatenate([np.asarray(piece.accelerometer)[:, 2] for piece in pieces])
     if match < FORCE_EXPLAINED or answer.segments < FEWEST or command <= 0:
         return unknown(name, f"the force along z follows the commands to {match:.2f} only", match)
-    place = int(np.flatnonzero(_within(EARLIEST_S, LATEST_S))[delay])
+    place = int(np.flatnonzero(_POSSIBLE)[delay])
     difference = float(LAGS_S[lag] + DELAYS_S[place]) - logged.lag - logged.delay
     if abs(difference) > CABLE_S:
         late = f"{1e3 * difference:.0f} ms after roll and pitch"

@@ -91,12 +91,9 @@ class Responses(NamedTuple):
 
 
 def spectra(pieces: Sequence[Flight], band: Band = QUICK, speeds: bool = False) -> Spectra | None:
-    """Sums cross spectra over half-overlapping segments; None where pieces are too short.
+    """Sums cross spectra in a band over half-overlapping segments; None where pieces are too short.
 
-    Args:
-        pieces: of one flight.
-        band: frequencies to look at.
-        speeds: take the squares of measured rotor speeds instead of commands.
+    With `speeds` they are of the squares of measured rotor speeds instead of commands.
     """
     total, segments, frequency, length = None, 0.0, np.zeros(0), 0
     for piece in sorted(pieces, key=len, reverse=True):
@@ -148,11 +145,11 @@ def _segments(signals: Float[np.ndarray, "M 8"], count: int) -> list[Float[np.nd
     return parts
 
 
-def responses(motion: Spectra, delays: Float[np.ndarray, "D"] = DELAYS_S) -> Responses:
+def responses(motion: Spectra) -> Responses:
     """Evaluates all lags and delays."""
     turn = 2j * np.pi * motion.frequency
     lag = 1 / (1 + turn * LAGS_S[:, None])
-    filters = lag[:, None] * np.exp(-turn * delays[:, None])
+    filters = lag[:, None] * np.exp(-turn * DELAYS_S[:, None])
     products, power, channels = [], [], []
     for channel in range(4):
         own, weight = motion.channels[:, channel], motion.weight(channel)

@@ -200,12 +200,9 @@ def _most(values: np.ndarray) -> float:
 def _compared(
     time: Float[np.ndarray, "N"], attitude: np.ndarray, gyro: Float[np.ndarray, "N 3"]
 ) -> Float[np.ndarray, "3"]:
-    """What the gyro counts by what the attitude turns about x, y, z, over `_TURN` each.
+    """Compares what the gyro counts about x, y, z with what the attitude turns, over `_TURN` each.
 
-    Args:
-        time: [s].
-        attitude: quaternions x, y, z, w, or roll, pitch, yaw [rad].
-        gyro: in its own unit.
+    The gyro is in its own unit, the attitude quaternions x, y, z, w, or roll, pitch, yaw [rad].
     """
     sound = np.isfinite(np.concatenate([time[:, None], attitude, gyro], axis=1)).all(axis=1)
     time, attitude, gyro = time[sound], attitude[sound], gyro[sound]
@@ -230,7 +227,7 @@ def _compared(
 def _order(
     time: Float[np.ndarray, "N"], gyro: Float[np.ndarray, "N 3"], motors: Float[np.ndarray, "N 4"]
 ) -> tuple[int, ...]:
-    """Which columns are our motors 1 to 4, by how roll and pitch rate change after them.
+    """Returns which columns are our motors 1 to 4, by how roll and pitch rate change after them.
 
     As they are numbered where that does not show four different corners.
     """

@@ -46,12 +46,7 @@ class Signals:
 
 
 def note_reversed_rotors(name: str, setting: str) -> str:
-    """Returns a note on rotors that turn the other way than the simulated ones.
-
-    Args:
-        name: of the file.
-        setting: of the autopilot that says so.
-    """
+    """Returns a note on rotors that turn the other way, as a setting of the autopilot says."""
     return (
         f"{name}: its rotors do not turn as the simulated ones, of which front right and back left "
         f"turn counter-clockwise ({setting}): torque_to_thrust and inertia_z are worth nothing, "
@@ -65,14 +60,9 @@ def everywhere(at: Float[np.ndarray, "N"]) -> tuple[Bool[np.ndarray, "N"], list[
 
 
 def state(name: str, place: Stream, quaternion: Stream) -> tuple[Stream | None, list[str]]:
-    """Returns position, velocity and attitude in the rarer one's samples.
+    """Returns position, velocity and attitude in the rarer one's samples; None where too rare.
 
-    None where they are too rare.
-
-    Args:
-        name: of the file, for notes.
-        place: position [m] and velocity [m/s] in the world.
-        quaternion: x, y, z, w, body to world.
+    `place` is position [m] and velocity [m/s] in the world, the quaternion x, y, z, w.
     """
     angles = attitudes.of_quaternions(quaternion.values)
     is_finite = np.isfinite(angles).all(axis=1)
@@ -97,11 +87,8 @@ def flight(
 ) -> tuple[Flight, Float[np.ndarray, "N"], list[str]]:
     """Returns the flight in some signals, unchecked.
 
-    Args:
-        name: of the file, for errors and notes.
-        signals: as logged.
-        remedy: a sentence that says what makes the drone log faster.
-        usable_rows: of the times of rows, which are of the flight, and notes on the others.
+    The remedy is a sentence that says what makes the drone log faster; `usable_rows` says of the
+    times of rows which are of the flight, with notes on the others.
 
     Returns:
         The flight, the time of its rows [s] and what was left out or is known less well.
@@ -178,7 +165,7 @@ def _list_rates(signals: Signals) -> dict[str, float]:
 def _note_rows(
     at: Float[np.ndarray, "N"], speeds: Stream, whole: bool
 ) -> tuple[Float[np.ndarray, "N 4"], bool]:
-    """Commanded rotor speeds in rows, and whether they are means until the next row.
+    """Returns commanded rotor speeds in rows, and whether they are means until the next row.
 
     Where every command was logged, each holds until the next. Of a faster loop's, each stands for
     the step about it, and rows that are as frequent lie between two of them.

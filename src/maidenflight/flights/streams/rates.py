@@ -24,10 +24,8 @@ NEEDED = {
 def filter_delay(cutoff: float) -> float:
     """Returns the delay of a Butterworth filter of second order, at low frequencies [s].
 
-    1 / (s^2 + sqrt(2) s + 1) of s = i f / cutoff: its phase falls by sqrt(2) f / cutoff.
-
-    Args:
-        cutoff: where it passes 0.71 [Hz]; 0 is no filter.
+    1 / (s^2 + sqrt(2) s + 1) of s = i f / cutoff [Hz]: its phase falls by sqrt(2) f / cutoff. A
+    cutoff of 0 is no filter.
     """
     return 2**0.5 / (2 * math.pi * cutoff) if cutoff > 0 else 0.0
 
@@ -37,14 +35,8 @@ def refuse_too_slow(
 ) -> None:
     """Refuses a log of which a needed signal is logged too rarely, or not at all.
 
-    Args:
-        name: of the file.
-        rates: of the signals that are needed, keys of `NEEDED` [Hz]; 0 where one is missing.
-        remedy: a sentence that says what to set.
-        logged: rates of all that the log holds [Hz], to be told.
-
-    Raises:
-        InputError: the signals, their rates and the remedy.
+    Rates are in Hz, those of `NEEDED` signals 0 where one is missing; `logged` are those of all
+    that the log holds. The remedy is a sentence that says what to set.
     """
     slow = {signal: rate for signal, rate in rates.items() if rate < 0.97 * LEAST_HZ}
     if slow:
@@ -59,13 +51,7 @@ def refuse_too_slow(
 
 
 def notes(name: str, rates: Mapping[str, float], remedy: str) -> list[str]:
-    """Returns what is known less well than a faster log would tell.
-
-    Args:
-        name: of the file.
-        rates: as of `refuse_too_slow`.
-        remedy: a sentence that says what to set.
-    """
+    """Returns what is known less well than a faster log would tell; see `refuse_too_slow`."""
     motors = rates["motors"]
     if motors >= PLENTY_HZ:
         return []

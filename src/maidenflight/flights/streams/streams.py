@@ -36,11 +36,9 @@ class Stream(NamedTuple):
 
 
 def stream(time: Float[np.ndarray, "M"], values: np.ndarray) -> Stream:
-    """Returns a signal of samples in any order; of those with one time the first.
+    """Returns a signal of samples, (M, K) or (M,), in any order; of those with one time the first.
 
-    Args:
-        time: of each sample [s]; those that are not finite are left out.
-        values: (M, K), or (M,) of one number.
+    Those whose time [s] is not finite are left out.
     """
     values = np.asarray(values, float)
     values = values[:, None] if values.ndim == 1 else values
@@ -78,10 +76,8 @@ def hold_last(at: Float[np.ndarray, "N"], signal: Stream) -> Float[np.ndarray, "
 def mean_until_next(at: Float[np.ndarray, "N"], signal: Stream) -> Float[np.ndarray, "N K"]:
     """Returns the mean of a signal that holds each sample, from each time to the next.
 
-    NaN as `between`.
-
-    The integral of such a signal is linear between its samples, so that the mean is exact. After
-    the last time comes a step as long as the one before.
+    NaN as `between`. The integral of such a signal is linear between its samples, so that the mean
+    is exact. After the last time comes a step as long as the one before.
     """
     if len(signal.time) < 2 or len(at) < 2:
         return np.full((len(at), signal.values.shape[1]), np.nan)

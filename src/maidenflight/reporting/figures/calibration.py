@@ -9,11 +9,7 @@ from maidenflight.reporting.figures.charts import Entry, Figure
 
 
 def ranks(summary: Sequence[dict[str, Any]]) -> Figure:
-    """Returns how often the truth lies where among the posterior samples.
-
-    Args:
-        summary: as `calibration.summarize` gives it.
-    """
+    """Returns how often the truth lies where among the posterior samples."""
     rows = [one for one in summary if one["in_model"]]
     highest = max(max(one["ranks"]) for one in rows)
     panels = []

@@ -97,14 +97,10 @@ def panel(
     height: int = 180,
     zooms: Sequence[str] = ("x", "y"),
 ) -> Spec:
-    """Layers over one another that share data and axes.
+    """Returns layers over one another that share data and axes, the first below the others.
 
-    Args:
-        data: see `table`; rows with a `series` are hidden by the entry of the legend that has it.
-        layers: marks and encodings, the first below the others.
-        title: above the panel, in one line or several.
-        height: of its inside [px].
-        zooms: axes that the pointer moves and zooms; each must be of numbers.
+    Rows of the data with a `series` are hidden by the entry of the legend that has it. `zooms` are
+    axes of numbers that the pointer moves and zooms; the height is that of the inside [px].
     """
     first, *others = layers
     if zooms:
@@ -146,13 +142,7 @@ def margin(values: Any) -> tuple[float, float]:
 
 
 def layer(condition: str, mark: Spec, **encoding: Any) -> Spec:
-    """Returns a layer of a panel.
-
-    Args:
-        condition: the `kind` of its rows, or an expression that holds for them; empty for all.
-        mark: how it looks.
-        encoding: channels by their name.
-    """
+    """Returns a layer of a panel, of rows by their `kind` or an expression; of all if empty."""
     test = f"datum.kind === '{condition}'" if condition.isidentifier() else condition
     transform = {"transform": [{"filter": test}]} if test else {}
     return {**transform, "mark": mark, "encoding": encoding}

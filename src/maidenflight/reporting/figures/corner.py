@@ -27,17 +27,12 @@ _AXIS_WIDTH = 70
 def corner(
     draws: Mapping[str, Float[np.ndarray, "N"]],
     optimum: Mapping[str, float] | None = None,
-    level: float = LEVEL,
 ) -> Figure:
     """Draws posterior samples of each pair of parameters, with distributions on the diagonal.
 
     Of more than `MAX_PARAMETERS` those with the strongest correlations stand; the title says so.
-
-    Args:
-        draws: N values by parameter [SI], names as in `parameters.COMPONENTS`; an entry of each
-            belongs together.
-        optimum: the point that is marked; none by default.
-        level: share of the draws in the central interval that is marked.
+    Draws are in SI units, by names of `parameters.COMPONENTS`; the optimum is marked where it is
+    known.
 
     Raises:
         InputError: no draws, draws that are not finite, or of different numbers.
@@ -54,7 +49,7 @@ def corner(
     places = _most_correlated(correlation, MAX_PARAMETERS)
     names, best = list(values), optimum or {}
     marginals = [
-        _marginal(name, values[name], best.get(name, np.nan), level)
+        _marginal(name, values[name], best.get(name, np.nan))
         for name in (names[place] for place in places)
     ]
     count = len(values[marginals[0].name])
@@ -75,7 +70,7 @@ def corner(
     title = f"Posterior: {text.plural(count, 'draw')} of {text.plural(len(marginals), 'parameter')}"
     if len(marginals) < len(values):
         title += f", those of its {len(values)} parameters with the strongest correlations"
-    legend = [Entry(f"central {100 * level:.0f} %", "blue", "area")]
+    legend = [Entry(f"central {100 * LEVEL:.0f} %", "blue", "area")]
     legend += [Entry("optimum", "orange", "tick")] if optimum else []
     legend.append(Entry(f"number: correlation, bold from ±{STRONG:g}", "soft", "dot"))
     return Figure(title, [spec], legend, least=len(marginals) * 96 + _AXIS_WIDTH, columns=1)
@@ -95,10 +90,10 @@ class _Marginal(NamedTuple):
     """The optimum; NaN where none is known."""
 
 
-def _marginal(name: str, values: Float[np.ndarray, "N"], best: float, level: float) -> _Marginal:
+def _marginal(name: str, values: Float[np.ndarray, "N"], best: float) -> _Marginal:
     scale, unit = text.scale(name, values)
     scaled, point = scale * values, scale * best
-    ends = np.quantile(scaled, [(1 - level) / 2, (1 + level) / 2])
+    ends = np.quantile(scaled, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
     label = tuple(filter(None, (text.plain_symbol(name), unit)))
     reached = [*scaled, *([point] if np.isfinite(point) else [])]
     return _Marginal(name, label, scaled, charts.margin(reached), ends, point)

@@ -6,7 +6,7 @@ import polars
 from maidenflight.errors import InputError
 from maidenflight.reporting.figures import charts
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec
-from maidenflight.simulator.tasks.failures import END_REASONS, TIME_LIMIT
+from maidenflight.simulator.tasks.failures import REACHED
 
 COLOURS = {"pwm": "blue", "attitude_rate": "orange", "attitude": "green"}
 """Of control structures, in all pictures."""
@@ -16,8 +16,6 @@ BOXED = 5
 """Flights from which on a row has a box; fewer stand for themselves."""
 DOTTED = 60
 """Flights up to which each of a row is a dot; of more, those beyond the whiskers are."""
-REACHED = END_REASONS[TIME_LIMIT]
-"""Reason of the end of a flight that lasted as long as it might."""
 
 
 def flight_times(

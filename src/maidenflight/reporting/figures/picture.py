@@ -44,10 +44,8 @@ _OWN = ("color", "shape", "size", "strokeDash", "strokeWidth", "opacity", "yOffs
 def svg(figure: Figure, width: int = WIDTH, note: str = "") -> str:
     """Returns a figure as an SVG file. The same figure gives the same bytes.
 
-    Args:
-        figure: what is drawn.
-        width: of the picture [px]; another where all panels have widths of their own.
-        note: below the title.
+    The width [px] is another where all panels have widths of their own; a note stands below the
+    title.
     """
     columns = figure.columns or max(1, min(len(figure.panels), width // figure.least))
     each = (width - 2 * _PADDING - (columns - 1) * _SPACE) / columns
@@ -162,7 +160,6 @@ def _in_light_and_dark(svg: str, title: str) -> str:
 
 @cache
 def _colours() -> tuple[dict[str, str], dict[str, str]]:
-    """Colours in light and in dark, by name."""
     light, dark = re.findall(r":root \{(.*?)\}", asset("colours.css"), re.DOTALL)
     light, dark = (dict(re.findall(r"--(\w+): (#\w+);", part)) for part in (light, dark))
     return light, dark

@@ -37,11 +37,7 @@ _SIGNALS = {
 
 
 def horizons(errors: polars.DataFrame) -> Figure:
-    """Returns how the errors of open-loop predictions grow, a line a model with its 95 % interval.
-
-    Args:
-        errors: as `prediction_error` gives them.
-    """
+    """Returns how errors of open-loop predictions grow, a line a model with its 95 % interval."""
     styles = _line_styles(errors["model"].unique(maintain_order=True).to_list())
     panels = []
     for column, format in ERRORS.items():
@@ -71,11 +67,7 @@ def horizons(errors: polars.DataFrame) -> Figure:
 
 
 def windows(rows: polars.DataFrame) -> Figure:
-    """Draws logged flight and predictions from its commands alone, a column a window.
-
-    Args:
-        rows: as `predicted_windows` gives them.
-    """
+    """Draws logged flight and predictions from its commands alone, a column a window."""
     windows = rows["window"].unique(maintain_order=True).to_list()
     names = [name for name in rows["model"].unique(maintain_order=True).to_list() if name != LOGGED]
     styles = _line_styles(names)

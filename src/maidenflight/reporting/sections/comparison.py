@@ -18,6 +18,7 @@ from maidenflight.reporting.figures.charts import Entry, Figure, Spec
 from maidenflight.reporting.html import render
 from maidenflight.reporting.run import Run
 from maidenflight.reporting.sections import flights, head
+from maidenflight.simulator.tasks.failures import REACHED
 
 Runs = Mapping[str, Run]
 """By their name."""
@@ -107,7 +108,7 @@ def _show_flights(runs: Runs, parts: Mapping[str, polars.DataFrame | None]) -> M
     if not tables_of:
         return Markup()
     rows = polars.concat(tables_of, how="diagonal_relaxed")
-    reached = polars.col("end_reason") == flight_time_figures.REACHED
+    reached = polars.col("end_reason") == REACHED
     largest = [polars.col(name).max() for name in flights.LARGEST if name in rows.columns]
     summary = rows.group_by("run", "panel", maintain_order=True).agg(
         polars.col("policy").n_unique().alias("policies"),

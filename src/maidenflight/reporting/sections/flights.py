@@ -56,7 +56,7 @@ def tested(run: Run) -> Markup:
         "flights.html",
         where=describe_realities(run),
         viewer=_viewer(run),
-        times=_times("Flight times by policy", rows),
+        times=_times(rows),
         boxed=_boxed(rows, "policy", "reality"),
         table=tables.sortable("flights", run.table.select(*columns), columns, viewable(run)),
     )
@@ -67,7 +67,7 @@ def _boxed(rows: polars.DataFrame, *keys: str) -> bool:
     return max(rows.group_by(keys).len()["len"].to_list(), default=0) >= flight_time_figures.BOXED
 
 
-def _times(title: str, rows: polars.DataFrame) -> Figure | None:
+def _times(rows: polars.DataFrame) -> Figure | None:
     """Box plots, in groups if all control structures are known; None without a time."""
     if not rows["duration"].is_finite().any():
         return None
@@ -81,7 +81,7 @@ def _times(title: str, rows: polars.DataFrame) -> Figure | None:
         *([group] if is_complete else []),
     )
     labels = {colour: NAMES[kind] for kind, colour in colours.items()} if is_complete else {}
-    return flight_time_figures.flight_times(displayed, title, labels)
+    return flight_time_figures.flight_times(displayed, "Flight times by policy", labels)
 
 
 def change(run: Run) -> Markup:
@@ -115,7 +115,7 @@ def predicted(run: Run) -> Markup:
     rows = run.prediction.with_columns(panel=polars.lit("predicted"))
     return render(
         "predicted.html",
-        times=_times("Flight times by policy", rows),
+        times=_times(rows),
         boxed=_boxed(rows, "policy"),
         table=_predictions(run.prediction),
     )

@@ -12,10 +12,10 @@ from markupsafe import Markup
 
 from maidenflight.experiments.transfer import MAX_DURATION_S
 from maidenflight.reporting import identified, text
-from maidenflight.reporting.figures.flight_times import REACHED
 from maidenflight.reporting.identified import SIMULATED, Kinds
 from maidenflight.reporting.run import Run
 from maidenflight.reporting.sections import parameters
+from maidenflight.simulator.tasks.failures import REACHED
 
 NAMES = {
     "thrust_to_weight": "thrust-to-weight ratio",

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import polars
@@ -66,7 +66,7 @@ def section(run: Run) -> Markup:
         gains=_gains(run),
         intervals=_intervals(run),
         delays=_delays(run),
-        calibration=_calibration(run),
+        calibration=None if run.calibration is None else ranks(summarize(run.calibration)),
         advice=_advice(run),
         truth=_shape_of_truth(run),
         corner=corner.corner(draws, best) if draws else None,
@@ -87,11 +87,6 @@ def _intervals(run: Run) -> Figure | None:
     return identification_figures.estimates(
         run.estimates, run.unidentified, references, run.drone.parameters
     )
-
-
-def _calibration(run: Run) -> Figure | None:
-    """Returns the ranks of a calibration, if there is one."""
-    return None if run.calibration is None else ranks(summarize(run.calibration))
 
 
 def _advice(run: Run) -> Markup | str:
@@ -242,19 +237,8 @@ def _source(run: Run) -> str:
     )
 
 
-class ParameterErrors(NamedTuple):
-    """How far the identified drone is from the virtual one."""
-
-    outside: int
-    """Intervals that the truth lies outside of."""
-    of: str
-    """How many there are, in words."""
-    effects: list[str]
-    """Effects of the virtual drone that were not identified."""
-
-
-def _missed(run: Run) -> ParameterErrors | None:
-    """How far the identified drone is from the virtual one; `None` where that is not known."""
+def _missed(run: Run) -> dict[str, Any] | None:
+    """How many intervals the truth lies outside of, and the effects that were not identified."""
     if run.reality is None:
         return None
     outside = 0
@@ -262,7 +246,7 @@ def _missed(run: Run) -> ParameterErrors | None:
         low, high = sorted(true_ends(run, name))
         outside += estimate.interval[0] > high or estimate.interval[1] < low
     count = text.plural(len(run.estimates), "parameter")
-    return ParameterErrors(outside, count, _left_out(run, run.reality))
+    return {"outside": outside, "of": count, "effects": _left_out(run, run.reality)}
 
 
 def _left_out(run: Run, reality: Parameters) -> list[str]:

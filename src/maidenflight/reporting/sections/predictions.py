@@ -18,21 +18,14 @@ from maidenflight.reporting.text import ERRORS, DisplayFormat
 def section(run: Run) -> Markup:
     """Returns how well models predict flights."""
     errors, windows = run.validation, run.windows
-    logs, held_out = _split_held_out(run)
     return render(
         "prediction.html",
-        logs=logs,
-        held_out=held_out,
+        logs=text.plural(len(run.judged), "log"),
+        held_out=len(run.judged & run.used) if run.judged and run.used else None,
         errors="" if errors is None else _errors(errors),
         horizons=None if errors is None else predictions.horizons(errors),
         windows=None if windows is None else predictions.windows(windows),
     )
-
-
-def _split_held_out(run: Run) -> tuple[str, int | None]:
-    """Counts logs that were predicted and, if known, those of the identification in them."""
-    logs = text.plural(len(run.judged), "log")
-    return logs, len(run.judged & run.used) if run.judged and run.used else None
 
 
 def _errors(errors: polars.DataFrame) -> Markup:

@@ -20,7 +20,6 @@ def section(run: Run) -> Markup:
 
 
 def _table(rows: polars.DataFrame) -> Markup:
-    """The columns that the entry has."""
     own = [
         name
         for name in rows.columns

@@ -79,8 +79,7 @@ class Controller(NamedTuple):
     def on(self, drone: Parameters) -> "Controller":
         """Returns the same controller with the mixer of a drone's frame, where it has one.
 
-        Args:
-            drone: a point, of NumPy's numbers.
+        The drone is a point, of NumPy's numbers.
         """
         mixer = mixer_of(drone) if self.mixed is not None else None
         if self.mixed is None or mixer is None:
@@ -124,12 +123,7 @@ def driven(
 
 
 def time_step(controller: Controller, longest: float = 0.005) -> float:
-    """Returns the longest physics step [s] that divides the period between two commands.
-
-    Args:
-        controller: whose commands.
-        longest: the step is no longer than this [s].
-    """
+    """Returns the longest physics step [s] that divides the period between two commands."""
     period = 1.0 / controller.command_rate
     return period / np.ceil(period / longest - 1e-6)
 
@@ -310,10 +304,6 @@ DRIVES: dict[str, Callable[[ControlInterface, Generation], Controller]] = {
 def controller_for(interface: ControlInterface, firmware: str = "2026.08") -> Controller:
     """Returns the controller that does what an interface says.
 
-    Args:
-        interface: a policy's.
-        firmware: `"2021.10"` or `"2026.08"`, of no consequence to PWM.
-
     Raises:
         InputError: there is no such firmware, `DRIVES` has no structure of that name, or the action
             rate does not divide the 500 Hz of the PIDs that follow it.
@@ -330,10 +320,7 @@ def find_controller(name: str, **settings: Any) -> Controller:
     """Returns the control structure of a name, one of `CONTROLLERS` or `MODULE:NAME`.
 
     One of your own is a controller or what makes one; policies that command it then fly from files.
-
-    Args:
-        name: as above.
-        settings: of one of `CONTROLLERS`; of the others, only `action_rate` counts.
+    Of the settings only `action_rate` counts for it.
 
     Raises:
         InputError: there is no such control structure, or it has the name of another.

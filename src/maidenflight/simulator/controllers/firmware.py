@@ -1,7 +1,5 @@
 """The Crazyflie firmware's cascaded PID: position, velocity, attitude, rate, mixer.
 
-Two generations of it.
-
 `"2021.10"` flew the paper's flights, `"2026.08"` is today's. Gains are the same, behaviour is not:
 
 | | 2021.10 | 2026.08 |
@@ -17,7 +15,8 @@ Two generations of it.
 
 Units are the firmware's: m, deg, deg/s and PWM counts in float32, computed in the firmware's order.
 Signs are ours: pitch and pitch rate are positive nose down, which is the firmware's gyro and minus
-its attitude. A count is cut off as an integer is, yet a gradient passes.
+its attitude. A count is cut off as an integer is, yet a gradient passes. Generations and mixers are
+static.
 
 Source: Crazyflie firmware 5ed999b6f953 (2021-10-29) and 2a18fc299d7b (2026-08-21), src/modules/src:
 pid.c, controller_pid.c, attitude_pid_controller.c, position_controller_pid.c,
@@ -110,9 +109,7 @@ LEAST_THRUST_COUNTS = 20000.0
 def switched_on(fixed: bool = False) -> Memory:
     """Returns the memory before the first tick.
 
-    Args:
-        fixed: whether set-points are for attitude or rate loops and always of one mode, known
-            before compiling.
+    `fixed`: set-points are for attitude or rate loops, always of one mode, known before compiling.
     """
     zero = np.zeros(3, np.float32)
     pid = PIDMemory(zero, zero)  # type: ignore[arg-type]
@@ -182,9 +179,9 @@ def position_loops(
 def attitude_loops(
     memory: Memory, setpoint: Setpoint, state: StateEstimate, firmware: Generation
 ) -> Memory:
-    """Returns the attitude and rate PIDs: what torque to ask for. Source: controller_pid.c.
+    """Returns the attitude and rate PIDs: what torque to ask for.
 
-    Attitude_pid_controller.c.
+    Source: controller_pid.c; attitude_pid_controller.c.
     """
     mode = setpoint.mode
     by_hand = (mode[0] == DISABLE) | (mode[1] == DISABLE)
@@ -213,13 +210,8 @@ def mix(
 ) -> Float[Array, "4"]:
     """Returns the motor commands [counts] from thrust and roll, pitch, yaw [counts].
 
-    In 2026.08 they end nowhere; `battery.motor_ratio` and `actuators.actuate` cap them.
-
-    Args:
-        thrust: of a motor.
-        torque: about the three axes.
-        firmware: generation; static.
-        mixer: of another frame than the firmware's X; static.
+    In 2026.08 they end nowhere; `battery.motor_ratio` and `actuators.actuate` cap them. A mixer is
+    that of another frame than the firmware's X.
 
     Source: power_distribution_stock.c (2021.10), power_distribution_quadrotor.c (2026.08), X
     formation; stabilizer.c for the order.
@@ -244,22 +236,11 @@ def tick(
     attitude_due: Bool[Array, ""] | bool = True,
     mixer: Mixer | None = None,
 ) -> tuple[Memory, Float[Array, "4"]]:
-    """Returns one tick of the cascade.
+    """Returns one tick of the cascade: memory and motors' commands [counts], not yet compensated.
 
     Thrust 0 stops the motors, resets the PIDs and makes the present yaw the desired one; so it is
-    before the first tick.
-
-    Args:
-        memory: of the tick before.
-        setpoint: the set-point.
-        state: what is measured.
-        firmware: generation; static.
-        position_due: whether position and velocity PIDs run, as they do at 100 Hz.
-        attitude_due: whether attitude and rate PIDs run, as they do at 500 Hz.
-        mixer: see `mix`.
-
-    Returns:
-        Memory, and the four motors' commands [counts], not yet compensated for the battery.
+    before the first tick. Position and velocity PIDs are due at 100 Hz, attitude and rate PIDs at
+    500 Hz.
 
     Source: controller_pid.c, controllerPid.
     """

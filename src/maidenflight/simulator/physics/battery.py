@@ -100,12 +100,10 @@ def _cubic_volts(counts: Numbers, force: tuple[float, ...], full: float) -> Numb
 
 
 def _cubic(name: str, force: tuple[float, ...], full: float) -> ThrustLaw:
-    """A law of today's firmware.
+    """Returns a law of today's firmware, by the name of the propellers.
 
-    Args:
-        name: of the propellers.
-        force: coefficients of a motor's force by its voltage [N/V^k].
-        full: force that 65535 counts stand for (THRUST_MAX) [N].
+    `force` are coefficients of a motor's force by its voltage [N/V^k], `full` is the force that
+    65535 counts stand for (THRUST_MAX) [N].
     """
     return ThrustLaw(
         name,
@@ -137,11 +135,9 @@ LAWS: Mapping[str, ThrustLaw] = {
 
 
 def law_for(full_scale_counts: float | None) -> ThrustLaw:
-    """Returns the law of the firmware that made a drone's logs.
+    """Returns the law of the firmware that made a drone's logs; the authors' where there are none.
 
-    Today's where u = 1 is full PWM in them.
-
-    The authors' where there are none.
+    It is today's where u = 1 is full PWM in them.
     """
     return PLUS if full_scale_counts == MOST_COUNTS else FIRMWARE_2021
 
@@ -170,16 +166,11 @@ AUTHORS = Supply(FIRMWARE_2021, COUNTS, battery=True)
 
 
 def motor_ratio(command: Numbers, voltage: Numbers, supply: Supply) -> Numbers:
-    """Returns the motor ratio that the firmware sets for a thrust command, in steps of 1/256.
-
-    Args:
-        command: u from 0, (..., 4).
-        voltage: battery voltage [V], of a shape that broadcasts.
-        supply: law and scale.
+    """Returns the motor ratio that the firmware sets for thrust commands u at a voltage [V].
 
     Returns:
-        Ratio in [0, 255/256], rounded down to the timer's resolution; the command, up to the most,
-        where no battery is simulated.
+        Ratio in [0, 255/256], rounded down to the timer's steps of 1/256; the command, up to the
+        most, where no battery is simulated.
     """
     xp = command.__array_namespace__()
     if supply.law is not None and supply.law.least_counts:
@@ -200,14 +191,10 @@ def timer_ratio(ratio: Numbers) -> Numbers:
 
 
 def thrust_command(ratio: Numbers, voltage: Numbers, supply: Supply) -> Numbers:
-    """Returns the thrust command of a motor ratio.
+    """Returns the thrust command of a motor ratio after compensation, at a battery voltage [V].
 
-    The inverse of `motor_ratio` at the middle of its step.
-
-    Args:
-        ratio: motor ratio after compensation; zero means that the motor is off.
-        voltage: battery voltage [V], of a shape that broadcasts.
-        supply: law and scale.
+    The inverse of `motor_ratio` at the middle of its step; a ratio of zero means that the motor is
+    off.
 
     Returns:
         u, from 0 to what the voltage allows; the ratio where no battery is simulated.
@@ -224,12 +211,8 @@ def voltage(
 ) -> Float[Array, ""]:
     """Returns the voltage under load: V = V_0 - (dV/dt) drawn - R mean(ratio) [V].
 
-    A linear model of the middle range of a LiPo cell; ours.
-
-    Args:
-        charge_drawn: time at full ratio that the motors have run for [s].
-        ratio: motor ratio of the four motors.
-        parameters: uses the `battery` fields.
+    A linear model of the middle range of a LiPo cell; ours. What is drawn is the time at full ratio
+    that the motors have run for [s].
     """
     return (
         parameters.battery_voltage

@@ -78,7 +78,6 @@ def torque(forces: Float[Array, "4"], parameters: Parameters) -> Axes:
 
 
 def _over_rotors(values: Float[Array, "4"], weights: Float[Array, "4"]) -> Float[Array, ""]:
-    """A weighted sum over the rotors."""
     (v1, v2, v3, v4), (w1, w2, w3, w4) = values, weights
     return w1 * v1 + w2 * v2 + w3 * v3 + w4 * v4
 
@@ -93,15 +92,9 @@ def further_torque(
 
     It is zero for the paper's Crazyflie. Four parts: the rotors' moment against the flight's
     direction, (c_x v_y, -c_y v_x) (flapping blades, and rotors above the centre of mass); damping
-    of roll and pitch rates; the reaction to rotors that spin up, with the signs of their drag
-    torque; and the trim of an off-centre battery or unequal motors, which grows with the thrust.
-
-    Args:
-        state: the drone.
-        forces: of the rotors [N].
-        spin_up: rate of change of the rotor speeds nu [1/s].
-        parameters: uses `flapping_moment`, `rotational_damping`, `rotor_momentum` and
-            `torque_bias`.
+    of roll and pitch rates; the reaction to rotors that spin up (dnu/dt [1/s]), with the signs of
+    their drag torque; and the trim of an off-centre battery or unequal motors, which grows with the
+    thrust.
 
     Source: Hoffmann et al. 2007, Quadrotor helicopter flight dynamics and control, eq. 7-10
     (flapping); Bouabdallah 2007, sec. 2.4 (rotor inertia). Both show in the authors' flights of a
@@ -155,12 +148,7 @@ def angular_acceleration(
 ) -> Float[Array, "3"]:
     """Returns the angular acceleration [rad/s2], body: I domega/dt = eta - omega x (I omega).
 
-    eta is the sum of all torques on the body.
-
-    Args:
-        state: the drone.
-        spin_up: rate of change of the rotor speeds nu [1/s].
-        parameters: the drone's constants.
+    eta is the sum of all torques on the body, of which one is that of rotors that spin up [1/s].
 
     Source: Gronauer et al. 2022, eq:angular-acceleration.
     """
@@ -181,19 +169,12 @@ def angular_acceleration(
 def motor_derivative(
     rotor_speed: Float[Array, "4"], command: Float[Array, "4"], parameters: Parameters
 ) -> Float[Array, "4"]:
-    """Returns the rate of change of the rotor speeds [1/s].
+    """Returns the rate of change of the rotor speeds nu [1/s] under commands sqrt(u).
 
-    T_m dnu/dt = sqrt(u) - nu, and less when coasting.
-
-    A motor that slows down lags by T_m `spin_down_ratio` + T_c (nu - sqrt(u)) / nu^2: the time that
-    the motor takes and the time that the air takes, one after the other. The air's drag grows with
-    nu^2, so a rotor that coasts follows dnu/dt = -nu^2 / T_c.
-
-    Args:
-        rotor_speed: nu.
-        command: sqrt(u) after the delay line.
-        parameters: `motor_time_constant` T_m [s] holds while the motor speeds up, `spin_down_ratio`
-            and `motor_coasting` T_c [s] besides while it slows down.
+    T_m dnu/dt = sqrt(u) - nu, and less when coasting. A motor that slows down lags by T_m
+    `spin_down_ratio` + T_c (nu - sqrt(u)) / nu^2: the time that the motor takes and the time that
+    the air takes, one after the other. T_m is `motor_time_constant` and T_c `motor_coasting` [s].
+    The air's drag grows with nu^2, so a rotor that coasts follows dnu/dt = -nu^2 / T_c.
 
     Source: Gronauer et al. 2022, eq:motor-dynamics; coasting is ours, identified from the authors'
     flights (docs/identification.md).
@@ -210,9 +191,9 @@ def motor_derivative(
 def _lags(
     change: Float[Array, "..."], rotor_speed: Float[Array, "..."], parameters: Parameters
 ) -> tuple[Array, Array, Array]:
-    """A motor's own lag [s], nu^2, and nu^2 times the lag with coasting [s].
+    """Returns a motor's own lag [s], nu^2, and nu^2 times the lag with coasting [s].
 
-    So that a rate takes one division, which is slow.
+    A rate thus takes one division, which is slow.
     """
     slower = parameters.motor_time_constant * parameters.spin_down_ratio
     time_constant = jnp.where(change < 0, slower, parameters.motor_time_constant)
@@ -273,11 +254,9 @@ def derivative(state: State, command: Float[Array, "4"], parameters: Parameters)
 
 
 def euler(state: State, command: Float[Array, "4"], parameters: Parameters) -> State:
-    """Returns one semi-implicit Euler step.
+    """Returns one semi-implicit Euler step, of first order, as the paper's PyBullet does it.
 
     Motors, velocities, positions, each from the newest values.
-
-    First order. PyBullet, the paper's engine, steps the same way.
     """
     dt = parameters.time_step
     rotor_speed = state.rotor_speed + dt * motor_derivative(state.rotor_speed, command, parameters)
@@ -298,11 +277,10 @@ def euler(state: State, command: Float[Array, "4"], parameters: Parameters) -> S
 def midpoint(state: State, command: Float[Array, "4"], parameters: Parameters) -> State:
     """Returns one step under the forces at its middle.
 
-    Motors (linearly implicit), velocities, positions.
-
-    Second order for all fast states, at the cost of `euler`. That one applies the forces of a
-    step's end and so is half a step early in every integration: at 5 ms steps about 5 ms from
-    command to attitude, as much as the latency of a Crazyflie.
+    Motors (linearly implicit), velocities, positions: second order for all fast states, at the cost
+    of `euler`. That one applies the forces of a step's end and so is half a step early in every
+    integration: at 5 ms steps about 5 ms from command to attitude, as much as the latency of a
+    Crazyflie.
     """
     dt = parameters.time_step
     rotor_speed = state.rotor_speed + dt * spin_up(state.rotor_speed, command, parameters)
@@ -335,11 +313,7 @@ def rk4(state: State, command: Float[Array, "4"], parameters: Parameters) -> Sta
 
 
 def check_state(state: State) -> State:
-    """Returns a state whose numbers are all finite; inside compiled functions any state.
-
-    Raises:
-        InputError: a number is not finite.
-    """
+    """Returns a state; refuses numbers that are not finite, outside compiled functions."""
     for name, value in state._asdict().items():
         if not isinstance(value, Tracer) and not np.all(np.isfinite(value)):
             raise InputError(

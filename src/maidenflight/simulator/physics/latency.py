@@ -25,10 +25,7 @@ SLOWEST = QUANTITIES["latency"].upper
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class DelayLine:
-    """Rotor speed commands on their way to the motors.
-
-    Older commands have higher places.
-    """
+    """Rotor speed commands on their way to the motors. Older commands have higher places."""
 
     commands: Float[Array, "slots 4"]
     """Constant commands, or `vectors.Entries` of each rotor's."""
@@ -40,11 +37,9 @@ class DelayLine:
 
 
 def slots(command_period: float) -> int:
-    """Returns the number of commands that a delay line must hold.
+    """Returns the number of commands that a delay line must hold, by their period [s].
 
-    Args:
-        command_period: time between two commands [s]; periods randomized to be up to 10 % shorter
-            find room.
+    Periods randomized to be up to 10 % shorter find room.
     """
     return int(np.ceil(SLOWEST / (0.9 * command_period) - 1e-6)) + 1
 
@@ -57,14 +52,10 @@ def push(commands: Float[Array, "slots 4"], newest: Float[Array, "4"]) -> Float[
 def put(
     commands: Float[Array, "slots 4"], newest: Float[Array, "4"], number: Int[Array, ""]
 ) -> DelayLine:
-    """Puts the newest command in the place of the oldest.
+    """Puts the newest command, after so many others, in the place of the oldest.
 
-    It is cheaper than a `push`, which moves all.
-
-    Args:
-        commands: an array or `Entries`; before any was put, newest first.
-        newest: of the same form.
-        number: how many were put before.
+    It is cheaper than a `push`, which moves all. Commands are arrays or `Entries`; before any was
+    put, newest first.
     """
     place = (-1 - number) % _length(commands)
     set_at = partial(lax.dynamic_update_index_in_dim, index=place, axis=0)
@@ -77,13 +68,7 @@ def in_front(commands: Float[Array, "slots 4"], number: int) -> Float[Array, "sl
 
 
 def delayed(line: DelayLine, parameters: Parameters, steps: int) -> Float[Array, "steps 4"]:
-    """Returns the mean of the delayed command in each physics step of the newest command's period.
-
-    Args:
-        line: the commands.
-        parameters: uses `latency` Delta [s] and `time_step` dt [s].
-        steps: physics steps a command period.
-    """
+    """Returns the mean of the delayed command in each physics step of the newest one's period."""
     return in_step(line, parameters, steps, jnp.arange(steps))
 
 
@@ -95,16 +80,10 @@ def in_step(
 ) -> Float[Array, "... 4"]:
     """Returns mean of the delayed command in physics step `number` of the newest command's period.
 
-    Step i sees the commands of the time from (i dt - Delta) to ((i + 1) dt - Delta), where the
-    newest command (slot 0) starts at 0 and slot j holds from -j h to (1 - j) h, h = steps dt. A
-    step is no longer than a command, so it sees two at most. The last slot also stands for
-    everything older.
-
-    Args:
-        line: as of `delayed`.
-        parameters: as of `delayed`.
-        steps: as of `delayed`, or an argument of the program.
-        number: i; or several.
+    Step i sees the commands of the time from (i dt - Delta) to ((i + 1) dt - Delta). Delta is the
+    latency and dt the time step; the newest command (slot 0) starts at 0. Slot j holds from -j h to
+    (1 - j) h, h = steps dt. A step is no longer than a command, so it sees two at most. The last
+    slot also stands for everything older.
     """
     size = _length(line.commands)
     oldest = jnp.asarray(size - 1 if line.ring else size - 1 - line.newest, jnp.float32)

@@ -12,13 +12,9 @@ from jaxtyping import Array, Float
 def draw(
     key: Array, normals: int, uniforms: int
 ) -> tuple[Float[Array, "normals"], Float[Array, "uniforms"]]:
-    """Draws independent random numbers.
+    """Draws independent numbers, standard normal ones and uniform ones on [-1, 1).
 
-    Args:
-        key: random key.
-        normals: how many of the standard normal distribution; the inverse error function of uniform
-            ones, as in JAX.
-        uniforms: how many of the uniform distribution on [-1, 1).
+    The former are the inverse error function of uniform ones, as in JAX.
     """
     least = np.nextafter(np.float32(-1.0), np.float32(0.0))
     numbers = jax.random.uniform(key, (normals + uniforms,), minval=least, maxval=1.0)

@@ -64,20 +64,13 @@ def split(name: str) -> tuple[str, list[str]]:
 
 
 def jump_of(name: str) -> float | None:
-    """Returns when a reality of a name changes in the course of a flight [s].
-
-    None where it does not.
-    """
+    """Returns when a reality of a name changes in the course of a flight [s]; None: it does not."""
     times = [_read(one).at for one in split(name)[1]]
     return next((at for at in times if at is not None), None)
 
 
 def with_additions(drone: Any, added: list[str]) -> Any:
-    """Returns a reality with what its name adds.
-
-    Args:
-        drone: a `VirtualDrone`, or one that follows the `Reality` protocol.
-        added: of `split`.
+    """Returns a reality, virtual or of the `Reality` protocol, with what its name adds.
 
     Raises:
         InputError: the same twice; a latency that is no whole number of the reality's steps or
@@ -149,13 +142,9 @@ def _changed(own: Parameters, one: Perturbation, name: str) -> Parameters:
 
 
 def loaded(drone: Parameters, share: float) -> Parameters:
-    """Returns a drone with a payload at its centre of mass.
+    """Returns a drone, or several, with a payload of this share of its mass at its centre of mass.
 
     Thrust [N], torques and air drag [N] stay.
-
-    Args:
-        drone: which; also stacked or traced.
-        share: of its mass [-].
     """
     heavier = np.float32(1.0 + share)
     return replace(

@@ -68,11 +68,7 @@ class DelayWrapper(_Wrapper):
     """A reality whose commands act later; its truth and its log hold the original ones."""
 
     def __init__(self, inner: Any, seconds: float) -> None:
-        """Wraps it.
-
-        Args:
-            inner: a reality of the protocol.
-            seconds: how much later [s], a multiple of its step.
+        """Wraps a reality of the protocol, commanded so much later [s].
 
         Raises:
             InputError: it is none.
@@ -116,13 +112,9 @@ class MotorBiasWrapper(_Wrapper):
         more: Float[np.ndarray, "4"],
         shares: Float[np.ndarray, "4"] | float = 1.0,
     ) -> None:
-        """Wraps a reality of the protocol.
+        """Wraps a reality of the protocol that takes commands of motors in a Crazyflie's order.
 
-        Args:
-            inner: a reality that takes commands of its motors, in the order of a Crazyflie's.
-            addition: what its name says.
-            more: thrust commands to add.
-            shares: of each motor's command that acts.
+        `more` are thrust commands to add, `shares` what of each motor's command acts.
 
         Raises:
             InputError: it takes others.

@@ -161,7 +161,6 @@ def imports_code(name: str) -> bool:
 
 
 def _virtual_about(drawn_name: str, centre: str) -> VirtualDrone:
-    """A virtual drone about another."""
     kind, _, seed = drawn_name.partition(":")
     if kind not in VARIANTS or not seed.isdecimal():
         raise InputError(
@@ -174,11 +173,7 @@ def _virtual_about(drawn_name: str, centre: str) -> VirtualDrone:
 
 
 def check_reality(candidate: Any) -> AnyReality:
-    """Returns a reality.
-
-    Raises:
-        InputError: it is none.
-    """
+    """Returns a reality; refuses what is none."""
     if isinstance(candidate, AnyReality) and not isinstance(candidate, type):
         return candidate
     lacking = ", ".join(member for member in _MEMBERS if not hasattr(candidate, member))

@@ -26,11 +26,7 @@ class Stepped:
     takes = MOTORS
 
     def __init__(self, drone: VirtualDrone) -> None:
-        """Makes one that hovers at the origin.
-
-        Args:
-            drone: which.
-        """
+        """Makes one that hovers at the origin."""
         self.name, self.parameters = drone.name, drone.parameters
         self.hover = float(dynamics.hover_command(drone.parameters))
         whole = drone.environment(tasks.circle(), control.pwm(action_rate=self.rate))

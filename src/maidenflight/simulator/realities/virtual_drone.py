@@ -67,11 +67,7 @@ class VirtualDrone:
     """What it becomes in the course of a flight; it stays as it is by default."""
 
     def must_not_change(self) -> None:
-        """Refuses a drone that changes in the course of a flight, where that is not simulated.
-
-        Raises:
-            InputError: it does.
-        """
+        """Refuses a drone that changes in the course of a flight, where that is not simulated."""
         if self.later is not None:
             raise InputError(
                 f"{self.name} changes {self.later.at:g} s after the flight's start; only transfers "
@@ -93,11 +89,7 @@ class VirtualDrone:
     ) -> Environment:
         """Returns the environment in which this drone flies a task under a control structure.
 
-        Args:
-            task: the task to fly.
-            controller: what carries out the commands.
-            spec: what the policy sees.
-            changing: whether the caller makes the drone become what `later` says.
+        `changing`: the caller makes the drone become what `later` says.
 
         Raises:
             InputError: the drone changes in the course of a flight, and the caller does not make
@@ -119,15 +111,7 @@ class VirtualDrone:
 
 
 def must_be_virtual(reality: object, cure: str) -> VirtualDrone:
-    """Returns a virtual drone.
-
-    Args:
-        reality: any.
-        cure: what to do where its physics are not ours.
-
-    Raises:
-        InputError: it is none.
-    """
+    """Returns a virtual drone; refuses other realities, and says what to do then."""
     if not isinstance(reality, VirtualDrone):
         name = getattr(reality, "name", reality)
         raise InputError(f"{name} has physics of its own, which are not ours to change. {cure}")
@@ -188,14 +172,14 @@ def virtual_drone(
 
     Args:
         seed: a whole number, not negative; the same seed is the same drone.
-        centre: the drone about which constants are drawn, each in the same proportion as about the
-            Crazyflie; what it lacks, such as drag or a battery that sags, is drawn as the
-            Crazyflie's. A drone of more than `LARGEST_CRAZYFLIE` has no battery compensation. The
-            published Crazyflies by default.
         variant: `near`: the paper's model with other numbers, and the mean motor lag of the virtual
             drone of the same seed. `virtual`: the effects above. `far`: in addition a lower
             thrust-to-weight ratio, motors that slow down half as fast as they speed up, the
             rotors' angular momentum, a flapping moment and constant torques.
+        centre: the drone about which constants are drawn, each in the same proportion as about the
+            Crazyflie; what it lacks, such as drag or a battery that sags, is drawn as the
+            Crazyflie's. A drone of more than `LARGEST_CRAZYFLIE` has no battery compensation. The
+            published Crazyflies by default.
         thrust_law: of its firmware.
 
     Raises:

@@ -43,12 +43,9 @@ def _draw_points(random: np.random.Generator) -> Places:
 def _draw_curve(
     random: np.random.Generator, curve: Callable[[Places], Places], bend: float
 ) -> Places:
-    """Two rounds of a closed curve, turned and tilted, that speeds up and slows down smoothly.
+    """Draws two rounds of a closed curve of unit size, turned and tilted, at a smooth speed.
 
-    Args:
-        random: what draws size, speed and direction.
-        curve: angle to place, of unit size.
-        bend: its greatest curvature at unit size.
+    `bend` is its greatest curvature.
     """
     size = random.uniform(0.15, 0.8) if bend == 1.0 else random.uniform(0.4, 1.2)
     speed = min(random.uniform(*SPEEDS), np.sqrt(MOST_ACCELERATION * size / bend))
@@ -86,14 +83,9 @@ _PARTS: tuple[Callable[[np.random.Generator], Places], ...] = (
 
 @cached_by_arguments
 def random_course(duration: float = COURSE_S, seed: int = 0, height: float = 1.0) -> Trajectory:
-    """Returns a course of random parts that starts at rest at (0, 0, height).
+    """Returns a course of random parts that starts at rest at (0, 0, height) [m].
 
-    Where a part ends, the next begins.
-
-    Args:
-        duration: of the course at least [s]; its last part is whole.
-        seed: of the parts.
-        height: of its start [m].
+    Where a part ends, the next begins; the last one is whole, beyond the duration [s].
     """
     from scipy.interpolate import make_interp_spline
 

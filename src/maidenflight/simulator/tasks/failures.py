@@ -15,9 +15,11 @@ from maidenflight.simulator.physics import rotations
 from maidenflight.simulator.physics.dynamics import State
 from maidenflight.simulator.physics.vectors import norm, squared
 
-END_REASONS = ("", "time limit", "not finite", "body rate", "tilt", "position error", "height")
+REACHED = "time limit"
+"""End reason of a flight that lasts as long as it may."""
+END_REASONS = ("", REACHED, "not finite", "body rate", "tilt", "position error", "height")
 """Why a flight ends. Where several hold at once, it is the first of these."""
-TIME_LIMIT, NOT_FINITE = END_REASONS.index("time limit"), END_REASONS.index("not finite")
+TIME_LIMIT, NOT_FINITE = END_REASONS.index(REACHED), END_REASONS.index("not finite")
 MAX_POSITION_ERROR_M = 0.25
 """Distance from the set-point [m] at which an episode fails (Gronauer et al. 2022, sec.
 Experimental Setup)."""
@@ -62,11 +64,7 @@ def excursion(
 ) -> Excursion:
     """Returns how far a drone is from hover at its set-point.
 
-    Args:
-        position: [m].
-        attitude: roll, pitch, yaw [rad].
-        body_rates: [rad/s].
-        setpoint: [m].
+    Position is in m, attitude roll, pitch and yaw [rad], and body rates are in rad/s.
     """
     values: list[Any] = [setpoint, position, attitude, body_rates]
     library: Any = jnp
@@ -81,11 +79,14 @@ def excursion(
     return Excursion(tilt, rate, library.sqrt(x * x + y * y + z * z))
 
 
+LARGEST = ("largest_tilt", "largest_body_rate", "largest_distance")
+"""Columns of the largest values of flights, in SI units."""
+
+
 def largest(excursions: Excursion) -> dict[str, Any]:
     """Returns the largest of each part along its last axis, by columns of a table of flights."""
-    names = ("largest_tilt", "largest_body_rate", "largest_distance")
     worst = (np.max(np.asarray(part, np.float64), axis=-1).round(6) for part in excursions)
-    return dict(zip(names, worst, strict=True))
+    return dict(zip(LARGEST, worst, strict=True))
 
 
 class Guard(NamedTuple):
@@ -133,10 +134,7 @@ def too_steep(state: State) -> Bool[Array, ""]:
 
 
 def reason(**failures: Bool[ArrayLike, "..."]) -> Int[Any, "..."]:
-    """Returns the index of the first of `END_REASONS` that holds, 0 if none does.
-
-    Names have _ for a blank.
-    """
+    """Returns the index of the first of `END_REASONS` that holds, 0 if none; _ is a blank."""
     of_jax = any(isinstance(holds, jax.Array) for holds in failures.values())
     library: Any = jnp if of_jax else np
     reason_index = library.zeros((), library.int32)

@@ -108,13 +108,9 @@ TAKE_OFF_START = InitialStateRange(
 def _reset_near(
     reference: Trajectory, start_range: InitialStateRange, latest: float = 0.0, moving: bool = False
 ) -> Reset:
-    """A reset near a reference.
+    """Makes a reset near a reference, up to the latest time on its clock [s], uniformly.
 
-    Args:
-        reference: set-point [m] at a time [s].
-        start_range: half widths of the first state.
-        latest: the start on the reference's clock is uniform up to it [s].
-        moving: whether the drone starts with the reference's velocity, else about at rest.
+    The drone starts with the reference's velocity if it is moving, else about at rest.
     """
     tilt = np.radians(np.array(start_range.attitude, np.float32))
     spin = np.radians(np.array(start_range.body_rates, np.float32))
@@ -140,14 +136,10 @@ def _reset_near(
 
 @cache
 def with_yaw_penalty(task: Task, yaw_penalty: float) -> Task:
-    """Returns the task with a cost of yaw.
+    """Returns the task with a cost of a radian of yaw, per control period, and the same failures.
 
     The paper's rewards do not depend on yaw, and its episodes last 5 s. Constant torques and the
     gyro's bias turn a drone further than in training, where the policy fails.
-
-    Args:
-        task: the task; its failures stay the same.
-        yaw_penalty: cost of a radian of yaw, per control period.
     """
 
     def reward(
@@ -247,9 +239,7 @@ def hover(height: float = 1.0) -> Task:
 def take_off(height: float = 1.0, duration: float = 1.5) -> Task:
     """Rises from the ground, motors off, to a height [m] within a duration [s], and stays there.
 
-    5 s an episode.
-
-    The ground stops the drone without a bounce or a tilt; near it, thrust grows
+    5 s an episode. The ground stops the drone without a bounce or a tilt; near it, thrust grows
     (`ground.near_ground`).
 
     Source: authors' code, there called "not yet working properly".
@@ -362,11 +352,9 @@ def _fast(name: str, reference: Trajectory, fastest: float) -> Task:
 
 
 def find_task(name: str) -> Task:
-    """Returns the task of a name.
+    """Returns the task of a name, one of `TASKS` or `MODULE:NAME` of a task or what makes one.
 
-    Args:
-        name: one of `TASKS`; a CSV file, whose reference is followed from its start; or
-            `MODULE:NAME` of a task or what makes one.
+    Or of a CSV file, whose reference is followed from its start.
 
     Raises:
         InputError: there is no such task, or the file is wrong.
