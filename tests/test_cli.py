@@ -95,7 +95,7 @@ def test_help_names_every_battery_law_and_every_signal_that_can_be_ignored(
         ("identify {tmp}/empty --battery-law 'no law'", "known are"),
         ("identify {tmp}/empty --ignore position", "rotor_speed"),
         ("validate crazyflie {tmp}/empty -o {tmp}/v.csv --horizons soon", "expected seconds"),
-        ("identify {tmp}/empty {tmp}/odd.csv", "unexpected extra argument"),
+        ("identify {tmp}/empty {tmp}/odd.csv", "put several into a folder"),
         ("identify {tmp}/empty --length 9", "--objective replay"),
         ("match {tmp}/empty -o {tmp}/m.toml", "POLICIES"),
         ("match {tmp}/empty {tmp}/odd.csv --over latency", "--over"),

@@ -64,6 +64,18 @@ class VerbCommand(click.Command):
         own = [_parameter(name, one, name in self.project) for name, one in self.declared.items()]
         params = [*own, *_common_options(verb, rare)]
         super().__init__(verb.name, params=params, callback=self._run, help=verb.__doc__)
+        self.allow_extra_args = True
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Reads the words; a pattern that the shell made many logs of has its cure."""
+        super().parse_args(ctx, args)
+        if ctx.args:
+            words = " ".join(ctx.args[:2]) + (" ..." if len(ctx.args) > 2 else "")
+            cure = " LOGS is one log or a folder: put several into a folder." * (
+                "logs" in self.declared
+            )
+            ctx.fail(f"Got unexpected extra arguments ({words}).{cure}")
+        return ctx.args
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Writes the options of each group below its heading."""
