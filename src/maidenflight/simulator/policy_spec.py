@@ -175,8 +175,11 @@ class PolicySpec:
     ) -> Float[Array, "20H+3K+M"]:
         """Joins an observation.
 
-        It is of the last H instants, oldest first, `points` from the measured position [m], world,
-        and what the policy remembers.
+        Args:
+            history: the last H instants, oldest first.
+            points: see `points`.
+            position: measured, world [m].
+            memory: what the policy remembers.
         """
         observed_part = self.join_observed(history, points, position)
         return jnp.concatenate([observed_part, memory]) if self.memory else observed_part
@@ -194,16 +197,23 @@ class PolicySpec:
         return values
 
     def beyond(self, *known: str) -> str:
-        """Returns what sets it apart from the paper's policies, but for known fields, with values.
+        """Returns the names what sets it apart from the paper's policies, with values.
 
-        It is for consumers that can do without some of it: what is added to this class later they
-        refuse.
+        Empty if nothing does.
+
+        For consumers that can do without some of it: what is added to this class later they refuse.
+
+        Args:
+            known: names of fields that may differ.
         """
         differences = {name: value for name, value in self._unusual().items() if name not in known}
         return ", ".join(f"{name} = {value}" for name, value in differences.items())
 
     def to_dict(self) -> dict[str, Any]:
-        """Returns plain values for files: history, layers and what the paper's policies lack."""
+        """Returns plain values for files and records.
+
+        History and hidden layers, and what the paper's policies do not have.
+        """
         return {"history": self.history, **self._unusual(), "hidden": list(self.hidden)}
 
     def _unusual(self) -> dict[str, Any]:

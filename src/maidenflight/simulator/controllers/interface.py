@@ -126,7 +126,12 @@ class ControlInterface:
     def scaled(
         self, action: Float[Array, "4"], factors: Four = (1.0, 1.0, 1.0, 1.0)
     ) -> Float[Array, "4"]:
-        """Returns centre + span action, without clipping, times factors from `units` to others."""
+        """Returns centre + span action, without clipping.
+
+        Args:
+            action: [-].
+            factors: from `units` to those of the result.
+        """
         centre, span = (
             jnp.asarray(np.multiply(numbers, factors).astype(np.float32))
             for numbers in (self.centre, self.span)
@@ -174,8 +179,10 @@ def pwm(
 ) -> ControlInterface:
     """Returns the thrust commands of the four motors, u = most (clip(a, -1, 1) + 1) / 2.
 
-    The largest command is above 1 for drones that need what the battery has beyond it. Actions come
-    so often a second [Hz].
+    Args:
+        action_rate: actions a second [Hz].
+        full_scale_counts: see `ControlInterface`.
+        most: largest command [-]; above 1 for drones that need what the battery has beyond it.
 
     Source: Gronauer et al. 2022, sec. Motor Model and sec. Control Structures.
     """
@@ -217,8 +224,13 @@ def attitude(
     """Returns collective thrust about hovering, or from 7/12 to 11/12, and angles of up to 10 deg.
 
     The paper's range of thrust lifts a drone whose thrust-to-weight ratio is above 1.71: it cannot
-    descend. With `hover`, the share of full thrust that the drone hovers at, thrust reaches
-    `THRUST_REACH` to both sides of it, within 0 and 1. Actions come so often a second [Hz].
+    descend.
+
+    Args:
+        action_rate: actions a second [Hz].
+        full_scale_counts: see `ControlInterface`.
+        hover: share of full thrust that the drone hovers at; thrust then reaches `THRUST_REACH` to
+            both sides of it, within 0 and 1. None: the paper's range.
 
     Raises:
         InputError: the share is not between 0 and 1.
