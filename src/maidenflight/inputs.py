@@ -42,7 +42,15 @@ def content(path: StrPath) -> bytes:
 
 
 def check_growth(packed: int, plain: int) -> None:
-    """Refuses (ValueError) compressed data that grows to more bytes than a log, while it does."""
+    """Checks how much compressed data grows, before it does or while it does.
+
+    Args:
+        packed: bytes of the file.
+        plain: bytes of what it holds.
+
+    Raises:
+        ValueError: more than a log does.
+    """
     if plain > min(max(UNBOUNDED, MOST_GROWTH * packed), MOST_BYTES):
         raise ValueError(
             f"{packed / 1e6:.1f} MB that unpack to {plain / 1e6:.0f} MB or more, as no log does"

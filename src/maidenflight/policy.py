@@ -88,7 +88,11 @@ class Policy:
         return dataclasses.replace(self, weights=weights, biases=biases, gru=gru)
 
     def must_be_plain(self) -> None:
-        """Refuses a subclass, whose network files and other programs cannot hold."""
+        """Refuses a subclass, whose network files and other programs cannot hold.
+
+        Raises:
+            InputError: it is one.
+        """
         if type(self) is not Policy:
             raise InputError(
                 f"{type(self).__name__}: has a network of its own, which neither policy files nor "
@@ -96,7 +100,14 @@ class Policy:
             )
 
     def check(self, place: str = "policy") -> None:
-        """Refuses shapes and numbers that make no sense; errors name the place, such as a file."""
+        """Checks that shapes and numbers make sense.
+
+        Args:
+            place: what errors name, such as the file.
+
+        Raises:
+            InputError: they do not.
+        """
         _check_sizes(self, place)
         if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(self)):
             raise InputError(

@@ -58,12 +58,17 @@ def write(path: StrPath, content: str | bytes) -> Path:
 
 
 def claim(path: StrPath, timeout: float = _LOCK_TIMEOUT) -> Callable[[], None]:
-    """Locks a place, which need not exist, against other processes of this computer and user.
+    """Locks a place against other processes of this computer and user.
 
-    Returns a function that releases the lock. The end of the process releases it too, even a kill.
+    Args:
+        path: a file or a folder; it need not exist, and nothing is written to it.
+        timeout: longest wait for another process [s].
+
+    Returns:
+        A function that releases the lock. The end of the process releases it too, even a kill.
 
     Raises:
-        InputError: another process holds the lock for longer than the timeout [s].
+        InputError: another process holds the lock.
     """
     from filelock import FileLock, Timeout
 

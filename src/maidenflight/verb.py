@@ -137,10 +137,18 @@ class Verb:
         return None if value is PENDING else value
 
     def check(self) -> None:
-        """Refuses settings that do not go together or name what is not there."""
+        """Refuses settings that do not go together or name what is not there.
+
+        Raises:
+            InputError: as above.
+        """
 
     def check_early(self) -> None:
-        """Refuses what can be refused before anything heavy is imported; before `check`."""
+        """Refuses what can be refused before anything heavy is imported.
+
+        Raises:
+            InputError: as of `check`, which calls it too.
+        """
 
     def choose_output(self, output: StrPath | None) -> Any:
         """Returns where to write: a path, or an address such as s3://BUCKET; None: nowhere."""

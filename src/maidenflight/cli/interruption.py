@@ -78,8 +78,11 @@ def handle_sigint(patience: float | None = None) -> Iterator[None]:
 
     One that falls into a callback of the garbage collector, JAX's or another, is dropped there, and
     is sent again. One that falls into the start of an extension module comes out as that module's
-    ImportError, and is taken for what it was. In a process of a command one that has come to
-    nothing ends it after `patience` [s], and one in an import at once.
+    ImportError, and is taken for what it was.
+
+    Args:
+        patience: of a process of a command: after this time a Ctrl-C that has come to nothing ends
+            it, and one in an import at once [s].
     """
     global _line
     _line = plainly

@@ -18,6 +18,9 @@ def check_frame(to: str, interface: ControlInterface, drone: Parameters) -> None
     """Refuses a policy whose commands the Crazyflie's firmware would mix for another frame.
 
     And one for the Brushless, which is another platform of the firmware.
+
+    Raises:
+        InputError: as above.
     """
     brushless = read_drone("crazyflie_brushless")
     if to == "crazyflie" and np.allclose(np.abs(drone.rotor_x), np.abs(brushless.rotor_x), 0.01):

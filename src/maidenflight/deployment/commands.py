@@ -39,13 +39,21 @@ def described(interface: ControlInterface) -> str:
 
 
 def check_hover(share: float | None) -> None:
-    """Refuses what is no share of full thrust to hover at; None where it is not known."""
+    """Checks the share of full thrust at which a drone hovers; None where it is not known.
+
+    Raises:
+        InputError: it is no share.
+    """
     if share is not None and not 0.0 < share <= 1.0:
         raise InputError(f"hover = {share}; expected a share above 0 and at most 1.")
 
 
 def check_form(policy: Policy) -> None:
-    """Refuses a network that does not see observations as they are, or give actions."""
+    """Checks that a network sees observations as they are, and gives actions.
+
+    Raises:
+        InputError: it does not.
+    """
     form = policy.spec.form
     if form != INSTANTS:
         raise InputError(

@@ -259,7 +259,10 @@ QUANTILES = (10, 25, 50, 75, 90)
 
 
 def summary(flights: polars.DataFrame) -> polars.DataFrame:
-    """Returns one row a policy, in the order of `predict_flight_times`.
+    """Returns one row a policy, in the order of the flights.
+
+    Args:
+        flights: what `predict_flight_times` gives.
 
     Returns:
         policy, control, trials; mean and quantiles (`QUANTILES`, in percent) of the duration [s],

@@ -22,7 +22,11 @@ GUARD_RATE = 100
 
 
 def real_controller(interface: ControlInterface) -> Controller:
-    """Returns the controller of the authors' drone for an interface; see `controller_for`."""
+    """Returns the controller of the authors' drone that does what an interface says.
+
+    Raises:
+        InputError: see `control.controller_for`.
+    """
     if interface.name == "attitude_rate":
         return _attitude_rate(interface)
     if interface.name == "attitude":

@@ -18,11 +18,15 @@ SOON_S = 2.0
 
 
 def recovery(errors: Float[np.ndarray, "F T"], rate: float, at: float) -> Float[np.ndarray, "F"]:
-    """Returns the time after the change from which a flight stays within `WITHIN_M` to its end [s].
+    """Returns the time after the change from which a flight stays within `WITHIN_M`, to its end.
 
-    Errors are distances from the set-point [m], one row a flight and so many a second, the first at
-    its start; the drone changes at `at` [s]. Infinite where a flight is never back, or ends before
-    the drone changes.
+    Args:
+        errors: distances from the set-point [m], one row a flight.
+        rate: distances a second [Hz]; the first is at the flight's start.
+        at: when the drone changes [s].
+
+    Returns:
+        [s]; infinite where a flight is never back, or ends before the drone changes.
     """
     far = ~(errors[:, round(at * rate) :] <= WITHIN_M)
     if not far.shape[1]:
@@ -38,7 +42,11 @@ def distance(flight: Flight) -> Float[np.ndarray, "N"]:
 
 
 def of_flights(table: polars.DataFrame, flights: Sequence[Flight]) -> polars.DataFrame:
-    """Returns the flights of a transfer whose drone changes, as the names of their realities say.
+    """Returns the flights whose drone changes, as the names of their realities say.
+
+    Args:
+        table: rows of a transfer.
+        flights: their logs, in the same order.
 
     Returns:
         One row a flight: place (in `table`, from 0), policy, reality, at [s], lasts (whether no

@@ -19,8 +19,10 @@ _SURE = 0.01
 def verdicts(flights: polars.DataFrame, file: DroneFile, seconds: float) -> list[str]:
     """Returns a line for each control structure: how many drones fly well, and what decides.
 
-    Flights are of up to so many seconds and of drones of the file's posterior, by `drone`; see
-    `predict_flight_times`.
+    Args:
+        flights: of drones of the posterior, with the column `drone`; see `predict_flight_times`.
+        file: the drone's file.
+        seconds: longest flight [s].
     """
     lasts = polars.col("end_reason") == REACHED
     is_good = lasts & (polars.col("position_error") < WITHIN_M)

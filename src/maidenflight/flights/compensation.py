@@ -78,7 +78,10 @@ def thrust_command(
 ) -> Float[np.ndarray, "N 4"]:
     """Returns the thrust command u of logged PWM counts; NaN where a count is impossible.
 
-    Counts are those after compensation, by a key of `LAWS`, for the battery voltage [V].
+    Args:
+        pwm: 0 to 65535, after battery compensation.
+        volts: battery voltage [V].
+        law: a key of `LAWS`.
     """
     possible = np.where((pwm >= 0) & (pwm <= MOST_COUNTS), pwm, np.nan)
     wide = np.broadcast_to(volts[:, None], pwm.shape)
@@ -91,8 +94,11 @@ def reread(
 ) -> Float[np.ndarray, "N 4"]:
     """Returns thrust commands that another law gives for the same voltages of the motors.
 
-    The commands u were read by the first law, of which the motors' voltage is known, at battery
-    voltages [V].
+    Args:
+        command: u, read by `law`.
+        volts: battery voltage [V].
+        law: a key of `LAWS`, of which the motors' voltage is known.
+        other: likewise.
     """
     wide = np.broadcast_to(volts[:, None].astype(float), command.shape)
     if law == BRUSHLESS:
@@ -114,7 +120,10 @@ def usual_laws(
 ) -> dict[str, float]:
     """Returns how probable laws are by the motors' voltage in flight; the one taken comes first.
 
-    That is the law by which the commands u were read, at battery voltages [V].
+    Args:
+        command: u in flight, read by `law`.
+        volts: battery voltage [V].
+        law: the one taken.
     """
     if law not in (*USUAL, BRUSHLESS):
         return {law: 1.0}
@@ -132,7 +141,10 @@ def law_of(
 ) -> str | None:
     """Returns the law that gives a logged thrust command back, or None where none does to 1.2 %.
 
-    The thrust is `controller.cmd_thrust`, the mean command of the four motors, 0 to 65535 counts.
+    Args:
+        pwm: as in `thrust_command`.
+        volts: battery voltage [V].
+        thrust: mean command of the four motors, 0 to 65535 counts; `controller.cmd_thrust`.
     """
     rows = np.isfinite(thrust) & np.isfinite(volts) & (thrust > 10000)
     rows &= ((pwm > 0) & (pwm < 0.99 * MOST_COUNTS)).all(axis=1)
@@ -153,7 +165,11 @@ def _miss(command: np.ndarray, thrust: np.ndarray) -> float:
 def assumed(pwm: Float[np.ndarray, "N 4"], volts: Float[np.ndarray, "N"]) -> str:
     """Returns the law that is taken where a log's thrust command does not decide.
 
-    It does so by the motors' voltage; a battery voltage of NaN is unknown.
+    By the motors' voltage.
+
+    Args:
+        pwm: as in `thrust_command`.
+        volts: battery voltage [V]; NaN where it is unknown.
     """
     if not np.isfinite(volts).any():
         return UNKNOWN

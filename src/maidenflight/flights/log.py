@@ -202,10 +202,13 @@ def averaged(flight: Flight, every: int) -> Flight:
 
 
 def flight_of(name: str, period: float, **known: Any) -> Flight:
-    """Returns a flight of what was logged, with rows at a period [s].
+    """Returns a flight of what was logged.
 
-    What each row of our format has, and was not logged, is NaN. Arrays may be of any kind of
-    number.
+    Args:
+        name: where it comes from.
+        period: time between two rows [s].
+        known: other fields of `Flight`; arrays of any kind of number. What each row of our format
+            has, and was not logged, is NaN.
     """
     rows = len(known["command"])
     for group, names in GROUPS.items():

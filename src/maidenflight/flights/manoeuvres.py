@@ -132,7 +132,11 @@ class Manoeuvre:
         return self.size * KINDS[self.kind](time, self.period, np.random.default_rng(seed))
 
     def checked(self, place: str) -> "Manoeuvre":
-        """Returns the manoeuvre; refuses an unknown kind, and size or period out of range."""
+        """Returns the manoeuvre.
+
+        Raises:
+            InputError: no such kind, or size or period out of range.
+        """
         sound = 0.0 <= self.size <= LARGEST and SHORTEST <= self.period <= LONGEST
         if not sound or self.kind not in KINDS:
             raise InputError(
@@ -144,10 +148,12 @@ class Manoeuvre:
 
 
 def library(half_width: float, half_height: float, motors: bool) -> list[Manoeuvre]:
-    """Returns manoeuvres that may be flown, calm ones first; a simulation tells which fit a room.
+    """Manoeuvres that may be flown, calm ones first; a simulation tells which fit a room.
 
-    The set-point may go so far [m] from the point along x and y, and so far up and down. `motors`:
-    excitation of the motors is among them.
+    Args:
+        half_width: how far the set-point may go from the point, along x and y [m].
+        half_height: how far up and down [m].
+        motors: whether excitation of the motors is among them.
     """
     manoeuvres = [Manoeuvre(HOVER)]
     manoeuvres += [Manoeuvre("circle", size, 3.0) for size in (0.2, 0.3, 0.4) if size <= half_width]

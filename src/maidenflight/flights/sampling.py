@@ -23,12 +23,17 @@ all others be cut again."""
 def sampled(
     flights: Iterable[Flight], most: float, lead_in: int = LEAD_IN
 ) -> tuple[list[Flight], float]:
-    """Keeps all flights if they last no longer than `most` [s], else segments of the longer ones.
+    """Keeps all flights if they are short enough together, else segments of the longer ones.
 
     Flights that last longer than an equal share are cut. Segments lie at random places that depend
-    on the flight's number alone, and carry the rows of commands before them, `lead_in`, that their
-    windows need; their windows are among those of the whole flight. Each flight gives at least
-    `UNIT` rows; a segment may add one. Beside what is kept one flight at a time need be in memory.
+    on the flight's number alone, and carry the rows before them that their windows need; their
+    windows are among those of the whole flight. Each flight gives at least `UNIT` rows.
+
+    Args:
+        flights: checked flights, of which one at a time need be in memory beside those that are
+            kept.
+        most: what to keep, all flights together [s]; a segment may add a row.
+        lead_in: rows of commands before a window.
 
     Returns:
         The choice, in the order of the flights, and how long all flights last together [s].

@@ -64,7 +64,11 @@ def _segments(flight: Flight) -> int:
 
 
 def must_have_one_rate(flights: Iterable[Flight]) -> None:
-    """Refuses flights whose periods differ by more than `SAME_RATE`."""
+    """Refuses flights whose periods differ by more than `SAME_RATE`.
+
+    Raises:
+        InputError: the lowest and the highest rate.
+    """
     periods = [flight.period for flight in flights]
     if periods and max(periods) > (1 + SAME_RATE) * min(periods):
         raise InputError(

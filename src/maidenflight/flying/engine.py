@@ -46,11 +46,18 @@ def simulate(
     start: Float[Array, ""] | float = 0.0,
     during: Change | None = None,
 ) -> Rows:
-    """Flies from hover near the reference's start, at a time [s], and logs every control period.
+    """Flies from hover near the reference's start and logs every control period.
 
-    A failed flight goes on; the caller decides where it ended. `act` gives an action of an
-    observation and the number of the control period, `during` what changes of the drone in the
-    course of the flight.
+    A failed flight goes on; the caller decides where it ended.
+
+    Args:
+        env: what is simulated.
+        act: (observation, number of the control period) to action.
+        parameters: the drone.
+        key: random key.
+        steps: control periods, static.
+        start: the reference's clock at the start [s].
+        during: what changes of the drone in the course of the flight; nothing by default.
     """
     offset, begin_key, key = near_reference(key)
     state = dynamics.at_hover(env.task.reference(jnp.asarray(start)) + offset, parameters)

@@ -181,10 +181,14 @@ def _until_next_action(
 def end_reason(
     env_state: EnvState, setpoint: Float[Array, "3"], farthest: Float[Array, ""]
 ) -> tuple[Int[Array, ""], Excursion]:
-    """Returns why guards would stop the policy now, by the drone's measurements, and those.
+    """Returns why the drone's guards would stop the policy now, by its measurements, and those.
 
-    The first is an index of `END_REASONS`, 0 if they would not; `farthest` is a distance from the
-    set-point [m].
+    The first is an index of `END_REASONS`; 0: they would not.
+
+    Args:
+        env_state: the drone.
+        setpoint: [m].
+        farthest: distance from it [m].
 
     Source: Gronauer et al. 2022, sec. Zero-Shot Experiments; the ground and the distance are ours.
     """

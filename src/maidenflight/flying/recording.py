@@ -73,7 +73,15 @@ def record_plan(
     rate: int = RATE,
     firmware: str = "2021.10",
 ) -> Sequence[Flight]:
-    """Lets the firmware's position PID fly a plan in a reality so often and logs it; see `record`.
+    """Lets the firmware's position PID fly a plan in a reality and logs it.
+
+    Args:
+        reality: the drone or simulator; see `record`.
+        plan: what to fly.
+        key: random key.
+        flights: how often.
+        rate: rows a second [Hz], a divisor of 500.
+        firmware: see `record`.
 
     Raises:
         InputError: another rate, a reality that cannot fly it, or a drone that the PID cannot hold.
@@ -97,7 +105,11 @@ def fly_plans(
 
 
 def must_divide(rate: int) -> None:
-    """Refuses rates of a log at which rows would not be commands: other than divisors of `RATE`."""
+    """Refuses rates of a log at which rows would not be commands.
+
+    Raises:
+        InputError: it is no divisor of `RATE`.
+    """
     if rate < 1 or RATE % rate:
         raise InputError(f"rate = {rate} Hz; expected a divisor of {RATE}, such as 500, 250, 100.")
 

@@ -32,7 +32,11 @@ its field, and its place in it if that is a vector."""
 
 
 def check_names(names: Iterable[str]) -> None:
-    """Refuses what is no parameter, with those that may be meant: the whole list is long."""
+    """Refuses what is no parameter, with those that may be meant: the whole list is long.
+
+    Raises:
+        InputError: a name is none of `COMPONENTS`.
+    """
     for name in names:
         if name in COMPONENTS:
             continue

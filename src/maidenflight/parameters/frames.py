@@ -26,9 +26,12 @@ Frame = dict[str, Any]
 
 
 def h_frame(forward: float, sideways: float, reversed_rotors: bool = False) -> Frame:
-    """Returns rotors at the corners of a rectangle: an H, a stretched X or a wide one.
+    """Rotors at the corners of a rectangle: an H, a stretched X or a wide one.
 
-    They are so far from the centre forward and backward, and to either side [m].
+    Args:
+        forward: from the centre to the rotors' line in front, and to that behind [m].
+        sideways: from the centre to the rotors' line on either side [m].
+        reversed_rotors: whether the front right rotor turns clockwise from above.
 
     Raises:
         InputError: a distance is not a positive number.
@@ -43,7 +46,9 @@ def h_frame(forward: float, sideways: float, reversed_rotors: bool = False) -> F
 def x_frame(arm: float, reversed_rotors: bool = False) -> Frame:
     """Returns a square X: front right, back right, back left, front left.
 
-    The arm [m] is from the centre to a rotor, half of what is between opposite rotors.
+    Args:
+        arm: from the centre to a rotor [m], half of what is between opposite rotors.
+        reversed_rotors: whether the front right rotor turns clockwise from above.
 
     Raises:
         InputError: the arm is not a positive number.
@@ -54,8 +59,12 @@ def x_frame(arm: float, reversed_rotors: bool = False) -> Frame:
 def plus_frame(arm: float, reversed_rotors: bool = False) -> Frame:
     """Returns a +, which is the X turned to the left by 45 degrees: front, right, back, left.
 
+    Args:
+        arm: from the centre to a rotor [m].
+        reversed_rotors: whether the front rotor turns clockwise from above.
+
     Raises:
-        InputError: the arm [m] is not a positive number.
+        InputError: the arm is not a positive number.
 
     Source: Crazyflie firmware, power_distribution_stock.c, normal formation (the motors' order).
     """

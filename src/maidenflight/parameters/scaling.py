@@ -9,9 +9,14 @@ from maidenflight.parameters.quantities import Parameters
 
 
 def with_mass(drone: Parameters, mass: float, name: str) -> Parameters:
-    """Returns the same frame and motors with another mass [kg], as of a battery or a deck.
+    """Returns the same frame and motors with another mass, as of a battery or a deck.
 
     Inertia is in proportion to the mass, as if it were spread as before, and full thrust stays.
+
+    Args:
+        drone: a point.
+        mass: [kg].
+        name: of the drone, for errors.
 
     Raises:
         InputError: the motors do not lift the mass, or it is outside its physical range.
@@ -36,10 +41,15 @@ def with_mass(drone: Parameters, mass: float, name: str) -> Parameters:
 
 
 def isometric(drone: Parameters, mass: float, name: str) -> Parameters:
-    """Returns a drone of the same shape and density and another mass [kg].
+    """Returns a drone of the same shape and density and another mass.
 
     Lengths grow with the cube root of the mass, inertia with its power of 5/3; ratios and times
     stay.
+
+    Args:
+        drone: a point.
+        mass: [kg].
+        name: of the drone, for errors.
 
     Raises:
         InputError: a value is outside its physical range.

@@ -202,9 +202,16 @@ def begin(
     parameters: Parameters,
     key: Array,
 ) -> EnvState:
-    """Returns an episode that starts in some state, at a time [s] of the reference's clock.
+    """Returns an episode that starts in some state.
 
     Its delay line holds the task's first command.
+
+    Args:
+        environment: what is simulated.
+        state: first state.
+        time: the reference's clock [s].
+        parameters: the drone.
+        key: random key for bias and sensor noise.
 
     Raises:
         InputError: the state holds a number that is not finite (raised outside compiled functions

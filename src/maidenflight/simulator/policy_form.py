@@ -48,7 +48,11 @@ class PolicyForm:
     """Settings of gradients that differ from those of other policies with a memory."""
 
     def check_method(self, method: str) -> None:
-        """Refuses a method by which such policies are not trained."""
+        """Refuses a method by which such policies are not trained.
+
+        Raises:
+            InputError: as above.
+        """
         if method not in self.methods:
             raise InputError(
                 f"policies of the form {self.name} are trained by {' or '.join(self.methods)}, not "

@@ -292,7 +292,11 @@ class InSteps:
 
 
 def ensemble(drones: Sequence[Parameters]) -> Ensemble:
-    """Returns an ensemble of drones, one or more."""
+    """Returns an ensemble of drones.
+
+    Raises:
+        InputError: no drone.
+    """
     if not drones:
         raise InputError("an ensemble of no drones; give one or more.")
     return Ensemble(jax.tree.map(lambda *leaves: np.stack(leaves), *drones))

@@ -277,9 +277,15 @@ def drive(
     parameters: Parameters,
     floor: float | None = None,
 ) -> State:
-    """Integrates the physics over one command period, from the state at the newest command.
+    """Integrates the physics over one command period.
 
-    A drone stands at the height `floor` [m], if there is one; the ground is at height 0.
+    Args:
+        integrator: `dynamics.midpoint`, `dynamics.euler` or `dynamics.rk4`.
+        state: the drone at the newest command.
+        line: rotor speed commands.
+        steps: physics steps in the period.
+        parameters: the drone.
+        floor: height at which the drone stands [m], if there is a floor; the ground is at height 0.
     """
     delayed = latency.delayed(line, parameters, steps)
 

@@ -21,7 +21,11 @@ class Engine(Protocol):
         ...
 
     def ended(self, timeout: float) -> Sequence[TaskResult]:
-        """Tasks that have ended since the last call; waits for one at most so long [s]."""
+        """Tasks that have ended since the last call.
+
+        Args:
+            timeout: longest wait for one [s].
+        """
         ...
 
     def close(self) -> None:

@@ -203,7 +203,11 @@ def own_files(*values: Any) -> list[str]:
 
 
 def must_exist(drone: Any) -> None:
-    """Refuses a drone's TOML file that is not there, before anything heavy is imported."""
+    """Refuses a drone's TOML file that is not there, before anything heavy is imported.
+
+    Raises:
+        InputError: there is no such file.
+    """
     if drone not in (None, PENDING) and drone.endswith(".toml") and not Path(drone).exists():
         raise InputError(
             f"{drone}: no such drone. Identify one (maidenflight identify LOGS -o {drone}), or "
@@ -212,7 +216,11 @@ def must_exist(drone: Any) -> None:
 
 
 def must_be_default(verb: Verb, settled: Sequence[str], reason: str) -> None:
-    """Refuses settings that something else settles."""
+    """Refuses settings that something else settles.
+
+    Raises:
+        InputError: one of them is not as by default.
+    """
     for name, (attribute, declared) in verb.settings().items():
         if attribute in settled and getattr(verb, attribute) != declared.default:
             raise InputError(f"--{name.replace('_', '-')}: {reason}. Leave it out.")

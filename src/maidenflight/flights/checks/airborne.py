@@ -77,8 +77,10 @@ def leave_out_ground(
 ) -> tuple[Bool[np.ndarray, "N"], list[str]]:
     """Returns rows in which an autopilot flies, without those beside the ground, and notes.
 
-    `ground`: rows, at times [s], in which it is disarmed or has landed, as it says; `name`: of the
-    file, for notes.
+    Args:
+        name: of the file, for notes.
+        at: times of the rows [s].
+        ground: rows in which it is disarmed or has landed, as it says.
     """
     if not ground.any():
         return ~ground, []

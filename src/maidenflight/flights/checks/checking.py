@@ -49,9 +49,15 @@ _COLUMNS = GROUPS | OPTIONAL
 def pieces(
     flight: Flight, time: Float[np.ndarray, "N"] | None = None, shortest: int = 0
 ) -> tuple[list[Flight], list[str]]:
-    """Cuts a flight, with rows at times [s], equally spaced by default, into usable pieces.
+    """Cuts a flight into usable pieces.
 
-    They have at least so many rows; 0 stands for `SHORTEST_S`. Notes say what was dropped.
+    Args:
+        flight: as read.
+        time: time of each row [s]; equally spaced by default.
+        shortest: rows that a piece must have; 0 is `SHORTEST_S`.
+
+    Returns:
+        The pieces, and notes on what was dropped.
 
     Raises:
         InputError: the rate is not steady, or a whole flight is in the wrong unit.

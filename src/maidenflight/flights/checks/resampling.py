@@ -26,9 +26,16 @@ MAX_GAP_ROWS = 4
 def bridged(
     flight: Flight, time: Float[np.ndarray, "N"]
 ) -> tuple[Flight, Float[np.ndarray, "N"], list[str]]:
-    """Puts rows in, with a note, where a step of time [s] is longer than usual, up to `MAX_GAP_S`.
+    """Puts rows in where a step of time is longer than the period, but not longer than `MAX_GAP_S`.
 
     Signals follow straight lines, commands hold.
+
+    Args:
+        flight: as read.
+        time: of its rows [s].
+
+    Returns:
+        Flight, time, and a note where rows were put in.
     """
     if not np.isfinite(time).all() or not 0 < flight.period < MAX_GAP_S:
         return flight, time, []
@@ -68,7 +75,12 @@ def resampled(
 
     Signals are interpolated linearly; commands constant until the next row and set-points keep
     their last value. A gap of more than `MAX_GAP_ROWS` rows stays a gap. A log whose steps are even
-    but for a few, or mostly uneven, or whose time [s] does not increase, is returned as it is.
+    but
+    for a few, or mostly uneven, or whose time does not increase, is returned as it is.
+
+    Args:
+        flight: as read.
+        time: time of each row [s].
     """
     step = np.diff(time)
     if len(step) < 2 or not np.isfinite(time).all() or step.min() <= 0:

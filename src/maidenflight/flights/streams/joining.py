@@ -60,9 +60,14 @@ def everywhere(at: Float[np.ndarray, "N"]) -> tuple[Bool[np.ndarray, "N"], list[
 
 
 def state(name: str, place: Stream, quaternion: Stream) -> tuple[Stream | None, list[str]]:
-    """Returns position, velocity and attitude in the rarer one's samples; None where too rare.
+    """Returns position, velocity and attitude in the rarer one's samples.
 
-    `place` is position [m] and velocity [m/s] in the world, the quaternion x, y, z, w.
+    None where they are too rare.
+
+    Args:
+        name: of the file, for notes.
+        place: position [m] and velocity [m/s] in the world.
+        quaternion: x, y, z, w, body to world.
     """
     angles = attitudes.of_quaternions(quaternion.values)
     is_finite = np.isfinite(angles).all(axis=1)
@@ -87,8 +92,11 @@ def flight(
 ) -> tuple[Flight, Float[np.ndarray, "N"], list[str]]:
     """Returns the flight in some signals, unchecked.
 
-    The remedy is a sentence that says what makes the drone log faster; `usable_rows` says of the
-    times of rows which are of the flight, with notes on the others.
+    Args:
+        name: of the file, for errors and notes.
+        signals: as logged.
+        remedy: a sentence that says what makes the drone log faster.
+        usable_rows: of the times of rows, which are of the flight, and notes on the others.
 
     Returns:
         The flight, the time of its rows [s] and what was left out or is known less well.

@@ -24,8 +24,10 @@ NEEDED = {
 def filter_delay(cutoff: float) -> float:
     """Returns the delay of a Butterworth filter of second order, at low frequencies [s].
 
-    1 / (s^2 + sqrt(2) s + 1) of s = i f / cutoff [Hz]: its phase falls by sqrt(2) f / cutoff. A
-    cutoff of 0 is no filter.
+    1 / (s^2 + sqrt(2) s + 1) of s = i f / cutoff: its phase falls by sqrt(2) f / cutoff.
+
+    Args:
+        cutoff: where it passes 0.71 [Hz]; 0 is no filter.
     """
     return 2**0.5 / (2 * math.pi * cutoff) if cutoff > 0 else 0.0
 
@@ -35,8 +37,14 @@ def refuse_too_slow(
 ) -> None:
     """Refuses a log of which a needed signal is logged too rarely, or not at all.
 
-    Rates are in Hz, those of `NEEDED` signals 0 where one is missing; `logged` are those of all
-    that the log holds. The remedy is a sentence that says what to set.
+    Args:
+        name: of the file.
+        rates: of the signals that are needed, keys of `NEEDED` [Hz]; 0 where one is missing.
+        remedy: a sentence that says what to set.
+        logged: rates of all that the log holds [Hz], to be told.
+
+    Raises:
+        InputError: the signals, their rates and the remedy.
     """
     slow = {signal: rate for signal, rate in rates.items() if rate < 0.97 * LEAST_HZ}
     if slow:

@@ -36,9 +36,11 @@ class Stream(NamedTuple):
 
 
 def stream(time: Float[np.ndarray, "M"], values: np.ndarray) -> Stream:
-    """Returns a signal of samples, (M, K) or (M,), in any order; of those with one time the first.
+    """Returns a signal of samples in any order; of those with one time the first.
 
-    Those whose time [s] is not finite are left out.
+    Args:
+        time: of each sample [s]; those that are not finite are left out.
+        values: (M, K), or (M,) of one number.
     """
     values = np.asarray(values, float)
     values = values[:, None] if values.ndim == 1 else values

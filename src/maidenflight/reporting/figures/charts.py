@@ -97,10 +97,14 @@ def panel(
     height: int = 180,
     zooms: Sequence[str] = ("x", "y"),
 ) -> Spec:
-    """Returns layers over one another that share data and axes, the first below the others.
+    """Layers over one another that share data and axes.
 
-    Rows of the data with a `series` are hidden by the entry of the legend that has it. `zooms` are
-    axes of numbers that the pointer moves and zooms; the height is that of the inside [px].
+    Args:
+        data: see `table`; rows with a `series` are hidden by the entry of the legend that has it.
+        layers: marks and encodings, the first below the others.
+        title: above the panel, in one line or several.
+        height: of its inside [px].
+        zooms: axes that the pointer moves and zooms; each must be of numbers.
     """
     first, *others = layers
     if zooms:

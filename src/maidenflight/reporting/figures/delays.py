@@ -23,9 +23,13 @@ def delay_posterior(
     estimates: Mapping[str, Estimate],
     truth: Sequence[tuple[float, float]] = (),
 ) -> Figure:
-    """Draws posterior samples [SI] of the two delays, and ellipses that hold shares of them.
+    """Draws posterior samples of the two delays, and ellipses that hold shares of them.
 
-    What is true of a virtual drone are corners of a box, motor time constant and latency [s].
+    Args:
+        draws: N values by parameter [SI]; an entry of each belongs together.
+        estimates: optimum and interval by parameter.
+        truth: what is true of a virtual drone: corners of a box, motor time constant and latency
+            [s].
 
     Raises:
         InputError: draws or estimates of one of the two parameters are missing.
@@ -130,8 +134,12 @@ def plane(
 ) -> Figure:
     """Returns dots, curves and marks over motor time constant and latency.
 
-    Rows are those of `curve` and `marks`, and dots with `series`, `x` and `y` [ms]; tooltips are
-    further labels of dots, by column.
+    Args:
+        title: of the figure.
+        drawn: rows: those of `curve` and `marks`, and dots with `series`, `x` and `y` [ms].
+        in_view: points in view [ms].
+        legend: an entry for each series.
+        tooltip: further labels of dots, by column.
     """
     ends = [
         (min(0.98 * low, low - 0.5), max(1.02 * high, high + 0.5))

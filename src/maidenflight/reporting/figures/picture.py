@@ -44,8 +44,10 @@ _OWN = ("color", "shape", "size", "strokeDash", "strokeWidth", "opacity", "yOffs
 def svg(figure: Figure, width: int = WIDTH, note: str = "") -> str:
     """Returns a figure as an SVG file. The same figure gives the same bytes.
 
-    The width [px] is another where all panels have widths of their own; a note stands below the
-    title.
+    Args:
+        figure: what is drawn.
+        width: of the picture [px]; another where all panels have widths of their own.
+        note: below the title.
     """
     columns = figure.columns or max(1, min(len(figure.panels), width // figure.least))
     each = (width - 2 * _PADDING - (columns - 1) * _SPACE) / columns

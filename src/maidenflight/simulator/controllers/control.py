@@ -123,7 +123,12 @@ def driven(
 
 
 def time_step(controller: Controller, longest: float = 0.005) -> float:
-    """Returns the longest physics step [s] that divides the period between two commands."""
+    """Returns the longest physics step [s] that divides the period between two commands.
+
+    Args:
+        controller: whose commands.
+        longest: the step is no longer than this [s].
+    """
     period = 1.0 / controller.command_rate
     return period / np.ceil(period / longest - 1e-6)
 

@@ -236,11 +236,22 @@ def tick(
     attitude_due: Bool[Array, ""] | bool = True,
     mixer: Mixer | None = None,
 ) -> tuple[Memory, Float[Array, "4"]]:
-    """Returns one tick of the cascade: memory and motors' commands [counts], not yet compensated.
+    """Returns one tick of the cascade.
 
     Thrust 0 stops the motors, resets the PIDs and makes the present yaw the desired one; so it is
-    before the first tick. Position and velocity PIDs are due at 100 Hz, attitude and rate PIDs at
-    500 Hz.
+    before the first tick.
+
+    Args:
+        memory: of the tick before.
+        setpoint: the set-point.
+        state: what is measured.
+        firmware: generation; static.
+        position_due: whether position and velocity PIDs run, as they do at 100 Hz.
+        attitude_due: whether attitude and rate PIDs run, as they do at 500 Hz.
+        mixer: see `mix`.
+
+    Returns:
+        Memory, and the four motors' commands [counts], not yet compensated for the battery.
 
     Source: controller_pid.c, controllerPid.
     """

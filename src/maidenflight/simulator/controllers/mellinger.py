@@ -88,7 +88,12 @@ def switched_on() -> Memory:
 
 
 def full_state(reference: Trajectory, time: Float[Array, ""], position: Vector) -> FullState:
-    """Returns the full state of a reference at a time [s] and its position there [m]; yaw is zero.
+    """Returns the full state of a reference at a time; yaw is zero.
+
+    Args:
+        reference: of time [s] to position [m].
+        time: [s].
+        position: of the reference [m].
 
     Source: Mellinger and Kumar 2011, sec. III (body rates by differential flatness).
     """
@@ -121,7 +126,18 @@ def tick(
     firmware: Generation = "2021.10",
     mixer: Mixer | None = None,
 ) -> tuple[Memory, Float[Array, "4"]]:
-    """Returns one tick of 2 ms: memory and motors' commands [counts], not yet compensated."""
+    """Returns one tick of 2 ms.
+
+    Args:
+        memory: of the tick before.
+        target: the set-point.
+        state: what is measured.
+        firmware: generation of the mixer; static.
+        mixer: of another frame than the firmware's X; static.
+
+    Returns:
+        Memory, and the four motors' commands [counts], not yet compensated for the battery.
+    """
     error = target.position - state.position
     place = jnp.clip(memory.position + error * PERIOD, -POSITION_LIMIT, POSITION_LIMIT)
     lift = target.acceleration + jnp.array([0.0, 0.0, GRAVITY])
@@ -157,10 +173,15 @@ def mellinger(
 ) -> Controller:
     """Returns a controller that holds a set-point, or follows a reference of which it knows all.
 
-    As with `position_pid` the action is added to the four commands; zero is the plain controller. A
-    reference of the time since the flight began [s], as a task's, gives velocity, acceleration and
-    body rates [SI] too; by default they are zero, as in a set-point of position alone. The firmware
-    is the mixer's generation, `"2021.10"` or `"2026.08"`.
+    As with `position_pid` the action is added to the four commands; zero is the plain
+    controller.
+
+    Args:
+        reference: of the time since the flight began [s] to position [m], as a task's, for
+            velocity, acceleration and body rates; by default they are zero, as in a set-point of
+            position alone.
+        firmware: generation of the mixer, `"2021.10"` or `"2026.08"`.
+        full_scale_counts: see `ControlInterface`.
 
     Raises:
         InputError: there is no such firmware.

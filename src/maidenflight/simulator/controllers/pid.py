@@ -113,9 +113,15 @@ def pid(
 ) -> tuple[PIDMemory, Float[Array, "3"]]:
     """Returns one update of three PID controllers, or of one.
 
-    The output is K_p e + K_d de/dt + K_i (limited integral of e), limited. 2021.10 takes the
-    derivative of the error, 2026.08 minus that of the measurement. With `heading` the third axis,
-    or the only one, is an angle that wraps [deg].
+    The output is K_p e + K_d de/dt + K_i (limited integral of e), limited.
+
+    Args:
+        memory: of the last update.
+        desired: set-point.
+        measured: its counterpart.
+        gains: of the three.
+        firmware: 2021.10 takes the derivative of the error, 2026.08 minus that of the measurement.
+        heading: whether the third axis, or the only one, is an angle that wraps [deg].
 
     Source: pid.c, pidUpdate.
     """

@@ -25,10 +25,15 @@ from maidenflight.simulator.physics.vectors import each, like
 
 
 def balancing(motors: Float[Array, "4"], mixer: Mixer | None = None) -> PIDMemory:
-    """Returns the rate PIDs that have hovered a drone by these commands of its motors [counts].
+    """Returns the rate PIDs that have hovered a drone.
 
-    Their integrals hold the torque that it takes, as far as their limits; the attitude PIDs hold
-    the rest.
+    Their integrals hold the torque that it takes.
+
+    As far as their limits; the attitude PIDs hold the rest.
+
+    Args:
+        motors: commands that hover it [counts].
+        mixer: see `mix`.
     """
     turning = np.linalg.pinv(np.array(CRAZYFLIE if mixer is None else mixer))[1:]
     integral = (turning @ motors) / RATE_GAINS.integral
@@ -64,9 +69,17 @@ def rate_tick(
 ) -> tuple[RateMemory, Float[Array, "4"]]:
     """Runs `tick` for body rate set-points only, without the loops that do not matter then.
 
-    Thrust is in counts, rates are in deg/s and the yaw is in deg; the third set-point moves the
-    desired yaw. Measured body rates, and so the commands, are `vectors.Entries` where the memory's
-    vectors are.
+    Args:
+        memory: of the tick before.
+        thrust: commanded [counts].
+        setpoint: commanded body rates [deg/s]; the third moves the desired yaw.
+        yaw: measured [deg].
+        body_rates: measured [deg/s]; `vectors.Entries`, where the memory's vectors are.
+        firmware: generation; static.
+        mixer: see `mix`.
+
+    Returns:
+        Memory, and the four motors' commands [counts]; vectors as `body_rates` is one.
     """
     none = tree.map(jnp.zeros_like, body_rates)
     last = yaw if firmware == "2026.08" else jnp.zeros_like(yaw)
@@ -93,7 +106,18 @@ def follow_rates(
     firmware: Generation,
     mixer: Mixer | None = None,
 ) -> tuple[PIDMemory, Float[Array, "4"]]:
-    """Runs the rate PIDs alone; no thrust stops the motors and resets them. Units: see `rate_tick`.
+    """Runs the rate PIDs alone; no thrust stops the motors and resets them.
+
+    Args:
+        memory: of the rate PIDs.
+        thrust: commanded [counts].
+        setpoint: body rates [deg/s].
+        body_rates: measured [deg/s].
+        firmware: generation; static.
+        mixer: see `mix`.
+
+    Returns:
+        Memory, and the four motors' commands [counts].
 
     Source: controller_pid.c, controllerPid.
     """

@@ -69,9 +69,18 @@ def actuate(
     normal: Float[Array, "4"],
     supply: Supply,
 ) -> tuple[Actuators, Float[Array, "4"]]:
-    """Turns a command u from 0, even above 1, into sqrt(u) with noise, for a period [s].
+    """Turns a thrust command into the rotor speed command that enters the delay line.
 
-    It lies within what the supply allows, and enters the delay line.
+    Args:
+        actuators: state before.
+        command: u, from 0; a firmware's PID may ask for more than 1.
+        period: time for which the command holds [s].
+        parameters: uses the noise and `battery` fields.
+        normal: draws from the standard normal distribution.
+        supply: what becomes of the command before the motors.
+
+    Returns:
+        New state and sqrt(u) of the noisy command, within what the supply allows.
     """
     noise = ornstein_uhlenbeck(actuators.noise, period, parameters, normal)
     ratio = battery.motor_ratio(command, actuators.voltage, supply)

@@ -166,11 +166,16 @@ AUTHORS = Supply(FIRMWARE_2021, COUNTS, battery=True)
 
 
 def motor_ratio(command: Numbers, voltage: Numbers, supply: Supply) -> Numbers:
-    """Returns the motor ratio that the firmware sets for thrust commands u at a voltage [V].
+    """Returns the motor ratio that the firmware sets for a thrust command, in steps of 1/256.
+
+    Args:
+        command: u from 0, (..., 4).
+        voltage: battery voltage [V], of a shape that broadcasts.
+        supply: law and scale.
 
     Returns:
-        Ratio in [0, 255/256], rounded down to the timer's steps of 1/256; the command, up to the
-        most, where no battery is simulated.
+        Ratio in [0, 255/256], rounded down to the timer's resolution; the command, up to the most,
+        where no battery is simulated.
     """
     xp = command.__array_namespace__()
     if supply.law is not None and supply.law.least_counts:
@@ -191,10 +196,14 @@ def timer_ratio(ratio: Numbers) -> Numbers:
 
 
 def thrust_command(ratio: Numbers, voltage: Numbers, supply: Supply) -> Numbers:
-    """Returns the thrust command of a motor ratio after compensation, at a battery voltage [V].
+    """Returns the thrust command of a motor ratio.
 
-    The inverse of `motor_ratio` at the middle of its step; a ratio of zero means that the motor is
-    off.
+    The inverse of `motor_ratio` at the middle of its step.
+
+    Args:
+        ratio: motor ratio after compensation; zero means that the motor is off.
+        voltage: battery voltage [V], of a shape that broadcasts.
+        supply: law and scale.
 
     Returns:
         u, from 0 to what the voltage allows; the ratio where no battery is simulated.
@@ -211,8 +220,12 @@ def voltage(
 ) -> Float[Array, ""]:
     """Returns the voltage under load: V = V_0 - (dV/dt) drawn - R mean(ratio) [V].
 
-    A linear model of the middle range of a LiPo cell; ours. What is drawn is the time at full ratio
-    that the motors have run for [s].
+    A linear model of the middle range of a LiPo cell; ours.
+
+    Args:
+        charge_drawn: time at full ratio that the motors have run for [s].
+        ratio: motor ratio of the four motors.
+        parameters: uses the `battery` fields.
     """
     return (
         parameters.battery_voltage

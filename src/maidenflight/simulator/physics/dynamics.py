@@ -92,9 +92,15 @@ def further_torque(
 
     It is zero for the paper's Crazyflie. Four parts: the rotors' moment against the flight's
     direction, (c_x v_y, -c_y v_x) (flapping blades, and rotors above the centre of mass); damping
-    of roll and pitch rates; the reaction to rotors that spin up (dnu/dt [1/s]), with the signs of
-    their drag torque; and the trim of an off-centre battery or unequal motors, which grows with the
-    thrust.
+    of roll and pitch rates; the reaction to rotors that spin up, with the signs of their drag
+    torque; and the trim of an off-centre battery or unequal motors, which grows with the thrust.
+
+    Args:
+        state: the drone.
+        forces: of the rotors [N].
+        spin_up: rate of change of the rotor speeds nu [1/s].
+        parameters: uses `flapping_moment`, `rotational_damping`, `rotor_momentum` and
+            `torque_bias`.
 
     Source: Hoffmann et al. 2007, Quadrotor helicopter flight dynamics and control, eq. 7-10
     (flapping); Bouabdallah 2007, sec. 2.4 (rotor inertia). Both show in the authors' flights of a
@@ -148,7 +154,12 @@ def angular_acceleration(
 ) -> Float[Array, "3"]:
     """Returns the angular acceleration [rad/s2], body: I domega/dt = eta - omega x (I omega).
 
-    eta is the sum of all torques on the body, of which one is that of rotors that spin up [1/s].
+    eta is the sum of all torques on the body.
+
+    Args:
+        state: the drone.
+        spin_up: rate of change of the rotor speeds nu [1/s].
+        parameters: the drone's constants.
 
     Source: Gronauer et al. 2022, eq:angular-acceleration.
     """
@@ -169,12 +180,19 @@ def angular_acceleration(
 def motor_derivative(
     rotor_speed: Float[Array, "4"], command: Float[Array, "4"], parameters: Parameters
 ) -> Float[Array, "4"]:
-    """Returns the rate of change of the rotor speeds nu [1/s] under commands sqrt(u).
+    """Returns the rate of change of the rotor speeds [1/s].
 
-    T_m dnu/dt = sqrt(u) - nu, and less when coasting. A motor that slows down lags by T_m
-    `spin_down_ratio` + T_c (nu - sqrt(u)) / nu^2: the time that the motor takes and the time that
-    the air takes, one after the other. T_m is `motor_time_constant` and T_c `motor_coasting` [s].
-    The air's drag grows with nu^2, so a rotor that coasts follows dnu/dt = -nu^2 / T_c.
+    T_m dnu/dt = sqrt(u) - nu, and less when coasting.
+
+    A motor that slows down lags by T_m `spin_down_ratio` + T_c (nu - sqrt(u)) / nu^2: the time that
+    the motor takes and the time that the air takes, one after the other. The air's drag grows with
+    nu^2, so a rotor that coasts follows dnu/dt = -nu^2 / T_c.
+
+    Args:
+        rotor_speed: nu.
+        command: sqrt(u) after the delay line.
+        parameters: `motor_time_constant` T_m [s] holds while the motor speeds up, `spin_down_ratio`
+            and `motor_coasting` T_c [s] besides while it slows down.
 
     Source: Gronauer et al. 2022, eq:motor-dynamics; coasting is ours, identified from the authors'
     flights (docs/identification.md).
@@ -313,7 +331,11 @@ def rk4(state: State, command: Float[Array, "4"], parameters: Parameters) -> Sta
 
 
 def check_state(state: State) -> State:
-    """Returns a state; refuses numbers that are not finite, outside compiled functions."""
+    """Returns a state whose numbers are all finite; inside compiled functions any state.
+
+    Raises:
+        InputError: a number is not finite.
+    """
     for name, value in state._asdict().items():
         if not isinstance(value, Tracer) and not np.all(np.isfinite(value)):
             raise InputError(

@@ -8,9 +8,11 @@ from maidenflight.simulator.physics.dynamics import State
 
 
 def floor_reaction(state: State, height: float) -> State:
-    """Stops a drone, whose centre is so high when it stands [m], on a floor; ours.
+    """Stops a drone on a floor that it would sink below, at once and without a bounce; ours.
 
-    At once, and without a bounce.
+    Args:
+        state: the drone.
+        height: of its centre when it stands [m].
     """
     sunk = state.position[2] < height
     return state._replace(
@@ -28,7 +30,11 @@ formula to this end)."""
 def near_ground(parameters: Parameters, height: Float[Array, ""]) -> Parameters:
     """Returns the drone near the ground, where the same rotor speed lifts more.
 
-    F (1 + min(c_g / z^2, 4/15)) with the rotors at a height z [m] and `ground_effect` c_g [m2].
+    F (1 + min(c_g / z^2, 4/15)).
+
+    Args:
+        parameters: uses `ground_effect` c_g [m2].
+        height: of the rotors above the ground [m].
 
     Source: Shi et al. 2019 and Danjun et al. 2015, c_g = 11.37 (r / 4)^2, as in
     gym-pybullet-drones.

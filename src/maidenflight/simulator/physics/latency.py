@@ -37,9 +37,11 @@ class DelayLine:
 
 
 def slots(command_period: float) -> int:
-    """Returns the number of commands that a delay line must hold, by their period [s].
+    """Returns the number of commands that a delay line must hold.
 
-    Periods randomized to be up to 10 % shorter find room.
+    Args:
+        command_period: time between two commands [s]; periods randomized to be up to 10 % shorter
+            find room.
     """
     return int(np.ceil(SLOWEST / (0.9 * command_period) - 1e-6)) + 1
 
@@ -68,7 +70,13 @@ def in_front(commands: Float[Array, "slots 4"], number: int) -> Float[Array, "sl
 
 
 def delayed(line: DelayLine, parameters: Parameters, steps: int) -> Float[Array, "steps 4"]:
-    """Returns the mean of the delayed command in each physics step of the newest one's period."""
+    """Returns the mean of the delayed command in each physics step of the newest command's period.
+
+    Args:
+        line: the commands.
+        parameters: uses `latency` Delta [s] and `time_step` dt [s].
+        steps: physics steps a command period.
+    """
     return in_step(line, parameters, steps, jnp.arange(steps))
 
 

@@ -73,7 +73,13 @@ def drifts(parameters: Parameters) -> bool:
 
 
 def turning(body_rates: Float[Any, "... 3"]) -> Float[Any, "..."]:
-    """Returns how much further horizontal estimates walk at body rates [rad/s], by `TURNING`."""
+    """Returns how much further horizontal estimates walk while the drone turns.
+
+    Args:
+        body_rates: [rad/s].
+
+    Source: ours; see `TURNING`.
+    """
     return (1.0 + (body_rates[..., 0] ** 2 + body_rates[..., 1] ** 2) / TURNING**2) ** 0.5
 
 
@@ -84,7 +90,7 @@ def walk_estimate(
     normal: Float[Array, "3"],
     body_rates: Float[Array, "3"],
 ) -> Float[Array, "6"]:
-    """Draws the drift of the estimated position [m] and velocity [m/s] after some time [s].
+    """Draws the drift of the estimated position [m] and velocity [m/s] after some time.
 
     What a Kalman filter's measurement corrects moves both alike: in the authors' flights the steps
     of horizontal position and velocity correlate by 0.92 to 0.97.
@@ -92,6 +98,13 @@ def walk_estimate(
     The position error integrates the velocity error. The error of an estimator without a position
     sensor, such as that of optical flow, is a random walk, which a policy follows. White noise of
     the size between two rows of a log averages out within a few rows and does not model this.
+
+    Args:
+        drift: errors of position and velocity before.
+        elapsed: time between the two [s].
+        parameters: uses `position_walk`, `height_walk` and `velocity_walk`.
+        normal: draws from the standard normal distribution.
+        body_rates: [rad/s].
 
     Source: ours; sizes and spectrum from the authors' flights (docs/identification.md).
     """
@@ -113,10 +126,16 @@ def low_pass(
     elapsed: Float[Array, ""],
     parameters: Parameters,
 ) -> Float[Array, "3"]:
-    """Returns the gyro's low-pass filter after some time [s]: tau_g dy/dt = omega - y.
+    """Returns the gyro's low-pass filter after some time: tau_g dy/dt = omega - y.
 
-    Exact for body rates [rad/s] that change linearly; tau_g is `gyro_time_constant`, 0 is no
-    filter.
+    Exact for body rates that change linearly.
+
+    Args:
+        filtered: y before [rad/s].
+        before: body rates before [rad/s].
+        after: body rates now [rad/s].
+        elapsed: time between the two [s].
+        parameters: uses `gyro_time_constant` tau_g [s]; 0 is no filter.
     """
     decay = jnp.exp(-elapsed / jnp.maximum(parameters.gyro_time_constant, 1e-6))
     behind = (after - before) * (parameters.gyro_time_constant / elapsed)
@@ -129,12 +148,18 @@ def gyro_noise(
     parameters: Parameters,
     normal: Float[Array, "3"],
 ) -> Float[Array, "3"]:
-    """Returns the noise of the gyro's next reading [rad/s], from that of the reading before.
+    """Returns the noise of the gyro's next reading [rad/s].
 
     White noise behind a Butterworth filter of second order: two readings 2 ms apart have most of it
     in common, two 10 ms apart none. An autoregression of first order, whose coefficient is the
     filtered noise's autocorrelation, has it right from each reading to the next. It matters to rate
     PIDs, whose derivative takes the difference of two readings 2 ms apart.
+
+    Args:
+        before: that of the reading before.
+        elapsed: time between the two [s].
+        parameters: uses `gyro_noise` and `gyro_cutoff`.
+        normal: draws from the standard normal distribution.
 
     Source: Crazyflie firmware, sensors_bmi088_bmp3xx.c. In ten logs of two Crazyflies (IMRCLab
         2026) what the gyro reads above 30 Hz correlates by 0.59 to 0.69 over 2 ms; here by 0.69.
@@ -152,11 +177,17 @@ def measure(
     normal: Float[Array, "9"],
     uniform: Float[Array, "6"],
 ) -> Measurement:
-    """Returns one noisy reading of the state, whose body rates are what the gyro reads.
+    """Returns one noisy reading of the state.
 
     Position and attitude carry Gaussian and uniform noise, velocity Gaussian noise. The attitude
     noise is a small rotation in the body frame, which for small tilt is what adding noise to roll,
     pitch and yaw does, and has no singular attitude.
+
+    Args:
+        state: what is read; its body rates are what the gyro reads.
+        parameters: uses the noise fields.
+        normal: draws from the standard normal distribution.
+        uniform: draws from the uniform distribution on [-1, 1].
 
     Source: Gronauer et al. 2022, sec. Simulation Environment, Noise.
     """
@@ -179,10 +210,17 @@ def accelerometer(
     gravity: float,
     generator: np.random.Generator,
 ) -> Float[np.ndarray, "N 3"]:
-    """Returns what an accelerometer along body x, y, z reads behind its low-pass filter [m/s2].
+    """Returns what an accelerometer behind its low-pass filter reads in a flight [m/s2].
 
-    Velocity is true and in the world [m/s], attitude true roll, pitch and yaw [rad], and the period
-    between rows at most 1/60 s.
+    Args:
+        velocity: true velocity, world [m/s].
+        attitude: true roll, pitch and yaw [rad].
+        period: time between rows [s], at most 1/60 s.
+        gravity: [m/s2].
+        generator: random numbers for the noise.
+
+    Returns:
+        Specific force along body x, y and z.
     """
     change = np.gradient(velocity, period, axis=0)
     rotation = scipy.spatial.transform.Rotation.from_euler("ZYX", attitude[:, ::-1])
@@ -203,10 +241,15 @@ def remember(past: Float[Array, "memory 10"], state: State) -> Float[Array, "mem
 def delayed(
     past: Float[Array, "memory 10"], state: State, period: Float[Array, ""], parameters: Parameters
 ) -> State:
-    """Returns the state with its position, velocity and attitude `estimator_delay` old [s].
+    """Returns the state with its position, velocity and attitude `estimator_delay` old.
 
-    They lie between remembered instants, one each period [s] and the present first, at most (memory
-    - 1) periods ago. Body rates stay, because the gyro is read afresh.
+    Interpolated between remembered instants.
+
+    Args:
+        past: memory, newest first, one row an estimate; row 0 is the present.
+        state: the present; its body rates stay, because the gyro is read afresh.
+        period: time between two estimates [s].
+        parameters: uses `estimator_delay` [s], at most (memory - 1) periods.
     """
     age = jnp.clip(parameters.estimator_delay / period, 0.0, past.shape[0] - 1.0)
     shares = jnp.clip(1.0 - jnp.abs(jnp.arange(past.shape[0], dtype=jnp.float32) - age), 0.0, 1.0)

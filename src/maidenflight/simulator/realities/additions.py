@@ -142,9 +142,13 @@ def _changed(own: Parameters, one: Perturbation, name: str) -> Parameters:
 
 
 def loaded(drone: Parameters, share: float) -> Parameters:
-    """Returns a drone, or several, with a payload of this share of its mass at its centre of mass.
+    """Returns a drone with a payload at its centre of mass.
 
     Thrust [N], torques and air drag [N] stay.
+
+    Args:
+        drone: which; also stacked or traced.
+        share: of its mass [-].
     """
     heavier = np.float32(1.0 + share)
     return replace(

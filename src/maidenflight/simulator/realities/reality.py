@@ -173,7 +173,11 @@ def _virtual_about(drawn_name: str, centre: str) -> VirtualDrone:
 
 
 def check_reality(candidate: Any) -> AnyReality:
-    """Returns a reality; refuses what is none."""
+    """Returns a reality.
+
+    Raises:
+        InputError: it is none.
+    """
     if isinstance(candidate, AnyReality) and not isinstance(candidate, type):
         return candidate
     lacking = ", ".join(member for member in _MEMBERS if not hasattr(candidate, member))

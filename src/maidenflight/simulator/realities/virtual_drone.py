@@ -67,7 +67,11 @@ class VirtualDrone:
     """What it becomes in the course of a flight; it stays as it is by default."""
 
     def must_not_change(self) -> None:
-        """Refuses a drone that changes in the course of a flight, where that is not simulated."""
+        """Refuses a drone that changes in the course of a flight, where that is not simulated.
+
+        Raises:
+            InputError: it does.
+        """
         if self.later is not None:
             raise InputError(
                 f"{self.name} changes {self.later.at:g} s after the flight's start; only transfers "
@@ -111,7 +115,15 @@ class VirtualDrone:
 
 
 def must_be_virtual(reality: object, cure: str) -> VirtualDrone:
-    """Returns a virtual drone; refuses other realities, and says what to do then."""
+    """Returns a virtual drone.
+
+    Args:
+        reality: any.
+        cure: what to do where its physics are not ours.
+
+    Raises:
+        InputError: it is none.
+    """
     if not isinstance(reality, VirtualDrone):
         name = getattr(reality, "name", reality)
         raise InputError(f"{name} has physics of its own, which are not ours to change. {cure}")

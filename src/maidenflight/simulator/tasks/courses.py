@@ -83,9 +83,14 @@ _PARTS: tuple[Callable[[np.random.Generator], Places], ...] = (
 
 @cached_by_arguments
 def random_course(duration: float = COURSE_S, seed: int = 0, height: float = 1.0) -> Trajectory:
-    """Returns a course of random parts that starts at rest at (0, 0, height) [m].
+    """Returns a course of random parts that starts at rest at (0, 0, height).
 
-    Where a part ends, the next begins; the last one is whole, beyond the duration [s].
+    Where a part ends, the next begins.
+
+    Args:
+        duration: of the course at least [s]; its last part is whole.
+        seed: of the parts.
+        height: of its start [m].
     """
     from scipy.interpolate import make_interp_spline
 

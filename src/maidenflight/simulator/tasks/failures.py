@@ -64,7 +64,11 @@ def excursion(
 ) -> Excursion:
     """Returns how far a drone is from hover at its set-point.
 
-    Position is in m, attitude roll, pitch and yaw [rad], and body rates are in rad/s.
+    Args:
+        position: [m].
+        attitude: roll, pitch, yaw [rad].
+        body_rates: [rad/s].
+        setpoint: [m].
     """
     values: list[Any] = [setpoint, position, attitude, body_rates]
     library: Any = jnp

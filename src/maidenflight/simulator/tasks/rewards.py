@@ -31,7 +31,15 @@ def paper_reward(
 
     -(|e| + 1e-4 |a| + 1e-3 |a - a_previous| + 1e-3 |omega|) - 100 if |e| > 0.25 m. The paper prints
     the penalties with a plus sign and the terminal reward with a minus; their signs must agree.
-    Actions are not clipped; `farthest` and the penalties are the numbers of the formula.
+
+    Args:
+        state: the drone after the step.
+        setpoint: desired position [m].
+        action: of the step, not clipped.
+        previous_action: of the step before.
+        farthest: distance from the set-point [m] beyond which 100 is subtracted.
+        action_penalty: weight of |a|.
+        action_rate_penalty: weight of |a - a_previous|.
 
     Source: Gronauer et al. 2022, sec. Experimental Setup.
     """

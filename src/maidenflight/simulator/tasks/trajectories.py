@@ -47,7 +47,12 @@ def cached_by_arguments(make: Callable[Arguments, Result]) -> Callable[Arguments
 def circle(diameter: float = 0.5, period: float = 3.0, height: float = 1.0) -> Trajectory:
     """Returns a level circle, clock-wise from above, with its centre on the x axis.
 
-    It starts at (0, 0, height) towards +y. Lengths are in m, the period is in s.
+    It starts at (0, 0, height) towards +y.
+
+    Args:
+        diameter: [m].
+        period: [s].
+        height: [m].
 
     Source: Gronauer et al. 2022, sec. Experimental Setup; start point from the authors' code.
     """
@@ -91,8 +96,12 @@ def climb(height: float = 1.0, duration: float = 1.5) -> Trajectory:
 def figure_eight(period: float = NORMAL, width: float = 2.0, height: float = 1.0) -> Trajectory:
     """Returns a level lemniscate of Bernoulli along the x axis.
 
-    It starts at its crossing towards +x and +y. Periods `SLOW`, `NORMAL` and `FAST` [s] are
-    SimpleFlight's; its width from tip to tip [m] is unknown, and ours that of a unit lemniscate.
+    It starts at its crossing towards +x and +y.
+
+    Args:
+        period: [s]; `SLOW`, `NORMAL` and `FAST` are SimpleFlight's.
+        width: from tip to tip [m]; source unknown: a unit lemniscate, of our choice.
+        height: [m].
     """
     half = width / 2
 
@@ -108,10 +117,15 @@ def figure_eight(period: float = NORMAL, width: float = 2.0, height: float = 1.0
 def accelerating(
     trajectory: Trajectory, duration: float = RAMP_DURATION_S, smooth: bool = False
 ) -> Trajectory:
-    """Returns the same path, from rest to its own speed after a duration [s]; 0: at once.
+    """Returns the same path, from rest.
 
-    Its share of that speed grows as u = time / duration. Where it is smooth, it grows as 3 u^2 - 2
-    u^3, so that the acceleration has no jump.
+    Its speed is a growing share of the trajectory's own, and all of it at the end.
+
+    Args:
+        trajectory: the trajectory, for ever.
+        duration: time until it runs at its own speed [s]; 0: at once.
+        smooth: the share grows as 3 u^2 - 2 u^3 with u = time / duration, so that the acceleration
+            has no jump; else as u.
     """
     if duration == 0.0:
         return trajectory
@@ -129,7 +143,9 @@ def accelerating(
 def hastening(trajectory: Trajectory, fastest: float) -> Trajectory:
     """Returns the same path, faster: its speed grows evenly to `fastest` times its own.
 
-    That is reached after `RAMP_DURATION_S`.
+    Args:
+        trajectory: the trajectory, for ever.
+        fastest: of its own speed, after `RAMP_DURATION_S` [-].
     """
 
     def reference(time: Float[Array, ""]) -> Float[Array, "3"]:

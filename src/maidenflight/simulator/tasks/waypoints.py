@@ -36,9 +36,14 @@ MOST_TIMED = 40
 
 @cached_by_arguments
 def pentagram(diameter: float = 0.5, period: float = 5.0, height: float = 1.0) -> Trajectory:
-    """Returns a level five-pointed star, edge by edge at constant speed, with corners on `circle`.
+    """Returns a level five-pointed star, edge by edge at constant speed.
 
-    The period [s] is of our choice: 0.48 m/s at 0.5 m, where the paper's circle has 0.52 m/s.
+    Its corners lie on `trajectories.circle`.
+
+    Args:
+        diameter: of the circle through the corners [m], as that of the paper's circle.
+        period: [s]; of our choice, 0.48 m/s at 0.5 m where the paper's circle has 0.52 m/s.
+        height: [m].
     """
     radius, turn = diameter / 2, 4 * pi / 5
     corners = [
@@ -101,10 +106,13 @@ def snap_spline(times: Float[np.ndarray, "n"], places: Float[np.ndarray, "n 3"])
 
 
 def timed(places: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
-    """Returns the times [s] at which places [m], no two neighbours equal, are passed smoothest.
+    """Returns the times [s] at which places are passed with the least snap.
 
     The shares of the whole time are those of the least integral of the squared snap; the whole is
     such that speed and acceleration stay within `CRUISE_M_S` and `CRUISE_M_S2`.
+
+    Args:
+        places: way-points [m], no two neighbours equal.
 
     Source: Mellinger and Kumar 2011, sec. V: optimal segment times, and temporal scaling.
     """
@@ -143,7 +151,13 @@ def _fastest(
 
 
 def read_reference(file: StrPath) -> tuple[Trajectory, float]:
-    """Returns the curve of least snap through a file's way-points, and its duration [s].
+    """Reads what a drone is to follow: the curve of least snap through a file's way-points.
+
+    Args:
+        file: as of `read_waypoints`.
+
+    Returns:
+        The trajectory, and its duration [s].
 
     Raises:
         InputError: as of `read_waypoints`; or the curve is below the ground, or faster than any
@@ -167,9 +181,17 @@ def read_reference(file: StrPath) -> tuple[Trajectory, float]:
 
 
 def waypoints(file: StrPath, smooth: bool = False, fastest: float = MOST_M_S) -> Trajectory:
-    """Returns the trajectory through a CSV file's way-points, `minimum_snap` if smooth or `zigzag`.
+    """Returns the trajectory through the way-points of a CSV file.
 
-    The same rows give the same object. `fastest` and errors are those of `read_waypoints`.
+    The same rows give the same object.
+
+    Args:
+        file: as of `read_waypoints`.
+        smooth: `minimum_snap` instead of `zigzag`.
+        fastest: highest mean speed between two points [m/s].
+
+    Raises:
+        InputError: as of `read_waypoints`.
     """
     points = read_waypoints(file, fastest)
     return minimum_snap(points) if smooth else zigzag(points)
