@@ -100,7 +100,7 @@ def test_gradients_see_most_of_a_second_ahead_and_with_a_memory_no_less(structur
     assert remembering.horizon / rate > 0.6
     assert remembering.updates >= usual.updates
     limits = (usual.largest_gradient, remembering.largest_gradient)
-    assert limits == (float(structure == "attitude"), 0.0)
+    assert limits == (float(structure != "pwm"), 0.0)
 
 
 def test_a_memory_is_trained_with_its_own_settings(tmp_path: Path) -> None:
