@@ -52,7 +52,7 @@ class Drone(NamedTuple):
 
 
 def draw_drone(generator: np.random.Generator) -> Drone:
-    """A drone at random."""
+    """Draws a drone."""
     return Drone(
         generator.uniform(1.6, 2.8),
         generator.uniform(0.015, 0.060),
@@ -87,7 +87,7 @@ class _Filter:
 
 
 def gains(drone: Drone) -> dict[str, float]:
-    """Gains of a rate controller that a pilot would have tuned: lower for a slow motor."""
+    """Returns gains as a pilot would have tuned them: lower for a slow motor."""
     share = min(1.0, 0.025 / drone.motor_time_constant)
     usual = {"P": 0.15, "I": 0.2, "D": 0.003}
     named = {
@@ -148,7 +148,7 @@ def fly(drone: Drone, generator: np.random.Generator) -> Signals:
 
 
 def topics_of(signals: Signals) -> dict[str, dict[str, np.ndarray]]:
-    """The topics that PX4's default profile logs, fields by the names that ULog gives them."""
+    """Returns the topics of PX4's default profile, with the fields' names in a ULog."""
     stamps = 10_000_000 + np.round(1e6 / RATE * np.arange(len(signals.rates))).astype(np.int64)
     many = EVERY["sensor_combined"]
     count = len(stamps) // many * many
@@ -184,7 +184,7 @@ def topics_of(signals: Signals) -> dict[str, dict[str, np.ndarray]]:
 
 
 def parameters_of(drone: Drone) -> dict[str, float]:
-    """PX4's parameters of a drone."""
+    """Returns PX4's parameters of a drone."""
     values = {"CA_ROTOR_COUNT": 4.0, "IMU_GYRO_RATEMAX": float(RATE), "IMU_GYRO_CUTOFF": 40.0}
     for number, one in enumerate(ROTORS):
         place = {"PX": one.forward, "PY": one.right, "KM": one.moment}
@@ -193,13 +193,13 @@ def parameters_of(drone: Drone) -> dict[str, float]:
 
 
 def read_log(drone: Drone, generator: np.random.Generator, name: str) -> list[Flight]:
-    """Checked flights of a drone, as read from its log."""
+    """Flies a drone; returns its checked flights, as read from its log."""
     flight, time, notes = px4.flight(name, topics_of(fly(drone, generator)), parameters_of(drone))
     return check_log([Logged(name, [(flight, time)], notes)]).pieces
 
 
 def judge_drones(seeds: range) -> Iterator[dict[str, Any]]:
-    """A row for each drone and quantity: found, its interval and the truth, SI units."""
+    """Yields a row for each drone and quantity: the estimate over the truth, and its interval."""
     start = read_start("x500", 1e3 * MASS).parameters
     for seed in seeds:
         generator = np.random.default_rng(seed)
@@ -224,7 +224,7 @@ def judge_drones(seeds: range) -> Iterator[dict[str, Any]]:
             row = {"drone": seed, "quantity": name, "truth": value, "identified": is_identified}
             if name in draws:
                 low, middle, high = np.quantile(draws[name], [0.025, 0.5, 0.975]) / value
-                row |= {"found": middle, "low": low, "high": high, "held": low <= 1 <= high}
+                row |= {"estimate": middle, "low": low, "high": high, "inside": low <= 1 <= high}
             yield row
 
 
