@@ -1,34 +1,70 @@
 """Physical constants of a simulated quadrotor, with unit, symbol, bounds and source of each."""
 
-from maidenflight.parameters.components import COMPONENTS as COMPONENTS
-from maidenflight.parameters.components import check as check
-from maidenflight.parameters.components import check_names as check_names
-from maidenflight.parameters.components import component as component
-from maidenflight.parameters.components import noiseless as noiseless
-from maidenflight.parameters.components import part_names as part_names
-from maidenflight.parameters.components import plain as plain
-from maidenflight.parameters.components import replace as replace
-from maidenflight.parameters.frames import GEOMETRY as GEOMETRY
-from maidenflight.parameters.frames import arm_length as arm_length
-from maidenflight.parameters.frames import h_frame as h_frame
-from maidenflight.parameters.frames import levers as levers
-from maidenflight.parameters.frames import plus_frame as plus_frame
-from maidenflight.parameters.frames import rotors as rotors
-from maidenflight.parameters.frames import x_frame as x_frame
-from maidenflight.parameters.named import DRONES as DRONES
-from maidenflight.parameters.named import NamedDrone as NamedDrone
-from maidenflight.parameters.named import crazyflie as crazyflie
-from maidenflight.parameters.named import drone as drone
-from maidenflight.parameters.named import sources as sources
-from maidenflight.parameters.quantities import QUANTITIES as QUANTITIES
-from maidenflight.parameters.quantities import Parameters as Parameters
-from maidenflight.parameters.quantity import Quantity as Quantity
-from maidenflight.parameters.toml import FORMAT as FORMAT
-from maidenflight.parameters.toml import document as document
-from maidenflight.parameters.toml import from_document as from_document
-from maidenflight.parameters.toml import from_toml as from_toml
-from maidenflight.parameters.toml import full_scale_counts as full_scale_counts
-from maidenflight.parameters.toml import name_of as name_of
-from maidenflight.parameters.toml import read_drone as read_drone
-from maidenflight.parameters.toml import to_toml as to_toml
-from maidenflight.parameters.toml import write_drone as write_drone
+from maidenflight.parameters.components import (
+    COMPONENTS,
+    check,
+    check_names,
+    component,
+    noiseless,
+    part_names,
+    plain,
+    replace,
+)
+from maidenflight.parameters.frames import (
+    GEOMETRY,
+    arm_length,
+    h_frame,
+    levers,
+    plus_frame,
+    rotors,
+    x_frame,
+)
+from maidenflight.parameters.named import DRONES, NamedDrone, crazyflie, drone, sources
+from maidenflight.parameters.quantities import QUANTITIES, Parameters
+from maidenflight.parameters.quantity import Quantity
+from maidenflight.parameters.toml import (
+    FORMAT,
+    document,
+    from_document,
+    from_toml,
+    full_scale_counts,
+    name_of,
+    read_drone,
+    to_toml,
+    write_drone,
+)
+
+__all__ = [
+    "COMPONENTS",
+    "DRONES",
+    "FORMAT",
+    "GEOMETRY",
+    "QUANTITIES",
+    "NamedDrone",
+    "Parameters",
+    "Quantity",
+    "arm_length",
+    "check",
+    "check_names",
+    "component",
+    "crazyflie",
+    "document",
+    "drone",
+    "from_document",
+    "from_toml",
+    "full_scale_counts",
+    "h_frame",
+    "levers",
+    "name_of",
+    "noiseless",
+    "part_names",
+    "plain",
+    "plus_frame",
+    "read_drone",
+    "replace",
+    "rotors",
+    "sources",
+    "to_toml",
+    "write_drone",
+    "x_frame",
+]
