@@ -516,7 +516,7 @@ def test_a_drone_is_validated(tmp_path: Path, command: Command) -> None:
     assert len(out.splitlines()) == 1
     said = json.loads(out)
     assert said["simulated"] is True
-    assert len(said["errors"]) == 6
+    assert len(said["errors"]) == 8
     assert len(set(said["log_likelihoods"].values())) == 1
     written = polars.read_csv(output, comment_prefix="#")
     for row, entry in zip(written.iter_rows(named=True), said["errors"], strict=True):
