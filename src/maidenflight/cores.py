@@ -12,8 +12,13 @@ def count() -> int:
 def as_devices(number: int | None = None) -> None:
     """Makes JAX see each core as a device, over which drones are laid.
 
-    XLA uses one core for arrays this small. To be called before JAX does anything. Where it runs
-    already, as in a notebook, its devices stay what they are.
+    XLA uses one core for arrays this small.
+
+    To be called before JAX does anything. Where it runs already, as in a notebook, its devices stay
+    what they are.
+
+    Args:
+        number: cores to use; all by default.
     """
     import jax
 

@@ -44,7 +44,13 @@ class InputError(ValueError):
 
 @contextmanager
 def optional(package: str, extra: str, purpose: str, remark: str = "") -> Iterator[None]:
-    """Imports an optional package, in a `with` statement; errors name its extra and what needs it.
+    """Imports an optional package, in a `with` statement.
+
+    Args:
+        package: what is imported.
+        extra: the extra that brings it.
+        purpose: what needs it.
+        remark: on its installation.
 
     Raises:
         InputError: it is not installed.

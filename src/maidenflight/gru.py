@@ -59,9 +59,14 @@ class Gru:
 
 
 def untrained_gru(key: Array, inputs: int, size: int) -> Gru:
-    """Returns a unit of M numbers that keeps most of its memory from one period to the next.
+    """Returns a unit that keeps most of its memory from one period to the next.
 
     Weights are uniform within 1 / sqrt(M), as PyTorch's; the update gate's bias is 2.
+
+    Args:
+        key: random key.
+        inputs: I.
+        size: M.
     """
     bound = np.float32(1.0 / np.sqrt(size))
     first, second = jax.random.split(key)

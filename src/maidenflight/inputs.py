@@ -69,7 +69,11 @@ def gunzip(raw: bytes) -> bytes:
 
 
 def blocks(path: StrPath, size: int) -> Iterator[bytes]:
-    """Reads the bytes of a file, decompressed if it is a gzip file, at most `size` at a time.
+    """Reads the bytes of a file, decompressed if it is a gzip file, some at a time.
+
+    Args:
+        path: the file.
+        size: bytes at a time, at most.
 
     Raises:
         ValueError, EOFError, OSError, zlib.error: see `gunzip` and `content`.
@@ -93,7 +97,11 @@ def _unpack(file: BinaryIO, packed: int, size: int) -> Iterator[bytes]:
 
 
 def beginning(path: StrPath, count: int) -> bytes:
-    """Returns the first bytes of a file, at most so many.
+    """Returns the first bytes of a file.
+
+    Args:
+        path: of the file.
+        count: bytes to read at most.
 
     Raises:
         OSError: see `content`.
@@ -120,7 +128,11 @@ def text(path: StrPath) -> str:
 
 
 def readable(path: StrPath, kind: str = "text") -> str:
-    """Returns the text of a file that a user gives; the error names its kind.
+    """Returns the text of a file that a user gives.
+
+    Args:
+        path: the file.
+        kind: what it should be, for the error.
 
     Raises:
         InputError: it cannot be read.
@@ -132,7 +144,12 @@ def readable(path: StrPath, kind: str = "text") -> str:
 
 
 def toml_file(path: StrPath, kind: str, cure: str) -> dict[str, Any]:
-    """Returns the content of a TOML file that a user gives; the error has its kind and a cure.
+    """Returns the content of a TOML file that a user gives.
+
+    Args:
+        path: the file.
+        kind: what it should be, for the error.
+        cure: what to do where it is not, as a sentence.
 
     Raises:
         InputError: it cannot be read, or is not TOML.

@@ -92,12 +92,21 @@ class Manifest:
 def append(
     output: StrPath, verb: str, written: Files, record: Mapping[str, Any], read: Files | None = None
 ) -> Path:
-    """Appends what a verb wrote to the manifest of its run folder, whose path it returns.
+    """Appends what a verb wrote to the manifest of its run folder, the parent of its output.
 
     Replaces the entry of the same verb and output, and takes over files that older entries list.
-    Call it once all files are written, so that a damaged manifest costs no results. Files are by
-    kind; those written count if they are there and in the run folder. Those read are in the
-    record's order.
+    Call it once all files are written, so that a damaged manifest costs no results.
+
+    Args:
+        output: the file or folder that the verb writes to.
+        verb: the command's name.
+        written: the files by kind; those outside the run folder and those that are not there are
+            left out.
+        record: how they were made, as `results.record` gives it.
+        read: the files that they were made from by kind, in the order in which `record` has them.
+
+    Returns:
+        The manifest's path.
 
     Raises:
         InputError: the manifest is damaged, or another process holds it for long.
@@ -152,6 +161,9 @@ def read_manifest(folder: StrPath) -> Manifest:
 
 def find_manifest(place: StrPath) -> Manifest | None:
     """Finds the manifest that a path belongs to, with the entries that it is about.
+
+    Args:
+        place: a run folder; or a file or folder that the nearest manifest above it lists.
 
     Returns:
         All entries of a run folder; else those that wrote `place` or something in it, of a log that

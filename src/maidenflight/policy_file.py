@@ -164,6 +164,13 @@ def to_json(policy: Policy, record: Mapping[str, Any] | None = None) -> str:
 def from_json(text: str, place: str = "policy", control: str | None = None) -> PolicyFile:
     """Reads the text of a policy file, ours or the authors', recognised by content.
 
+    Args:
+        text: content of the file.
+        place: what errors name, usually the file.
+        control: what the authors' policy commands, one of `interface.CONTROLS`, which also sets the
+            rate; by default, what `place` begins with or its folder is called. Ours say it
+            themselves.
+
     Raises:
         InputError: neither kind of policy; it is damaged, or its shapes or numbers make no sense;
             ours commands something else; or nothing says what the authors' policy commands.

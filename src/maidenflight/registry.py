@@ -74,8 +74,12 @@ class Registry:
 def import_part(name: str, kind: str) -> Any:
     """Imports `MODULE:NAME`, from an installed module or one in the working folder.
 
+    Args:
+        name: as above.
+        kind: what it is to be, for errors.
+
     Raises:
-        InputError: there is no such module, or nothing of that name in it; it names the kind.
+        InputError: there is no such module, or nothing of that name in it.
     """
     module, _, attribute = name.partition(":")
     # The folder of a script is on the path; that of a command is not.

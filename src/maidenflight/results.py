@@ -28,7 +28,12 @@ _LOCK_TIMEOUT = 0.2
 def write(path: StrPath, content: str | bytes) -> Path:
     """Writes a file atomically: even after a power cut it has its old content or the new.
 
-    Missing folders are made; text is UTF-8 with newlines as they are.
+    Args:
+        path: where to write; missing folders are made.
+        content: text (UTF-8, newlines as they are) or bytes.
+
+    Returns:
+        The path.
 
     Raises:
         WriteError: the folder or the file cannot be written; its former content stays.
@@ -96,9 +101,12 @@ def claim(path: StrPath, timeout: float = _LOCK_TIMEOUT) -> Callable[[], None]:
 
 
 def remove_older(written: Sequence[StrPath], record: Mapping[str, Any]) -> None:
-    """Removes tables that an earlier run of the same kind left beside CSV files just written.
+    """Removes tables that an earlier run of the same kind left beside those just written.
 
-    What an earlier run wrote has a record that names the same settings.
+    Args:
+        written: CSV files of one folder.
+        record: how they were made; what an earlier run wrote has a record that names the same
+            settings.
     """
     new_files = {Path(path) for path in written}
     folders = {path.parent for path in new_files}
@@ -145,8 +153,12 @@ def record(
 def recorded_inputs(record: Mapping[str, Any], place: str) -> dict[str, str]:
     """Returns the files that a record names: their names by the digest of their content.
 
+    Args:
+        record: as `record` made it.
+        place: the file that holds it, for errors.
+
     Raises:
-        InputError: its `inputs` are no list of names with digests; `place` is the record's file.
+        InputError: its `inputs` are no list of names with digests.
     """
     entries = record.get("inputs", [])
     if not isinstance(entries, list):
@@ -174,7 +186,13 @@ def record_line(record: Mapping[str, Any] | None) -> str:
 
 
 def table_text(heading: str, record: Mapping[str, Any], rows: str) -> str:
-    """Returns the text of a CSV table below a heading, such as "# flights", and its record."""
+    """Returns the text of a table with comments above it: what it is, and its record.
+
+    Args:
+        heading: what the table is, beginning with "# ".
+        record: how it was made.
+        rows: the CSV's text.
+    """
     return f"{heading}\n{record_line(record)}\n{rows}"
 
 

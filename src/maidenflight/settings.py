@@ -114,7 +114,13 @@ def flag() -> Values:
 
 
 def several(one: Values, expected: str = "", empty: bool = False) -> Values:
-    """Takes lists of values, of which errors say what is expected; the option is repeated."""
+    """Takes lists of values; the command line repeats the option.
+
+    Args:
+        one: of the list's entries.
+        expected: what they are, for errors.
+        empty: whether the list may be empty.
+    """
     return Values(
         expected or f"a list, each {one.expected}",
         lambda value: (

@@ -167,7 +167,12 @@ class Verb:
         return False
 
     def compute(self, output: Any, progress: Progress) -> Result:
-        """Does the stage and writes its files to what `choose_output` returned."""
+        """Does the stage and writes its files.
+
+        Args:
+            output: what `choose_output` returned.
+            progress: called with its progress.
+        """
         raise NotImplementedError
 
     def discard_state(self, output: Path) -> None:
@@ -176,7 +181,9 @@ class Verb:
     def run(self, output: StrPath | None = None, progress: Progress = SILENT) -> Result:
         """Does the stage: checks the settings, computes, and writes the files.
 
-        The output is the verb's own by default.
+        Args:
+            output: where to write; the verb's own default by default.
+            progress: called with its progress.
 
         Raises:
             InputError: the settings do not go together, or an input is wrong.
@@ -196,8 +203,11 @@ class Verb:
     def make_record(self, inputs: Sequence[StrPath] = (), **more: Any) -> dict[str, Any]:
         """Returns how a result is made, for its files; see `results.record`.
 
-        Settings are the fields, without folders, and without those that take no part in the result;
-        `more` are further ones, or others in place of the fields' own.
+        Settings are the fields, without folders, and without those that take no part in the result.
+
+        Args:
+            inputs: files that are read.
+            more: further settings, or others in place of the fields' own.
         """
         settings: dict[str, Any] = {}
         for name, (attribute, one) in self.settings().items():

@@ -25,7 +25,8 @@ def commands() -> None:
 def main(grace_period: float | None = None) -> None:
     """Runs a command: exit code 2 and one line for a user's mistake, 130 when interrupted.
 
-    What was interrupted ends within the grace period [s]; see `interruption.handle_sigint`.
+    Args:
+        grace_period: see `interruption.handle_sigint`.
     """
     try:
         with interruption.handle_sigint(grace_period):

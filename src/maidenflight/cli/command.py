@@ -223,7 +223,10 @@ def _set_up_jax(verb: Verb) -> None:
 def claim(place: Path, overwrite: bool, resume: bool | None) -> None:
     """Refuses a place where something is or another process writes, and locks it for this one.
 
-    `resume` says whether it is to go on with what is there, None of a verb that cannot.
+    Args:
+        place: where the command is to write.
+        overwrite: whether it may replace what is there.
+        resume: whether it is to go on with what is there; None for a verb that cannot.
 
     Raises:
         InputError: something is there, or another process writes there.

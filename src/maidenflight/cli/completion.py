@@ -29,7 +29,13 @@ SHELLS = {
 
 
 def install(shell: str | None = None) -> Path:
-    """Adds the line to the file of a shell, by default the user's `$SHELL`, once; returns the file.
+    """Adds the line to a shell's file, once.
+
+    Args:
+        shell: one of `SHELLS`; by default that of the user, as `$SHELL` says.
+
+    Returns:
+        The file.
 
     Raises:
         InputError: another shell, or the file cannot be written.

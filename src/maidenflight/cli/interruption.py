@@ -175,9 +175,11 @@ def _written(file: Path) -> tuple[int, int] | None:
 def resumable(checkpoint: Path | None, again: str = "--resume") -> Iterator[None]:
     """Says how to go on where work is interrupted that a checkpoint, a file or a folder, holds.
 
-    Or that it holds nothing yet: a file may be that of an earlier run, which this one replaces. The
-    option `again` goes on; it is empty for a command that always does. Without a checkpoint there
-    is nothing to go on from.
+    Or that it holds nothing yet: a file may be that of an earlier run, which this one replaces.
+
+    Args:
+        checkpoint: as above; None: there is nothing to go on from.
+        again: option by which the command goes on; nothing for one that always does.
     """
     global _line
     if checkpoint is None:

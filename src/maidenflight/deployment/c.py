@@ -197,7 +197,13 @@ def _evaluated(policy: Policy, observations: Numbers) -> Numbers:
 
 
 def remembered(gru: Gru, values: NDArray[Any], memory: NDArray[Any]) -> NDArray[Any]:
-    """Returns what a recurrent unit remembers next, of a batch of inputs, (B, I), in float64."""
+    """Returns what a recurrent unit remembers next, of a batch, in float64.
+
+    Args:
+        gru: the unit.
+        values: its inputs, (B, I).
+        memory: before, (B, M).
+    """
 
     def gates(weights: Any, inputs: NDArray[Any], biases: Any) -> list[NDArray[Any]]:
         sums = inputs @ np.asarray(weights, np.float64).T + np.asarray(biases, np.float64)

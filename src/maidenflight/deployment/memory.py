@@ -103,7 +103,10 @@ static const layer from_memory = {recurrent_weights_2, recurrent_biases_2, $size
 def in_policy(gru: Gru | None, storage: str, shared: str) -> dict[str, str]:
     """Returns what the templates of `policy.h` and `policy.c` take, by name.
 
-    `storage` of arrays in the network is `"static "` or nothing, `shared` a comment on it.
+    Args:
+        gru: of the policy.
+        storage: of arrays in the network, `"static "` or nothing.
+        shared: comment on it.
     """
     if gru is None:
         return dict.fromkeys(_PIECES, "")

@@ -22,8 +22,10 @@ LEAST_TILT_MARGIN = 8.0
 def summarize(flights: polars.DataFrame) -> polars.DataFrame:
     """Returns flights, those that reached the time limit, mean duration [s] and error [m].
 
-    A row a policy and reality of a `transfer`, with the largest tilt [rad], body rate [rad/s] and
-    distance [m].
+    A row a policy and reality, with the largest tilt [rad], body rate [rad/s] and distance [m].
+
+    Args:
+        flights: the table of `transfer`.
     """
     return flights.group_by("policy", "reality", maintain_order=True).agg(
         polars.len().alias("flights"),
@@ -37,10 +39,12 @@ def summarize(flights: polars.DataFrame) -> polars.DataFrame:
 
 
 def choose_best(flights: polars.DataFrame, among: Collection[str]) -> str | None:
-    """Returns the best of some policies by `RULE`; None among none.
+    """Returns the best policy by `RULE`; None among none.
 
-    Flights are a row each with policy and duration, and position_error and command_change where
-    they are known: the tables of `transfer`, `predict_flight_times` and `envelope`.
+    Args:
+        flights: a row a flight with policy and duration, and position_error and command_change
+            where they are known: the tables of `transfer`, `predict_flight_times` and `envelope`.
+        among: policies to choose from.
     """
     if not among:
         return None
@@ -59,7 +63,8 @@ def choose_best(flights: polars.DataFrame, among: Collection[str]) -> str | None
 def describe_margins(summary: polars.DataFrame) -> list[str]:
     """Returns a sentence on policies whose flights lasted, but tilted nearly as far as a guard.
 
-    By what `summarize` or `flight_times.summary` returns.
+    Args:
+        summary: what `summarize` or `flight_times.summary` returns.
     """
     limit = math.degrees(BACKUP.tilt)
     tilt = polars.col("largest_tilt").degrees()
@@ -75,7 +80,11 @@ def describe_margins(summary: polars.DataFrame) -> list[str]:
 
 
 def describe_limit_cycles(summary: polars.DataFrame) -> list[str]:
-    """Returns a sentence on each policy and reality whose motors are thrown between limits."""
+    """Returns a sentence on each policy and reality whose motors are thrown between their limits.
+
+    Args:
+        summary: what `summarize` returns.
+    """
     return [
         f"{row['policy']} in {row['reality']} changes its commands by {row['command_change']:.2f} "
         f"of full thrust in 10 ms, {100 * row['at_limits']:.0f} % of them at a limit: a limit "

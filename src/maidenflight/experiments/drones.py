@@ -44,9 +44,12 @@ def distribution_of(
 ) -> Distribution:
     """Returns drones to train over, simulated in steps that divide the controller's period.
 
-    The randomization is the half width of a box about the drone, as a share of each parameter. Or
-    it is `POSTERIOR`, `WIDE`, `ANY_DAY`, `ANY`, or `MODULE:NAME` of a function that makes a
-    distribution of a drone.
+    Args:
+        drone: a drone file, its path, or a named drone.
+        randomization: half width of the box about the drone as a share of each parameter, or
+            `POSTERIOR`, `WIDE`, `ANY_DAY` or `ANY`; or `MODULE:NAME` of a function that makes a
+            distribution of the drone.
+        controller: its period is what physics steps must divide.
     """
     file = read_file(drone)
     centre = control.in_fitting_steps(file.parameters, controller)
@@ -65,11 +68,14 @@ def distribution_of(
 
 
 def read_drone(drone: StrPath, accept_bounds: bool = False) -> DroneFile:
-    """Reads a drone, a TOML file or name, to fly or to train for.
+    """Reads a drone to fly or to train for.
+
+    Args:
+        drone: TOML file or name.
+        accept_bounds: take it even if an identified parameter lies at a bound of its search.
 
     Raises:
-        InputError: it cannot be read, or an identified parameter in it lies at a bound of its
-            search and bounds are not accepted.
+        InputError: it cannot be read, or such a parameter is in it.
     """
     file = drone_file.read(drone)
     if not accept_bounds:
@@ -125,9 +131,13 @@ def possible_drones(
 ) -> Parameters:
     """Returns the drones that predicted flights fly: a point, or drones along a first axis.
 
-    The randomization is the half width of a box about the drone; `POSTERIOR`: each flight is of
-    another posterior sample; or `TRIMS`: constant torques differ between flights as between those
-    that the drone was identified from. Logs of `today` say the constant torques and the thrust.
+    Args:
+        drone: a drone file, its path, or a named drone.
+        randomization: half width of a box about the drone; `POSTERIOR`: each flight is of another
+            posterior sample; `TRIMS`: constant torques differ between flights as between those that
+            the drone was identified from.
+        seed: random seed.
+        today: logs of the day, from which the constant torques and the thrust are estimated.
 
     Raises:
         InputError: see `drone_of_the_day` and `trim_ensemble`; or a randomization that the day's

@@ -217,7 +217,10 @@ def _speeds_reached(
 def steps_done(rows: Rows, rate: int, estimated: bool = False) -> int:
     """Returns rows until a guard trips or the distance's mean over `WINDOW_S` exceeds `WITHIN_M`.
 
-    The flight has `rate` rows a second; with `estimated` the drone's estimates are judged.
+    Args:
+        rows: one flight.
+        rate: its rows a second.
+        estimated: whether the drone's estimates are judged.
     """
     steps, reason = rows.end(LOST, estimated)
     # The row in which it is lost does not count; the tilt that speed takes trips no guard here.
@@ -262,9 +265,12 @@ def _succeeds(flight: SimulatedFlight) -> bool:
 def summary(flights: polars.DataFrame) -> polars.DataFrame:
     """Returns the envelope of each policy and reality along each axis, with a 95 % interval.
 
+    Args:
+        flights: rows of `envelope`.
+
     Returns:
-        One row a policy, reality and axis of `envelope`: flights, envelope (what `SHARE` of them
-        reach), low and high (percentiles of a bootstrap), median, unit, hardest and limit.
+        One row a policy, reality and axis: flights, envelope (what `SHARE` of the flights reach),
+        low and high (percentiles of a bootstrap over flights), median, unit, hardest and limit.
         NaN: more than the other flights fly nothing at all.
 
     Source: Efron and Tibshirani 1993, An introduction to the bootstrap, sec. 13.3.

@@ -297,8 +297,11 @@ def outlives(flights: polars.DataFrame) -> Float[np.ndarray, "policies policies"
 
     Of equal durations, such as two at the time limit, each counts half.
 
+    Args:
+        flights: what `predict_flight_times` gives.
+
     Returns:
-        Row over column, in the order of `predict_flight_times`; 0.5 along the diagonal.
+        Row over column, in the order of the flights; 0.5 along the diagonal.
 
     Source: Mann and Whitney 1947, On a test of whether one of two random variables is larger.
     """
@@ -321,7 +324,9 @@ def describe_alike(
 ) -> list[str]:
     """Returns a sentence on the policies that cannot be told apart from the best one.
 
-    By their `summary` and the best one's column of `outlives`.
+    Args:
+        summary: what `summary` returns.
+        against_best: column of `outlives` of the policy with the longest mean.
     """
     names = summary["policy"].to_list()
     best = int(np.argmax(summary["mean"].to_numpy()))

@@ -70,10 +70,14 @@ class Policies:
         return self.files[self.paths.index(path)].policy
 
     def choose_task(self, task: str | None) -> tuple[str, list[str]]:
-        """Returns the name of what they fly, and a note where policies were trained for another.
+        """Returns what they fly, and notes for the user.
 
-        That is the given task or reference's file; by default, the task that all the files that say
-        so were trained for.
+        Args:
+            task: name of a task, or a reference's file; by default, the task that all the files
+                that say so were trained for.
+
+        Returns:
+            The name of a task, and a note where policies were trained for another.
         """
         own_tasks = {_usual(file.task) for file in self.files if file.task}
         alike = own_tasks or ({names.PAPER_TASK} if self.files else {USUAL_TASK})
@@ -84,8 +88,9 @@ class Policies:
     def choose_tasks(self, task: str | None) -> tuple[list[str], list[str]]:
         """Returns what each of the files flies by itself, and notes for the user.
 
-        By default each flies the task of its training, as far as a real drone flies it. The
-        authors' fly the circle of the paper.
+        Args:
+            task: name of a task for all; by default each flies the one that it was trained for, as
+                far as a real drone flies it, and the authors' the circle of the paper.
         """
         real = {*names.REAL_TASKS, names.PAPER_TASK}
         trained = [file.task or names.PAPER_TASK for file in self.files]
@@ -128,10 +133,12 @@ def find_policies(places: Sequence[StrPath]) -> list[Path]:
 
 
 def read_policies(places: Sequence[StrPath], control: str | None = None) -> Policies:
-    """Reads policies, ours and by others, from files and folders.
+    """Reads policies.
 
-    `control` is what the authors' policies command, by default what their files' names say, or
-    `MODULE:NAME`, a control structure of your own that policies command.
+    Args:
+        places: files and folders of policies, and policies by others.
+        control: what the authors' policies command; what their files' names say by default. Or
+            `MODULE:NAME`, a control structure of your own that policies command.
 
     Raises:
         InputError: one is no policy, or commands something else; or one by others needs a package

@@ -159,7 +159,9 @@ def transfer(
 def firmware_pilot(controller: str, counts: float) -> FirmwarePilot:
     """Returns a controller of the firmware whose command of 1 has as much thrust as the policies'.
 
-    That is their full scale in counts, all of them: the firmware is today's.
+    Args:
+        controller: a name of `CONTROLLERS`.
+        counts: of full scale, of the policies; all of them: the firmware is today's.
     """
     firmware: Firmware = "2026.08" if counts > COUNTS else "2021.10"
     return FirmwarePilot(controller=controller, firmware=firmware)
@@ -173,9 +175,18 @@ def fly_firmware(
     counts: float = COUNTS,
     **how: Any,
 ) -> tuple[list[polars.DataFrame], list[str]]:
-    """Flies controllers of the firmware as policies fly in `transfer`, where they hold the drone.
+    """Flies controllers of the firmware as policies fly, where they can hold the drone.
 
-    Returns tables of flights, and notes on realities where a controller cannot fly.
+    Args:
+        controllers: names of `CONTROLLERS`.
+        realities: as of `transfer`, as the following ones are.
+        trials: flights of each.
+        key: random key.
+        counts: see `firmware_pilot`.
+        how: task and duration.
+
+    Returns:
+        Tables of flights, and notes on realities where a controller cannot fly.
     """
     tables, notes = [], []
     for name in controllers:

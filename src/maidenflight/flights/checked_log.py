@@ -44,7 +44,12 @@ class CheckedLog(NamedTuple):
 
 
 def check_log(parts: Iterable[Logged], ignore: Collection[str] = ()) -> CheckedLog:
-    """Cuts and checks the flights of a file, a part in memory at a time."""
+    """Cuts and checks the flights of a file, a part in memory at a time.
+
+    Args:
+        parts: what the file holds, one after another.
+        ignore: signals to pass over.
+    """
     first: list[Flight] = []
     notes: dict[str, None] = {}
     results: dict[str, list[tuple[CheckResult, ...]]] = {}

@@ -113,9 +113,12 @@ def logged(
 ) -> Iterator[Logged] | Table:
     """Returns the flights in a file as they were logged; of a table in no known format, the table.
 
-    A long table is read in parts, one after another, so that memory is bounded. `battery_law`, a
-    key of `compensation.LAWS`, counts whatever the log says, `law_of_drone` where the log does not
-    decide.
+    A long table is read in parts, one after another, so that memory is bounded.
+
+    Args:
+        file: to be read.
+        battery_law: a key of `compensation.LAWS`, whatever the log says.
+        law_of_drone: one that is taken where the log does not decide.
 
     Raises:
         InputError: the file is damaged, or its commands are read by no battery law.
@@ -192,9 +195,11 @@ def _help(table: Table) -> str:
 
 
 def write_map(file: Path) -> Path | None:
-    """Writes a map of the columns of a table in no known format beside it, and returns its path.
+    """Writes a map of the columns of a table in no known format beside it.
 
-    None where there is one, the format is known, names show too little or the file is damaged.
+    Returns:
+        The map; none where there is one, the format is known, names show too little or the file is
+        damaged.
     """
     map_file, table = column_map.map_path(file), None
     if map_file.exists() or not file.name.endswith(TABLES):

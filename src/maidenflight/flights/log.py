@@ -170,7 +170,11 @@ class Flight:
 
 
 def by_log(flights: Iterable[Flight]) -> dict[str, list[Flight]]:
-    """Returns the checked pieces of each log by its name, in the order of the flights."""
+    """Returns the pieces of each log by its name, in the order of the flights.
+
+    Args:
+        flights: checked pieces of flights; those of one name are of one log.
+    """
     logs: dict[str, list[Flight]] = {}
     for flight in flights:
         logs.setdefault(flight.name, []).append(flight)
@@ -290,7 +294,10 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
 
 
 def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
-    """Reads a flight in our format, unchecked, and the time of each of its rows [s].
+    """Reads a flight in our format; the rows are not checked, `checking` does that.
+
+    Returns:
+        The flight, and the time of each of its rows [s].
 
     Raises:
         InputError: a column is missing or is not numeric, or it is not said what a command stands

@@ -31,10 +31,14 @@ class Rotors(NamedTuple):
 
 
 def rotors(flight: Flight, drone: Parameters) -> Rotors:
-    """Simulates a drone's motors under the commands of a log or a piece of one.
+    """Simulates a drone's motors under a log's commands.
 
     They begin at the mean command of the first `BEGIN_S`: a piece of a log does not say what was
     before it. Where commands are not finite, the last one lasts. Cost grows linearly with rows.
+
+    Args:
+        flight: a log, or a piece of one.
+        drone: its motors, latency and thrust curve.
 
     Source: see `dynamics.motor_derivative` and `dynamics.rotor_forces`.
     """

@@ -64,9 +64,10 @@ class Summary:
 
 
 def rank(logs: Sequence[Summary]) -> list[tuple[Summary, dict[str, float]]]:
-    """Returns logs, the most telling first, with their shares of what all say of each quantity.
+    """Returns logs by what they tell, the most telling first.
 
-    The mean of its shares ranks a log.
+    Returns:
+        Each log with its share of what all together say of each quantity; their mean ranks it.
     """
     totals = {name: sum(log.information.get(name, 0.0) for log in logs) for name in QUANTITIES}
     shares = [
@@ -90,7 +91,11 @@ def choose_most_telling(
 
 
 def summaries(flights: Iterable[Flight]) -> tuple[Summary, ...]:
-    """Returns a summary of each log of checked flights, in their order."""
+    """Returns a summary of each log, in the order of the flights.
+
+    Args:
+        flights: checked pieces of flights; those of one name are of one log.
+    """
     return tuple(_summary(name, pieces) for name, pieces in by_log(flights).items())
 
 

@@ -169,8 +169,12 @@ def from_text(text: str, name: str, skipped: int = 0) -> Table:
 
     A last line that is cut off is left out with a note; it is the mark of a recorder that was
     switched off. One without a line feed counts as such, because nobody can tell 0.1 from the
-    beginning of 0.15. So many rows of the file are skipped between its header and those of the
-    text.
+    beginning of 0.15.
+
+    Args:
+        text: of the table.
+        name: what errors name.
+        skipped: rows of the file between its header and those of the text.
 
     Raises:
         InputError: not such a table, or no rows.

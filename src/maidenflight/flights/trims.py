@@ -45,12 +45,14 @@ def trim(pieces: Sequence[Flight], drone: Parameters) -> Trim:
     """Returns the thrust and constant torques that balance the means of a flight.
 
     With F_i = m g / 4 k_F s_i, where s_i is the share of full thrust that a rotor has at its speed,
-    the mean of sum(F_i) R_zz is m (g + dv_z / T), and the mean of all torques on the body that of I
-    domega/dt + omega x (I omega). The drone's k_F is for the torques where that of the flight is
-    not known.
+    the mean of sum(F_i) R_zz is m (g + dv_z / T), and the mean of all torques on the body that of
+    I domega/dt + omega x (I omega).
 
-    The flight may be in pieces, such as checking leaves of a log with gaps; those shorter than
-    `SEGMENT_S` tell nothing, and others as much as they are long.
+    Args:
+        pieces: the flight, whole or in pieces, such as checking leaves of a log with gaps; those
+            shorter than `SEGMENT_S` tell nothing, and others as much as they are long.
+        drone: its mass, inertia, rotors, motors and ratio of torque to thrust; its k_F for the
+            torques where that of the flight is not known.
 
     Source: Gronauer et al. 2022, eq:motor-force, eq:linear-acceleration, eq:torque and
     eq:angular-acceleration.
@@ -96,8 +98,10 @@ def between_flights(trims: Sequence[Trim]) -> Float[np.ndarray, "4"] | None:
     """Returns standard deviations between flights of k_F [-] and the constant torques [N m].
 
     Each flight counts alike, however long it was: the next one is one more of them. Counted by
-    their rows, those that flew long for the good trim that they had would hide the others. Less
-    than `ENOUGH_FLIGHTS` tell nothing.
+    their rows, those that flew long for the good trim that they had would hide the others.
+
+    Returns:
+        In the order of `with_standard_errors`; None for less than `ENOUGH_FLIGHTS`.
 
     Source: Hedges 1983, A random effects model for effect sizes (the unweighted estimator).
     """

@@ -50,7 +50,13 @@ def first_start(flight: Flight, stride: int = 1) -> int:
 
 
 def segment_names(flights: Iterable[Flight], length: int, stride: int = 1) -> list[str]:
-    """Returns the name of the flight of each segment that `windows` numbers, in their order."""
+    """Returns the name of the flight of each segment that `windows` numbers, in their order.
+
+    Args:
+        flights: as of `windows`.
+        length: as of `windows`.
+        stride: as of `windows`.
+    """
     return [
         flight.name
         for flight in flights

@@ -99,10 +99,16 @@ def fly_all(
     keys: Array,
     guard: Guard | None = None,
 ) -> list[SimulatedFlight]:
-    """Flies a flight for each key, up to where the guard ends it before its time.
+    """Flies a flight for each key.
 
-    Virtual drones fly all at once where pilots can; all else flies one flight after another. There
-    is one pilot for all flights, or one for each: of one kind those that fly many drones.
+    Virtual drones fly all at once where pilots can; all else flies one flight after another.
+
+    Args:
+        reality: where.
+        pilots: one for all flights, or one for each: of one kind those that fly many drones.
+        scenario: the task, its duration and the initial states.
+        keys: random keys.
+        guard: what ends a flight before its time.
 
     Raises:
         InputError: the reality takes other commands than the pilots', or changes in the course of a
@@ -210,7 +216,12 @@ def fly(
 ) -> SimulatedFlight:
     """Flies a reality one command at a time, and logs as `simulate` does with the same key.
 
-    The reality is reset first; the guard ends the flight before its time.
+    Args:
+        reality: the drone or simulator; it is reset first.
+        pilot: what flies it.
+        scenario: the task, its duration and the initial states.
+        key: random key.
+        guard: what ends the flight before its time.
 
     Raises:
         InputError: the reality takes other commands than the pilot's, its rate is no multiple of

@@ -94,7 +94,12 @@ def fly_together(
 ) -> FlightOutcome:
     """Flies until the last flight has ended, on each device for itself.
 
-    Policies act every so many rows of 10 ms.
+    Args:
+        env: what is simulated; its actions last for a row of 10 ms.
+        every: rows from one action of the policies to the next.
+        trials: drones and initial states to simulate.
+        limits: of each flight.
+        start: spread of first states.
     """
 
     def take_over(policy: Policy, drone: Parameters, key: Array) -> tuple[EnvState, Array]:

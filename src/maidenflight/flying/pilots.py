@@ -67,7 +67,8 @@ class PolicyPilot:
     def begin(self, env: Environment, key: Array, steps: int) -> tuple[Environment, Act, Array]:
         """Begins a flight of so many control periods in JAX.
 
-        Returns what is simulated, what acts, and the key of all else that is random.
+        Returns:
+            What is simulated, what acts, and the key of all else that is random.
         """
         return env, lambda observation, _: self.policy(observation), key
 
@@ -76,7 +77,8 @@ class PolicyPilot:
     ) -> tuple[Commands, Array]:
         """Begins a flight, by the reality's own controller if it has the policy's.
 
-        Returns its commands, and the key of all else that is random.
+        Returns:
+            Its commands, and the key of all else that is random.
 
         Raises:
             InputError: the reality takes other commands.
@@ -120,7 +122,12 @@ class ForeignPolicy(Protocol):
         ...
 
     def begin(self, hover: float, task: Task) -> Fly:
-        """Begins a flight of a drone that hovers at this command; some see a task's velocity."""
+        """Begins a flight.
+
+        Args:
+            hover: thrust command at which the drone hovers.
+            task: what it follows; some policies see its velocity.
+        """
         ...
 
 
@@ -150,9 +157,12 @@ AnyPolicy = Policy | ForeignPolicy
 def pilots_of(
     policies: Sequence[AnyPolicy], controller: Controller | None = None
 ) -> list[PolicyPilot | ForeignPilot]:
-    """Returns a pilot of each policy, ours of one kind or others'.
+    """Returns a pilot of each policy.
 
-    The controller is by default `control.controller_for` their interface.
+    Args:
+        policies: ours, of one kind, and others'.
+        controller: what carries out commands; `control.controller_for` their interface unless
+            given.
 
     Raises:
         InputError: ours are of different kinds, or the controller is of another interface.
@@ -194,10 +204,11 @@ def _controller_of(policies: Sequence[Policy], controller: Controller | None) ->
 def cascade(
     controller: Controller, act: Callable[[Measurement, Float[np.ndarray, "3"]], Any]
 ) -> Fly:
-    """Returns the motors' commands that a controller makes of actions in one flight.
+    """Returns the motors' commands that a controller makes of actions.
 
-    `act` gives an action of a measurement and a set-point, at the rate of the controller's
-    interface. The controller's memory stays here.
+    Args:
+        controller: the control structure; its memory stays here, for one flight.
+        act: measurement and set-point to action, called at the rate of the controller's interface.
     """
     compiled, every = _compiled(controller), controller.command_rate // controller.interface.rate
     memory, action, calls = controller.init(), np.zeros(4, np.float32), 0

@@ -36,9 +36,10 @@ class Scenario:
 
 
 def near_reference(key: Array) -> tuple[Float[Array, "3"], Array, Array]:
-    """Draws an offset [m] from the reference's start, up to 2 cm along each axis.
+    """Draws a start within 2 cm of the reference's, along each axis.
 
-    Beside it are keys of the first measurement and of the rest.
+    Returns:
+        Its offset [m], and keys of the first measurement and of the rest.
     """
     place_key, begin_key, key = jax.random.split(key, 3)
     offset = 0.02 * jax.random.uniform(place_key, (3,), minval=-1.0, maxval=1.0)

@@ -95,7 +95,11 @@ def noiseless(parameters: Parameters) -> Parameters:
 
 
 def check(parameters: Parameters, place: str = "parameters") -> Parameters:
-    """Returns one drone's parameters, a point, if every value lies in its physical range.
+    """Returns one drone's parameters if every value lies in its physical range.
+
+    Args:
+        parameters: a point, without batch axes.
+        place: what the error names, usually a file.
 
     Raises:
         InputError: a value is not a finite number, has the wrong number of components or is out of

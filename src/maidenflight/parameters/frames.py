@@ -115,7 +115,11 @@ def effectiveness(drone: "Parameters") -> Float[np.ndarray, "4 4"]:
 
 
 def check(drone: "Parameters", place: str) -> "Parameters":
-    """Returns a point, a drone whose rotors can hover it and turn it about every axis.
+    """Returns a drone whose rotors can hover it and turn it about every axis.
+
+    Args:
+        drone: a point.
+        place: what the error names, usually a file.
 
     Raises:
         InputError: a direction is neither 1 nor -1, the rotors' thrusts cannot make thrust and

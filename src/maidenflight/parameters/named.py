@@ -256,7 +256,12 @@ def drone(name: str, mass: float | None = None) -> Parameters:
 
 
 def sources(name: str, mass: float | None = None) -> dict[str, str]:
-    """Returns sources of a named drone's values that are not the paper's, by field; see `drone`."""
+    """Sources of a named drone's values that are not the paper's, by field.
+
+    Args:
+        name: of `DRONES`.
+        mass: as in `named`.
+    """
     drone = DRONES[name]
     if mass is None or drone.frameless:
         return dict(drone.sources)

@@ -31,9 +31,14 @@ def to_toml(
 ) -> str:
     """Returns the TOML text of one drone, its units, symbols and sources as comments.
 
-    `extra` are further tables for the end of the file, such as `record`; sources of values, by
-    field, are the paper's where they are its values, by default. `from_toml` reads the same float32
-    values.
+    Args:
+        parameters: a point, without batch axes.
+        name: what to call the drone.
+        extra: further tables for the end of the file, such as `identification` or `record`.
+        sources: of values, by field; the paper's where they are its values, by default.
+
+    Returns:
+        Text that `from_toml` reads back to the same float32 values.
     """
     check(parameters, name)
     document = tomlkit.document()
@@ -80,6 +85,10 @@ def from_document(document: Mapping[str, Any], place: str) -> Parameters:
 
     In [body], `layout = "x"` or `"+"` with `arm_length` [m] stand for the places and directions of
     the rotors.
+
+    Args:
+        document: the file's content.
+        place: the file's name, for errors.
 
     Raises:
         InputError: an unknown format or key, a missing value, a value that is no number or outside
@@ -209,7 +218,13 @@ def read_drone(drone: StrPath, mass: float | None = None) -> Parameters:
 
 
 def full_scale_counts(drone: StrPath) -> float | None:
-    """Returns the firmware counts of u = 1 in an identified drone's flights; None of any other."""
+    """Returns the firmware counts of u = 1 in the flights of an identified drone.
+
+    None of any other.
+
+    Args:
+        drone: TOML file that `read` takes, or a name in `DRONES`.
+    """
     content: Any = {} if str(drone) in DRONES else document(drone)
     for table in ("identification", "source", "full_scale_counts"):
         content = content.get(table) if isinstance(content, dict) else None

@@ -14,9 +14,12 @@ REAL: Kinds = frozenset([False])
 
 
 def kinds_of(used: Iterable[str], known: Mapping[str, bool | None], otherwise: Kinds) -> Kinds:
-    """Returns kinds of flights by digests of their logs; `otherwise` where no log is named.
+    """Returns kinds of flights.
 
-    `known` says by digest whether a log's flight was simulated.
+    Args:
+        used: digests of their logs.
+        known: by digest of a log, whether its flight was simulated.
+        otherwise: the answer where no record names the logs that were used.
     """
     return frozenset(known.get(each) for each in used) or otherwise
 
@@ -24,7 +27,9 @@ def kinds_of(used: Iterable[str], known: Mapping[str, bool | None], otherwise: K
 def kinds_identified(drone: DroneFile | None, others: Kinds) -> Kinds:
     """Returns kinds of the flights that a drone was identified from.
 
-    Its file says whether any flight was simulated, not whether all were; logs show the others.
+    Args:
+        drone: its file says whether any flight was simulated, not whether all were.
+        others: the kinds as far as the logs show.
     """
     if drone is None or drone.source is None:
         return others

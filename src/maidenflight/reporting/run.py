@@ -182,7 +182,9 @@ def read_run(source: StrPath | None = None, options: FileOptions | None = None) 
 def read_flights_of(source: StrPath | None, options: FileOptions) -> Sequence[Flight]:
     """Reads the flights of a run: test flights, else recorded ones.
 
-    The source is as of `find_files`, or a log or a folder of logs, of any known format.
+    Args:
+        source: see `find_files`; or a log or a folder of logs, of any known format.
+        options: see `find_files`.
 
     Raises:
         InputError: nothing is there, or a log cannot be used.

@@ -80,8 +80,11 @@ class RunFiles:
 def find_files(source: StrPath | None, options: FileOptions) -> RunFiles:
     """Finds the files that a report shows.
 
-    Of several entries of a kind the command's usual output counts, else the latest. The source is a
-    run folder, or a file or folder that its manifest lists; options replace files of their kind.
+    Of several entries of a kind the command's usual output counts, else the latest.
+
+    Args:
+        source: a run folder, or a file or folder that its manifest lists.
+        options: files that replace those of their kind.
 
     Raises:
         InputError: a path does not exist, no manifest lists `source`, or a manifest is damaged.

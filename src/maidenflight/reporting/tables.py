@@ -67,9 +67,12 @@ def sortable(
 ) -> Markup:
     """Returns a table with heads that sort it, and a link that saves its rows whole.
 
-    Rows are in SI units, as in the file of that name; columns say how and in which order they are
-    displayed, a label alone as they are, and the first heads the rows. `viewed` are places of rows
-    that are flights in the viewer; `None` where rows are no flights.
+    Args:
+        name: of the table, and of the file.
+        rows: what the file holds, in SI units.
+        columns: their display, in this order; the first heads the rows. A label alone shows
+            values as they are.
+        viewed: places of rows that are flights in the viewer; `None` where rows are no flights.
     """
     formats = {
         key: column if isinstance(column, Column) else Column(column)

@@ -26,6 +26,10 @@ def controls(files: Mapping[Path, PolicyFile], names: Iterable[str]) -> dict[str
 
     A name is that of the file, behind as many of its folders as tell files apart; a name that files
     of different control structures share is left out.
+
+    Args:
+        files: policies by their paths.
+        names: of the policies in a table.
     """
     kinds: dict[str, set[str]] = {}
     for depth in {name.count("/") + 1 for name in names}:

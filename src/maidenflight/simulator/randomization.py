@@ -174,8 +174,9 @@ def relative_box(
 def uniform_box(nominal: Parameters, **ranges: tuple[float, float]) -> UniformBox:
     """Returns a box of values in SI units, such as `uniform_box(crazyflie(), latency=(0.0, 0.03))`.
 
-    Ranges are the smallest and largest value by field; every component of a vector gets the same,
-    and other fields have the nominal values.
+    Args:
+        nominal: the values of all other fields.
+        ranges: smallest and largest value by field; every component of a vector gets the same.
 
     Raises:
         InputError: a field is unknown, or its range is not two numbers in order within its physical

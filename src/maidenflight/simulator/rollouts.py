@@ -77,8 +77,14 @@ def rollout_with_auto_reset(
 ) -> tuple[EnvInstance, tuple[EnvState, StepResult]]:
     """Flies a policy for a number of control periods; after an episode the next drone flies.
 
-    A reset in period n takes number n modulo F of the `fresh` drones. They are at the start of an
-    episode, stacked along a first axis.
+    Args:
+        environment: what is simulated.
+        policy: observation to action.
+        drone: where to begin.
+        fresh: F drones at the start of an episode, stacked along a first axis; a reset in period n
+            takes number n modulo F.
+        key: random key.
+        steps: control periods; static.
 
     Returns:
         The last instance, and the state before and the result of each period, stacked along a first

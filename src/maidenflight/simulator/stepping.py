@@ -260,7 +260,14 @@ def spin(
     steps: int | Int[Array, ""],
     parameters: Parameters,
 ) -> Float[Array, "4"]:
-    """Returns the rotor speeds after one command period, without the rest of the drone."""
+    """Returns the rotor speeds after one command period, without the rest of the drone.
+
+    Args:
+        speed: of the rotors at the newest command.
+        line: rotor speed commands.
+        steps: physics steps in the period.
+        parameters: the drone.
+    """
 
     def turn(number: Array, speed: Array) -> Array:
         delayed = latency.in_step(line, parameters, steps, number)
@@ -307,9 +314,16 @@ def drive_entries(
 ) -> State:
     """Integrates the physics over one command period, of a state of `Entries` and without a floor.
 
-    Faster than `drive` for many states of one drone, most of all with a delay line of `Entries`;
-    and one program serves any number of steps. Each step makes its delayed command anew: those of
-    all states and steps, with derivatives, would be larger than all the rest.
+    Faster than `drive` for many states of one drone, and one program serves any number of steps.
+    Each step makes its delayed command anew: those of all states and steps, with derivatives, would
+    be larger than all the rest.
+
+    Args:
+        integrator: as of `drive`.
+        state: the drone at the newest command, as `vectors.entries` gives it.
+        line: as of `drive`; of `Entries` it is faster.
+        steps: as of `drive`, or an argument of the program.
+        parameters: the drone.
     """
     drone = vectors.entries(parameters)
 

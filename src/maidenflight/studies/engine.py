@@ -50,9 +50,12 @@ class Resources:
 
 
 def engine(name: str, resources: Resources) -> Engine:
-    """Returns an engine by name: `local`, `ray`, `ray:ADDRESS`, `slurm`, `slurm:PARTITION`.
+    """Returns an engine by name.
 
-    Or `NAME` or `NAME:PLACE` with another name of `registry.ENGINES`.
+    Args:
+        name: `local`, `ray`, `ray:ADDRESS`, `slurm`, `slurm:PARTITION`, or `NAME` or `NAME:PLACE`
+            with another name of `registry.ENGINES`.
+        resources: what it may use.
 
     Raises:
         InputError: there is no such engine, its package is not installed, or it cannot be reached.

@@ -150,7 +150,14 @@ def _code_in(content: Any, setting: str = "") -> Iterator[str]:
 def of(
     entries: Any, home: StrPath = ".", place: str = "the study", cpus: int = 1, gpus: int = 0
 ) -> Study:
-    """Returns a study of tables, as `read_study` reads them; paths in them are relative to `home`.
+    """Returns a study of tables.
+
+    Args:
+        entries: a list of them, as `read` reads.
+        home: folder that paths in them are relative to.
+        place: what holds them, for errors.
+        cpus: see `read`.
+        gpus: see `read`.
 
     Raises:
         InputError: an entry is unknown, missing or out of range; a file is not there; an input

@@ -112,9 +112,18 @@ def compute(
     retries: int = 1,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> dict[str, str]:
-    """Computes the tasks whose results are not in a store; see `sweep`.
+    """Computes the tasks whose results are not in a store.
 
-    Returns, by its key, the message of each task that failed as often as it may.
+    Args:
+        study: the tasks.
+        store: of the results.
+        on: see `sweep`.
+        resources: what the engine may use.
+        retries: how often a task that fails is begun again.
+        on_progress: called with how far it is.
+
+    Returns:
+        By its key, the message of each task that failed as often as it may.
 
     Raises:
         InputError: the engine cannot be used.
@@ -254,9 +263,15 @@ def _place(task: Task) -> str:
 
 
 def gather(study: Study, store: Store, skipped: AbstractSet[str] = frozenset()) -> polars.DataFrame:
-    """Returns one table of the results of a study, as `sweep` does; writes it too.
+    """Returns one table of the results of a study; writes it too.
 
-    Skipped are keys of tasks that have none. It has no column for an axis that no row has.
+    Args:
+        study: the tasks.
+        store: of the results.
+        skipped: keys of tasks that have none.
+
+    Returns:
+        See `sweep`. Without a column for an axis that no row has.
     """
     rows: list[dict[str, Any]] = []
     for task in study.tasks:

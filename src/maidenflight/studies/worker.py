@@ -99,7 +99,9 @@ def _by_kind(verb: type[Verb], input_paths: dict[str, str]) -> dict[str, Any]:
 def begin(driver: int, gpus: str) -> None:
     """Makes this process leave Ctrl-C to its driver, and end soon after that does.
 
-    `gpus` are those that JAX is to see here, with commas between them.
+    Args:
+        driver: process that this is a child of.
+        gpus: those that JAX is to see here, with commas between them.
     """
     os.environ["CUDA_VISIBLE_DEVICES"] = gpus
     signal.signal(signal.SIGINT, signal.SIG_IGN)

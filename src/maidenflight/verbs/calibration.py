@@ -86,6 +86,14 @@ def calibrate(
 ) -> Result:
     """Identifies drones of the posterior from flights along the logs; writes a table.
 
+    Args:
+        verb: whose key and settings count.
+        drone: the drone's file.
+        logs: a log or a folder of them.
+        draws: drones to draw; as many as there is time for by default.
+        output: the table.
+        progress: called with the progress.
+
     Raises:
         InputError: see `identification_of`, or no drone stays on the paths.
     """

@@ -22,7 +22,9 @@ def tabulate_estimates(
 ) -> list[Table | str]:
     """Returns identified parameters, beside the truth where it is known.
 
-    The truth is by parameter, in SI units, or as text in the display unit.
+    Args:
+        result: the result.
+        truth: by parameter, in SI units, or as text in the display unit.
     """
     replayed = result.objective == "replay"
     rows: list[dict[str, Any]] = []

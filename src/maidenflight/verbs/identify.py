@@ -199,7 +199,11 @@ class Identify(Verb):
         return core.read_start(self.start, self.mass)
 
     def read(self, on_file: Callable[[int, int], None]) -> "core.Flights":
-        """Reads the logs; calls `on_file` with (files read, files found)."""
+        """Reads the logs.
+
+        Args:
+            on_file: called with (files read, files found).
+        """
         return core.read_flights(
             *(self.logs, on_file, self.most_seconds, self.lead_in),
             commands=self.commands,
@@ -215,7 +219,13 @@ class Identify(Verb):
         key: Any,
         on_progress: "Callable[[core.Stage], None]",
     ) -> "core.Identification":
-        """Identifies the drone from checked flights; calls `on_progress` with stages."""
+        """Identifies the drone from flights.
+
+        Args:
+            flights: checked flights.
+            key: random key.
+            on_progress: called with the stage and how far it is.
+        """
         return core.identify(
             flights,
             self._objective(),

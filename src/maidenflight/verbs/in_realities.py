@@ -62,7 +62,15 @@ class FliesPolicies(Verb):
         output: Path,
         **parts: Any,
     ) -> Result:
-        """Returns the result, with the best policy and the command that exports it."""
+        """Returns the result, with the best policy and the command that exports it.
+
+        Args:
+            content: of the flights, for `--json`.
+            summary: likewise for people.
+            flights: by which `comparison.choose_best` chooses.
+            output: where the results are.
+            parts: the other parts of the result.
+        """
         task = parts["record"]["settings"].get("task")
         best = self.fleet.path_of(core.comparison.choose_best(flights, self.fleet.own_names))
         rule = core.comparison.RULE

@@ -26,7 +26,11 @@ ASIDE = 0.3
 
 
 def check_up(pieces: Sequence[Flight]) -> tuple[CheckResult, ...]:
-    """Checks the conventions of gapless pieces of one flight; a log too short has none."""
+    """Checks the conventions of gapless pieces of one flight, however many of them.
+
+    Returns:
+        A result of each test that concerns what was logged; none of a log that is too short.
+    """
     if sum(map(len, pieces)) < FEWEST_ROWS:
         return ()
     force = check_accelerometer(pieces)

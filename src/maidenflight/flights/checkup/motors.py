@@ -81,7 +81,9 @@ class Fit(NamedTuple):
 def check_motors(pieces: Sequence[Flight], yaw_is_right: bool = False) -> list[CheckResult]:
     """Checks the motors' commands against the motion of pieces of one flight.
 
-    `yaw_is_right`: attitude and velocity confirm the sign of yaw and its rate.
+    Args:
+        pieces: of the flight.
+        yaw_is_right: whether attitude and velocity confirm the sign of yaw and its rate.
     """
     motion = spectra(pieces)
     if motion is None:

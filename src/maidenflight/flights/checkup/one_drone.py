@@ -93,7 +93,11 @@ def thrust_per_command(pieces: Sequence[Flight]) -> Float[np.ndarray, "B"]:
 
 
 def compare_loads(ratios: Mapping[str, float]) -> list[str]:
-    """Says which logs are of another load than others, by full thrust over weight of each."""
+    """Says which logs are of another load than others, by thrust per command.
+
+    Args:
+        ratios: full thrust by weight of each log in calm flight.
+    """
     if len(ratios) < 2:
         return []
     names = sorted(ratios, key=lambda name: ratios[name])

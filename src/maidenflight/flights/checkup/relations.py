@@ -142,10 +142,14 @@ class Reading(NamedTuple):
 
 
 def best_reading(readings: Mapping[str, Sequence[Samples]], least: float) -> Reading | None:
-    """Finds the reading of a signal that matches another one best; None where too little moves.
+    """Finds the reading of a signal that matches another one best.
 
-    Readings are samples over several spans by name, first the signal as logged. An axis is too
-    quiet where the second signal's standard deviation is below `least`.
+    Args:
+        readings: samples over several spans by name, first the signal as logged.
+        least: standard deviation of the second signal below which an axis is too quiet.
+
+    Returns:
+        None where too little moves.
     """
     scores: dict[str, float] = {}
     for name, samples in readings.items():

@@ -91,9 +91,12 @@ class Responses(NamedTuple):
 
 
 def spectra(pieces: Sequence[Flight], band: Band = QUICK, speeds: bool = False) -> Spectra | None:
-    """Sums cross spectra in a band over half-overlapping segments; None where pieces are too short.
+    """Sums cross spectra over half-overlapping segments; None where pieces are too short.
 
-    With `speeds` they are of the squares of measured rotor speeds instead of commands.
+    Args:
+        pieces: of one flight.
+        band: frequencies to look at.
+        speeds: take the squares of measured rotor speeds instead of commands.
     """
     total, segments, frequency, length = None, 0.0, np.zeros(0), 0
     for piece in sorted(pieces, key=len, reverse=True):

@@ -49,9 +49,13 @@ def read_sources(
     needed: Sequence[str],
     read_source: Callable[[str, Fields], SourceType],
 ) -> tuple[dict[str, SourceType], Motors]:
-    """Reads where each signal of a map is, by its tables, and what the motors' numbers mean.
+    """Reads where each signal of a map is, and what the motors' numbers mean.
 
-    `read_source` reads where a signal is of its table.
+    Args:
+        path: of the map.
+        entries: its tables, by signal.
+        needed: signals that it must have.
+        read_source: reads where a signal is of its table.
 
     Raises:
         InputError: signals are unknown or missing, or an entry is missing, unknown or of the wrong
@@ -87,8 +91,11 @@ def flight(
 ) -> tuple[Flight, np.ndarray, list[str]]:
     """Returns the flight in some signals, unchecked, with the time of its rows [s], and notes.
 
-    Signals are by keys of `COUNTS`, body rates and motors among them, in SI units and our axes; the
-    remedy is a sentence that says what makes the drone log faster.
+    Args:
+        name: of the file.
+        signals: by keys of `COUNTS`, body rates and motors among them, in SI units and our axes.
+        scale: of the motors.
+        remedy: a sentence that says what makes the drone log faster.
 
     Raises:
         InputError: a signal is missing or logged too rarely.

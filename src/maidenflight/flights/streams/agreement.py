@@ -11,9 +11,16 @@ is rebuilt is refused: 1.0000 in all PX4 logs seen, those of real drones too."""
 def share_explained(
     logged: Float[np.ndarray, "N M"], rebuilt: Float[np.ndarray, "N M"]
 ) -> float | None:
-    """Returns the share of logged motors' variance that is explained; None if nothing compares.
+    """Returns the share of the variance of logged motors that is explained, the lesser of two.
 
-    It is the lesser of two: that of their mean, and that of their differences.
+    One is of their mean, the other of their differences.
+
+    Args:
+        logged: at some instants.
+        rebuilt: at the same.
+
+    Returns:
+        None where too few rows are to compare, or neither changes.
     """
     if len(logged) < 10:
         return None

@@ -46,7 +46,12 @@ class Signals:
 
 
 def note_reversed_rotors(name: str, setting: str) -> str:
-    """Returns a note on rotors that turn the other way, as a setting of the autopilot says."""
+    """Returns a note on rotors that turn the other way than the simulated ones.
+
+    Args:
+        name: of the file.
+        setting: of the autopilot that says so.
+    """
     return (
         f"{name}: its rotors do not turn as the simulated ones, of which front right and back left "
         f"turn counter-clockwise ({setting}): torque_to_thrust and inertia_z are worth nothing, "

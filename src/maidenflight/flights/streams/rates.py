@@ -59,7 +59,13 @@ def refuse_too_slow(
 
 
 def notes(name: str, rates: Mapping[str, float], remedy: str) -> list[str]:
-    """Returns what is known less well than a faster log would tell; see `refuse_too_slow`."""
+    """Returns what is known less well than a faster log would tell.
+
+    Args:
+        name: of the file.
+        rates: as of `refuse_too_slow`.
+        remedy: a sentence that says what to set.
+    """
     motors = rates["motors"]
     if motors >= PLENTY_HZ:
         return []

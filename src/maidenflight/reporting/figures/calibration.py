@@ -9,7 +9,11 @@ from maidenflight.reporting.figures.charts import Entry, Figure
 
 
 def ranks(summary: Sequence[dict[str, Any]]) -> Figure:
-    """Returns how often the truth lies where among the posterior samples."""
+    """Returns how often the truth lies where among the posterior samples.
+
+    Args:
+        summary: as `calibration.summarize` gives it.
+    """
     rows = [one for one in summary if one["in_model"]]
     highest = max(max(one["ranks"]) for one in rows)
     panels = []

@@ -20,8 +20,9 @@ _RATE, _POINTS = 25.0, 20_000
 def changes(recoveries: polars.DataFrame, flights: Sequence[Flight]) -> Figure:
     """Returns a panel a reality, a thin line a flight, the colour that of its policy.
 
-    Recoveries are as of `recovery.of_flights`, at least one; the logs are at the `place` of the
-    rows.
+    Args:
+        recoveries: a row a flight, as `recovery.of_flights` gives them; at least one.
+        flights: the logs at the `place` of the rows.
     """
     policies = recoveries["policy"].unique(maintain_order=True).to_list()
     colours = dict(zip(policies, cycle(charts.PALETTE), strict=False))

@@ -146,7 +146,13 @@ def margin(values: Any) -> tuple[float, float]:
 
 
 def layer(condition: str, mark: Spec, **encoding: Any) -> Spec:
-    """Returns a layer of a panel, of rows by their `kind` or an expression; of all if empty."""
+    """Returns a layer of a panel.
+
+    Args:
+        condition: the `kind` of its rows, or an expression that holds for them; empty for all.
+        mark: how it looks.
+        encoding: channels by their name.
+    """
     test = f"datum.kind === '{condition}'" if condition.isidentifier() else condition
     transform = {"transform": [{"filter": test}]} if test else {}
     return {**transform, "mark": mark, "encoding": encoding}

@@ -21,7 +21,11 @@ _END_WORDS = {
 
 
 def envelope(summary: polars.DataFrame) -> Figure:
-    """Returns a panel an axis, a row a policy and reality, of `experiments.envelope.summary`."""
+    """Returns a panel an axis, a row a policy and reality.
+
+    Args:
+        summary: what `experiments.envelope.summary` gives.
+    """
     legend = [
         Entry("95 % of flights succeed, simulated", "blue", "thick"),
         Entry("95 % interval of that", "orange", "interval"),

@@ -29,7 +29,12 @@ References = Mapping[str, Mapping[str, Sequence[float]]]
 
 
 def identification(result: Identification, start: Parameters) -> Figure:
-    """Draws intervals beside the start's values, estimates of the lag, and gains of groups."""
+    """Draws intervals beside the start's values, estimates of the lag, and gains of groups.
+
+    Args:
+        result: the result.
+        start: the drone that the search began with.
+    """
     source = result.source
     kind = "flight" if not source.simulated else "flight, some or all simulated"
     names = [*result.estimates, *result.unidentified]
@@ -50,8 +55,13 @@ def estimates(
 ) -> Figure:
     """Returns a row a parameter, all as shares of what is plausible before the flights.
 
-    So the width of an interval shows what the flights add. Plausible ranges lie about the drone; of
-    the references the first stands in numbers too.
+    So the width of an interval shows what the flights add.
+
+    Args:
+        known: estimates by parameter.
+        unknown: plausible ranges of what could not be identified.
+        references: what else is marked, the first in numbers too.
+        drone: about which the plausible ranges lie.
     """
     names, marks, bounds = [], [], physical_bounds(drone)
     searched = {name: bounds.get(name, one.interval) for name, one in known.items()}

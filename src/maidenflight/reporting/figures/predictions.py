@@ -37,7 +37,11 @@ _SIGNALS = {
 
 
 def horizons(errors: polars.DataFrame) -> Figure:
-    """Returns how errors of open-loop predictions grow, a line a model with its 95 % interval."""
+    """Returns how the errors of open-loop predictions grow, a line a model with its 95 % interval.
+
+    Args:
+        errors: as `prediction_error` gives them.
+    """
     styles = _line_styles(errors["model"].unique(maintain_order=True).to_list())
     panels = []
     for column, format in ERRORS.items():
@@ -67,7 +71,11 @@ def horizons(errors: polars.DataFrame) -> Figure:
 
 
 def windows(rows: polars.DataFrame) -> Figure:
-    """Draws logged flight and predictions from its commands alone, a column a window."""
+    """Draws logged flight and predictions from its commands alone, a column a window.
+
+    Args:
+        rows: as `predicted_windows` gives them.
+    """
     windows = rows["window"].unique(maintain_order=True).to_list()
     names = [name for name in rows["model"].unique(maintain_order=True).to_list() if name != LOGGED]
     styles = _line_styles(names)

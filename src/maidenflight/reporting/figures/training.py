@@ -20,7 +20,9 @@ _OVER = {"steps": ("simulated steps [million]", 1e-6), "seconds": ("time [s]", 1
 def learning_curves(scores: polars.DataFrame) -> Figure:
     """Returns a panel a score: the policies' mean, from the worst to the best, and each.
 
-    Scores are as in training.csv; all policies are scored together.
+    Args:
+        scores: rows of `policy`, `steps` and the scores, as in training.csv; all policies are
+            scored together.
 
     Raises:
         InputError: nothing to draw, or a column is missing.
@@ -46,7 +48,14 @@ def legend(scores: polars.DataFrame) -> list[Entry]:
 
 
 def panel(scores: polars.DataFrame, score: str, title: str, over: str = "steps") -> Spec:
-    """Returns the curves of a score of `SCORES` over a column, `steps` or `seconds`."""
+    """Returns the curves of a score.
+
+    Args:
+        scores: see `learning_curves`.
+        score: a name of `SCORES`.
+        title: above the panel.
+        over: the column that runs to the right, `steps` or `seconds`.
+    """
     label, scale = SCORES[score]
     several = scores["policy"].n_unique() > 1
     places, values = _by_policy(scores, score, over)

@@ -24,9 +24,12 @@ def trims(
     estimates: Mapping[str, Estimate] | None = None,
     chooses: bool = True,
 ) -> Figure:
-    """Returns a panel a quantity, a dot a flight of `flight_tables.trims` with its standard error.
+    """Returns a panel a quantity, a dot a flight with its standard error.
 
-    Estimates of the identified drone are drawn across.
+    Args:
+        flights: a row a flight, as `flight_tables.trims` gives them.
+        estimates: of the drone that is identified, which are drawn across.
+        chooses: see `Figure`.
     """
     formats = {
         name: format

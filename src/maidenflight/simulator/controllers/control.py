@@ -79,7 +79,8 @@ class Controller(NamedTuple):
     def on(self, drone: Parameters) -> "Controller":
         """Returns the same controller with the mixer of a drone's frame, where it has one.
 
-        The drone is a point, of NumPy's numbers.
+        Args:
+            drone: a point, of NumPy's numbers.
         """
         mixer = mixer_of(drone) if self.mixed is not None else None
         if self.mixed is None or mixer is None:
@@ -309,6 +310,10 @@ DRIVES: dict[str, Callable[[ControlInterface, Generation], Controller]] = {
 def controller_for(interface: ControlInterface, firmware: str = "2026.08") -> Controller:
     """Returns the controller that does what an interface says.
 
+    Args:
+        interface: a policy's.
+        firmware: `"2021.10"` or `"2026.08"`, of no consequence to PWM.
+
     Raises:
         InputError: there is no such firmware, `DRIVES` has no structure of that name, or the action
             rate does not divide the 500 Hz of the PIDs that follow it.
@@ -325,7 +330,10 @@ def find_controller(name: str, **settings: Any) -> Controller:
     """Returns the control structure of a name, one of `CONTROLLERS` or `MODULE:NAME`.
 
     One of your own is a controller or what makes one; policies that command it then fly from files.
-    Of the settings only `action_rate` counts for it.
+
+    Args:
+        name: as above.
+        settings: of one of `CONTROLLERS`; of the others, only `action_rate` counts.
 
     Raises:
         InputError: there is no such control structure, or it has the name of another.

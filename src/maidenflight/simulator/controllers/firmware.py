@@ -109,7 +109,9 @@ LEAST_THRUST_COUNTS = 20000.0
 def switched_on(fixed: bool = False) -> Memory:
     """Returns the memory before the first tick.
 
-    `fixed`: set-points are for attitude or rate loops, always of one mode, known before compiling.
+    Args:
+        fixed: whether set-points are for attitude or rate loops and always of one mode, known
+            before compiling.
     """
     zero = np.zeros(3, np.float32)
     pid = PIDMemory(zero, zero)  # type: ignore[arg-type]
@@ -210,8 +212,13 @@ def mix(
 ) -> Float[Array, "4"]:
     """Returns the motor commands [counts] from thrust and roll, pitch, yaw [counts].
 
-    In 2026.08 they end nowhere; `battery.motor_ratio` and `actuators.actuate` cap them. A mixer is
-    that of another frame than the firmware's X.
+    In 2026.08 they end nowhere; `battery.motor_ratio` and `actuators.actuate` cap them.
+
+    Args:
+        thrust: of a motor.
+        torque: about the three axes.
+        firmware: generation; static.
+        mixer: of another frame than the firmware's X; static.
 
     Source: power_distribution_stock.c (2021.10), power_distribution_quadrotor.c (2026.08), X
     formation; stabilizer.c for the order.

@@ -42,11 +42,16 @@ EXCITATION = ControlInterface(
 
 
 def position_pid(firmware: str = "2021.10", full_scale_counts: float = COUNTS) -> Controller:
-    """Returns the PID of a firmware, `"2021.10"` as in the paper's flights or `"2026.08"`.
+    """Returns the firmware's cascaded PID, which holds a set-point.
 
-    It holds a set-point: position and velocity loops run at 100 Hz, attitude and rate loops at 500
-    Hz. The action is added to the four commands, so that flights can be excited for identification;
+    Position and velocity loops run at 100 Hz, attitude and rate loops at 500 Hz.
+
+    The action is added to the four commands, so that flights can be excited for identification;
     zero is the plain PID. Yaw stays at zero, but by its `turning`.
+
+    Args:
+        firmware: `"2021.10"`, which the paper's flights had, or `"2026.08"`.
+        full_scale_counts: see `ControlInterface`.
 
     Raises:
         InputError: there is no such firmware.

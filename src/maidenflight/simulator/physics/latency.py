@@ -54,10 +54,14 @@ def push(commands: Float[Array, "slots 4"], newest: Float[Array, "4"]) -> Float[
 def put(
     commands: Float[Array, "slots 4"], newest: Float[Array, "4"], number: Int[Array, ""]
 ) -> DelayLine:
-    """Puts the newest command, after so many others, in the place of the oldest.
+    """Puts the newest command in the place of the oldest.
 
-    It is cheaper than a `push`, which moves all. Commands are arrays or `Entries`; before any was
-    put, newest first.
+    It is cheaper than a `push`, which moves all.
+
+    Args:
+        commands: an array or `Entries`; before any was put, newest first.
+        newest: of the same form.
+        number: how many were put before.
     """
     place = (-1 - number) % _length(commands)
     set_at = partial(lax.dynamic_update_index_in_dim, index=place, axis=0)
@@ -88,10 +92,16 @@ def in_step(
 ) -> Float[Array, "... 4"]:
     """Returns mean of the delayed command in physics step `number` of the newest command's period.
 
-    Step i sees the commands of the time from (i dt - Delta) to ((i + 1) dt - Delta). Delta is the
-    latency and dt the time step; the newest command (slot 0) starts at 0. Slot j holds from -j h to
-    (1 - j) h, h = steps dt. A step is no longer than a command, so it sees two at most. The last
-    slot also stands for everything older.
+    Step i sees the commands of the time from (i dt - Delta) to ((i + 1) dt - Delta), where the
+    newest command (slot 0) starts at 0 and slot j holds from -j h to (1 - j) h, h = steps dt. A
+    step is no longer than a command, so it sees two at most. The last slot also stands for
+    everything older.
+
+    Args:
+        line: as of `delayed`.
+        parameters: as of `delayed`.
+        steps: as of `delayed`, or an argument of the program.
+        number: i; or several.
     """
     size = _length(line.commands)
     oldest = jnp.asarray(size - 1 if line.ring else size - 1 - line.newest, jnp.float32)

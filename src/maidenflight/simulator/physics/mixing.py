@@ -41,7 +41,11 @@ def shares(drone: Parameters) -> Float[np.ndarray, "4 4"]:
 
 
 def mixer_of(drone: Parameters) -> Mixer | None:
-    """Returns the mixer of a drone's frame, a point; None where the firmware's own fits it."""
+    """Returns the mixer of a drone's frame; None where the firmware's own fits it.
+
+    Args:
+        drone: a point, of NumPy's numbers.
+    """
     torque_shares = shares(drone)
     if np.abs(torque_shares - np.array(CRAZYFLIE)).max() < _ALIKE:
         return None

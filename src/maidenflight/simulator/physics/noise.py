@@ -12,9 +12,13 @@ from jaxtyping import Array, Float
 def draw(
     key: Array, normals: int, uniforms: int
 ) -> tuple[Float[Array, "normals"], Float[Array, "uniforms"]]:
-    """Draws independent numbers, standard normal ones and uniform ones on [-1, 1).
+    """Draws independent random numbers.
 
-    The former are the inverse error function of uniform ones, as in JAX.
+    Args:
+        key: random key.
+        normals: how many of the standard normal distribution; the inverse error function of uniform
+            ones, as in JAX.
+        uniforms: how many of the uniform distribution on [-1, 1).
     """
     least = np.nextafter(np.float32(-1.0), np.float32(0.0))
     numbers = jax.random.uniform(key, (normals + uniforms,), minval=least, maxval=1.0)

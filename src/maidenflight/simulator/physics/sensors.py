@@ -46,7 +46,14 @@ distinguish it from a pure random walk."""
 
 
 def turn_on_bias(parameters: Parameters, normal: Float[Array, "3"]) -> Float[Array, "3"]:
-    """Draws the gyro bias [rad/s] at power-on. Source: Furrer et al. 2016 (RotorS), gyroscope."""
+    """Draws the gyro bias [rad/s] at power-on.
+
+    Args:
+        parameters: uses `gyro_turn_on_bias`.
+        normal: draws from the standard normal distribution.
+
+    Source: Furrer et al. 2016 (RotorS), gyroscope model.
+    """
     return parameters.gyro_turn_on_bias * normal
 
 

@@ -70,7 +70,11 @@ def jump_of(name: str) -> float | None:
 
 
 def with_additions(drone: Any, added: list[str]) -> Any:
-    """Returns a reality, virtual or of the `Reality` protocol, with what its name adds.
+    """Returns a reality with what its name adds.
+
+    Args:
+        drone: a `VirtualDrone`, or one that follows the `Reality` protocol.
+        added: of `split`.
 
     Raises:
         InputError: the same twice; a latency that is no whole number of the reality's steps or

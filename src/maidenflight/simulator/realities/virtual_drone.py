@@ -93,7 +93,11 @@ class VirtualDrone:
     ) -> Environment:
         """Returns the environment in which this drone flies a task under a control structure.
 
-        `changing`: the caller makes the drone become what `later` says.
+        Args:
+            task: the task to fly.
+            controller: what carries out the commands.
+            spec: what the policy sees.
+            changing: whether the caller makes the drone become what `later` says.
 
         Raises:
             InputError: the drone changes in the course of a flight, and the caller does not make

@@ -136,10 +136,14 @@ def _reset_near(
 
 @cache
 def with_yaw_penalty(task: Task, yaw_penalty: float) -> Task:
-    """Returns the task with a cost of a radian of yaw, per control period, and the same failures.
+    """Returns the task with a cost of yaw.
 
     The paper's rewards do not depend on yaw, and its episodes last 5 s. Constant torques and the
     gyro's bias turn a drone further than in training, where the policy fails.
+
+    Args:
+        task: the task; its failures stay the same.
+        yaw_penalty: cost of a radian of yaw, per control period.
     """
 
     def reward(
@@ -352,9 +356,11 @@ def _fast(name: str, reference: Trajectory, fastest: float) -> Task:
 
 
 def find_task(name: str) -> Task:
-    """Returns the task of a name, one of `TASKS` or `MODULE:NAME` of a task or what makes one.
+    """Returns the task of a name.
 
-    Or of a CSV file, whose reference is followed from its start.
+    Args:
+        name: one of `TASKS`; a CSV file, whose reference is followed from its start; or
+            `MODULE:NAME` of a task or what makes one.
 
     Raises:
         InputError: there is no such task, or the file is wrong.

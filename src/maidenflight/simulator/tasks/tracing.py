@@ -9,10 +9,16 @@ from maidenflight.errors import InputError
 
 
 def check_traced(name: str, function: Callable[..., Any], expected: str, *arguments: Any) -> Any:
-    """Returns the shapes of what a user's function of arrays gives, if JAX can trace it.
+    """Checks that JAX can trace a function of arrays that a user has written.
 
-    Nothing is computed. `expected` says for errors what it takes and gives, `arguments` are arrays
-    or their shapes.
+    Args:
+        name: of the function, for errors.
+        function: to be tried; nothing is computed.
+        expected: what it takes and gives, for errors.
+        arguments: arrays, or their shapes.
+
+    Returns:
+        The shapes of what it gives.
 
     Raises:
         InputError: it raises an error, or JAX cannot trace it.

@@ -65,6 +65,9 @@ def zigzag(points: Waypoints) -> Trajectory:
 
     Holds the first point before and the last after.
 
+    Args:
+        points: such as `read_waypoints(file)`.
+
     Raises:
         InputError: fewer than two points, not four finite numbers each, or time that does not
             increase.
@@ -79,6 +82,9 @@ def minimum_snap(points: Waypoints) -> Trajectory:
 
     Pieces of degree 7 with six continuous derivatives; it may overshoot between points whose
     distances in time are very unequal. Holds the first point before and the last after.
+
+    Args:
+        points: such as `read_waypoints(file)`.
 
     Raises:
         InputError: as of `zigzag`.
