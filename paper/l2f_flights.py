@@ -31,7 +31,7 @@ from maidenflight.flying.scenario import Scenario
 from maidenflight.names import CONTROLLERS
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone
 from maidenflight.simulator.tasks import tasks, trajectories, waypoints
-from maidenflight.simulator.tasks.failures import APP, LOST
+from maidenflight.simulator.tasks.failures import APP, LOST, REACHED
 from maidenflight.simulator.tasks.tasks import Task
 
 BEGINNING_S, STAR_STEP_S, STAR_HEIGHT_M = 5.0, 0.5, 1.0
@@ -55,12 +55,8 @@ class Error(NamedTuple):
 def error_of(vectors: Float[np.ndarray, "n 3"]) -> Error:
     """Splits errors of a flight [m]."""
     mean = vectors.mean(axis=0)
-    lengths = np.linalg.norm(vectors, axis=1).mean(), np.linalg.norm(mean)
-    return Error(*(100.0 * float(part) for part in (*lengths, _mean_length(vectors - mean))))
-
-
-def _mean_length(vectors: Float[np.ndarray, "n 3"]) -> float:
-    return float(np.linalg.norm(vectors, axis=1).mean())
+    distance, rest = (np.linalg.norm(part, axis=1).mean() for part in (vectors, vectors - mean))
+    return Error(*(100.0 * float(part) for part in (distance, np.linalg.norm(mean), rest)))
 
 
 class Log(NamedTuple):
@@ -112,7 +108,7 @@ def row(
     keys = jax.random.split(jax.random.key(0), len(drones))
     guard = LOST._replace(position_error=APP.position_error)
     flights = fly_all(drones[0], pilot, scenario, keys, guard)
-    lasting = [one for one in flights if one.duration >= duration - 0.1]
+    lasting = [one for one in flights if one.end_reason == REACHED]
     first = round(BEGINNING_S * flights[0].rate)
     errors = [
         error_of(np.asarray(one.rows.true_setpoint - one.rows.true_position)[first:])
@@ -151,8 +147,9 @@ def main() -> None:
         real = error_of(log.error[log.time > BEGINNING_S])
         rows.append({"reference": name, "flown by": "L2F, real", "error [cm]": round(real.mean, 1)})
         rows[-1] |= {"constant": round(real.constant, 1), "rest": round(real.rest, 1)}
+    kinds = pilots(arguments.policies)
     for name, (task, duration) in references.items():
-        for kind, (several, count) in pilots(arguments.policies).items():
+        for kind, (several, count) in kinds.items():
             begin = time.monotonic()
             chosen = drones[:: max(1, len(drones) // count)][:count]
             for pilot in several:

@@ -36,6 +36,7 @@ def test_each_flights_own_trim_is_judged_apart_and_no_rival() -> None:
     table = errors(**{"mine": 6.2, trimmed: 0.5, "persistence": 0.71})
     assert len(validate._compare("mine", {"mine": 14.0}, table)) == 1
     assert validate._compare("mine", {"mine": 14.0}, table, trimmed) == []
+    assert len(validate._compare("p", {"p": 14.0}, errors(p=6.2, persistence=0.71))) == 1
 
 
 @pytest.mark.parametrize(("logged", "notes"), [(1.5, 0), (1.9, 0), (2.98, 1), (1.0, 1)])

@@ -71,10 +71,10 @@ class VerbCommand(click.Command):
         super().parse_args(ctx, args)
         if ctx.args:
             words = " ".join(ctx.args[:2]) + (" ..." if len(ctx.args) > 2 else "")
-            cure = " LOGS is one log or a folder: put several into a folder." * (
-                "logs" in self.declared
-            )
-            ctx.fail(f"Got unexpected extra arguments ({words}).{cure}")
+            message = f"Got unexpected extra arguments ({words})."
+            if "logs" in self.declared:
+                message += " LOGS is one log or a folder: put several into a folder."
+            ctx.fail(message)
         return ctx.args
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

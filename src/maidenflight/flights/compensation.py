@@ -101,18 +101,14 @@ def reread(
         other: likewise.
     """
     wide = np.broadcast_to(volts[:, None].astype(float), command.shape)
-    if law == BRUSHLESS:
-        motors = np.maximum(2.85 * np.sqrt(np.maximum(command, 0.0)) - 0.30, 0.0)
-    else:
-        motors = battery.LAWS[law].volts(MOST_COUNTS * command.astype(float))
-    return LAWS[other](motors / wide, wide).astype(np.float32)
+    return LAWS[other](motor_volts(command, law) / wide, wide).astype(np.float32)
 
 
-def full_scale_volts(law: str) -> float:
-    """Returns the motors' voltage [V] that u = 1 stands for, by a law of which it is known."""
+def motor_volts(command: Float[np.ndarray, "..."], law: str) -> Float[np.ndarray, "..."]:
+    """Returns the motors' voltage [V] that u stands for, by a law of which it is known."""
     if law == BRUSHLESS:
-        return 2.85 - 0.30
-    return float(battery.LAWS[law].volts(np.array(MOST_COUNTS)))
+        return np.maximum(2.85 * np.sqrt(np.maximum(command, 0.0)) - 0.30, 0.0)
+    return battery.LAWS[law].volts(MOST_COUNTS * command.astype(float))
 
 
 def usual_laws(
@@ -129,7 +125,7 @@ def usual_laws(
         return {law: 1.0}
     # Of the laws of 2021 and today all take about the same voltage for a command.
     own = reread(command, volts, law, BRUSHLESS)
-    hover = float(np.median(np.maximum(2.85 * np.sqrt(own) - 0.30, 0.0).mean(axis=1)))
+    hover = float(np.median(motor_volts(own, BRUSHLESS).mean(axis=1)))
     brushless = float(1 / (1 + np.exp((hover - HOVER_VOLTS) / _UNSURE)))
     chances = {BRUSHLESS: brushless}
     chances |= {name: (1 - brushless) * share for name, share in USUAL.items()}

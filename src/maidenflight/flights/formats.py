@@ -153,9 +153,8 @@ def logged(
     laws = zip(keys, (battery_law, law_of_drone), strict=True)
     head = {key: law for key, law in laws if law}
     return (
-        Logged(name, flights, [*part.notes, *notes])
+        Logged(name, *_with_notes(part, kind.flights(replace(part, head=part.head | head))))
         for part in itertools.chain([table], parts)
-        for flights, notes in [kind.flights(replace(part, head=part.head | head))]
     )
 
 
@@ -169,6 +168,10 @@ def _by_map(map_file: Path) -> TableFormat:
         return [(flight, time)], notes
 
     return TableFormat(f"a table with {map_file.name}", lambda _: True, flights)
+
+
+def _with_notes(part: Table, logs: LoggedFlights) -> LoggedFlights:
+    return logs[0], [*part.notes, *logs[1]]
 
 
 def unknown(table: Table) -> str:

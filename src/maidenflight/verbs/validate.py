@@ -106,7 +106,8 @@ class Validate(Verb):
             flights = read(commands=commands)
         progress.move(0, None, "compiling and predicting")
         key, horizons = self.key, list(self.horizons)
-        own = {_TRIMMED.format(name): partial(core.with_own_trim, file.parameters)}
+        trimmed = _TRIMMED.format(name)
+        own = {trimmed: partial(core.with_own_trim, file.parameters)}
         errors = core.prediction_error(flights, models | own, horizons, key=key)
         windows = core.predicted_windows(flights, models, max(horizons), key=key)
         drone, places = shared.own_files(self.drone), self.places(output)
@@ -126,7 +127,7 @@ class Validate(Verb):
         doubts = _compare(name, likelihoods, rows)
         verdict = "this drone explains these flights no worse than what it is compared with"
         remark = ""
-        if doubts and not _compare(name, likelihoods, rows, _TRIMMED.format(name)):
+        if doubts and not _compare(name, likelihoods, rows, trimmed):
             verdict += f" if each has its own trim; by the drone's, {'; '.join(doubts)}"
             doubts = []
         elif doubts:
@@ -174,7 +175,7 @@ def _compare(
     compared = "attitude" if own["attitude"] == own["attitude"] else "body_rates"
     unit = core.ERRORS[compared]
     for other, row in rows.items():
-        if not other.startswith(name) and own[compared] > _WORSE * row[compared]:
+        if other not in (name, _TRIMMED.format(name)) and own[compared] > _WORSE * row[compared]:
             doubts.append(
                 f"its {unit.name} is off by {own[compared] * unit.scale:.3g} {unit.unit} after "
                 f"{nearest:.2g} s, that of {other} by {row[compared] * unit.scale:.3g}"

@@ -49,8 +49,9 @@ commands are samples of a faster loop, half a row is added."""
 
 
 _LACKING = (
-    *("thrust_linear", "rotational_damping"),
-    *("flapping_moment_x", "flapping_moment_y", "drag_x", "drag_y"),
+    "thrust_linear",
+    "rotational_damping",
+    *(f"{name}_{axis}" for name in ("flapping_moment", "drag") for axis in "xy"),
 )
 """What a drone may lack: the curve of its thrust, the lag of its sensors, and its air."""
 _CONTRADICTED = 10.0

@@ -26,7 +26,8 @@ from maidenflight.identification.outcome.posterior import interval
 OF_TORQUE = (
     *(f"inertia_{axis}" for axis in "xyz"),
     *(f"torque_bias_{axis}" for axis in "xyz"),
-    *("rotor_momentum", "flapping_moment_x", "flapping_moment_y", "rotational_damping"),
+    *(f"flapping_moment_{axis}" for axis in "xy"),
+    *("rotor_momentum", "rotational_damping"),
 )
 """Parameters in proportion to the torque of a command."""
 _BLOCKS, _MOST = 20.0, 5.0
@@ -126,7 +127,7 @@ def average_laws(
         for one in chances
     )
     # Full PWM gives more than u = 1 where the battery has more than this.
-    full = compensation.full_scale_volts(chances[0].law)
+    full = float(compensation.motor_volts(np.array(1.0), chances[0].law))
     volts = float(np.nanmean(np.concatenate([one.battery for one in flights])))
     note = (
         f"the log does not name its battery law: thrust_to_weight is {laws}; intervals hold them. "

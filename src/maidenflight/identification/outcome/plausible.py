@@ -61,7 +61,7 @@ def prior_ranges(start: Parameters, bounds: Ranges) -> dict[str, tuple[float, fl
         "spin_down_ratio": (0.7, 2.5),
         "motor_coasting": (0.0, 0.16),
         "rotor_momentum": (0.0, 0.013 * torque),
-        **dict.fromkeys(("flapping_moment_x", "flapping_moment_y"), (0.0, 0.037 * torque)),
+        **{f"flapping_moment_{axis}": (0.0, 0.037 * torque) for axis in "xy"},
         "rotational_damping": (0.0, 0.01 * torque),
         "torque_bias_x": (-0.05 * torque, 0.05 * torque),
         "torque_bias_y": (-0.05 * torque, 0.05 * torque),

@@ -152,7 +152,7 @@ def physical_bounds(start: Parameters) -> dict[str, tuple[float, float]]:
         # Rotors have 0.06 to 0.15 of their diameter, which is about an arm.
         "torque_to_thrust": (0.02 * arm_length(start), 0.3),
         "rotor_momentum": (0.0, 0.1 * torque),
-        **dict.fromkeys(("flapping_moment_x", "flapping_moment_y"), (-0.1 * torque, 0.2 * torque)),
+        **{f"flapping_moment_{axis}": (-0.1 * torque, 0.2 * torque) for axis in "xy"},
         "rotational_damping": (0.0, 0.05 * torque),
         "thrust_linear": (0.0, 1.0),
         **{f"torque_bias_{axis}": (-0.2 * torque, 0.2 * torque) for axis in "xyz"},

@@ -40,8 +40,13 @@ SLOW = 0.3
 vibration, which gyro and set-points fold differently. Of 0.03 to 3 s this foretells best a
 set-point that is left out, in each of three real logs (paper/notes/identification.md)."""
 _AXES = ("ROLL", "PITCH", "YAW")
-_GAINS = {"P": (0.15, 0.15, 0.2), "I": (0.2, 0.2, 0.1), "D": (0.003, 0.003, 0.0)}
-_GAINS |= {"FF": (0.0, 0.0, 0.0), "K": (1.0, 1.0, 1.0)}
+_GAINS = {
+    "P": (0.15, 0.15, 0.2),
+    "I": (0.2, 0.2, 0.1),
+    "D": (0.003, 0.003, 0.0),
+    "FF": (0.0, 0.0, 0.0),
+    "K": (1.0, 1.0, 1.0),
+}
 """PX4's usual gains of the rate controller, about roll, pitch and yaw."""
 _CHANGE_CUTOFF = 30.0
 """Usual IMU_DGYRO_CUTOFF [Hz]."""
