@@ -12,10 +12,10 @@ import planted
 from maidenflight import cores
 from maidenflight.flights.windows import Windows, windows
 from maidenflight.identification.likelihood import one_step_errors
-from maidenflight.identification.likelihood.observation import noise_model
+from maidenflight.identification.likelihood.observation import BALANCED, noise_model
 from maidenflight.identification.likelihood.one_step import LEAST_NOISE, LENGTH, OneStep
-from maidenflight.identification.likelihood.one_step_errors import COLUMNS, ORDER, errors
-from maidenflight.parameters import replace
+from maidenflight.identification.likelihood.one_step_errors import COLUMNS, ORDER, TURNING, errors
+from maidenflight.parameters import component, replace
 
 TRUTH = planted.drone(1.9, 0.06, 0.012)
 NAMES = ("thrust_to_weight", "motor_time_constant", "latency", "inertia_x")
@@ -257,7 +257,23 @@ def test_the_thrust_that_hovering_takes_is_the_planted_one(noisy_windows):
     planted_value = float(TRUTH.thrust_to_weight)
     assert value == pytest.approx(planted_value, rel=0.01)
     assert len(per_block) == objective.segments
-    assert objective.carrying(heavier) == pytest.approx(value, rel=1e-4)
+    assert objective.balance(heavier)["thrust_to_weight"] == pytest.approx(value, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_constant_torques_that_balance_mean_errors_are_the_planted_ones(noisy_windows):
+    objective, names = OneStep(noisy_windows, 0.01, STEPS), BALANCED[1:]
+    turned = replace(
+        TRUTH, torque_bias=np.array([2e-5, -3e-5, 1e-5], np.float32), inertia=1.2 * TRUTH.inertia
+    )
+    lighter = replace(turned, inertia=TRUTH.inertia)
+    balanced = [objective.balance(one) for one in (turned, lighter, TRUTH)]
+    planted_torques = [float(component(TRUTH, name)) for name in names]
+    for values in balanced[1:]:
+        np.testing.assert_allclose([values[name] for name in names], planted_torques, atol=4e-6)
+    there = replace(turned, **{name: np.float32(value) for name, value in balanced[0].items()})
+    rest = objective.sums(there)[:, TURNING].sum(axis=0)
+    assert np.all(np.abs(rest) < 0.02 * np.abs(objective.sums(turned)[:, TURNING].sum(axis=0)))
 
 
 def test_after_compiling_all_programs_nothing_is_compiled_for_other_parameters_or_steps(noisy):

@@ -233,9 +233,10 @@ def test_a_group_that_ends_at_a_bound_is_not_kept():
     assert drone["a"] == 0.0
 
 
-def test_a_gain_that_segments_do_not_agree_on_is_not_believed():
+@pytest.mark.parametrize(("group", "is_added"), [("drag", False), ("flapping_moment", True)])
+def test_a_gain_that_segments_do_not_agree_on_is_not_believed(group, is_added):
     """Five segments gain and five lose nearly as much: a mean of a hundredth a row, with a
-    standard error of a third."""
+    standard error of a third. What every drone has is added all the same."""
     gains = np.array([101.0] * 5 + [-99.0] * 5)
     held_out = SimpleNamespace(rows_per_segment=np.full(10, 100.0))
     values = iter((gains, np.zeros(10)))
@@ -245,11 +246,11 @@ def test_a_gain_that_segments_do_not_agree_on_is_not_believed():
         parts(training, held_out),
         training.fit,
         dict.fromkeys((*FIRST, "a"), 0.0),
-        offered={"a": ("a",)},
+        offered={group: ("a",)},
     )
     assert step.log_likelihood_gain == pytest.approx(0.01)
     assert step.standard_error == pytest.approx(1 / 3, rel=0.01)
-    assert names == FIRST
+    assert (names == (*FIRST, "a")) == step.is_in_model == is_added
 
 
 def test_the_standard_error_of_equal_segments_is_the_textbooks():

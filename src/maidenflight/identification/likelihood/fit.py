@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from maidenflight.identification.likelihood.observation import ObservationModel
+from maidenflight.identification.likelihood.observation import BALANCED, ObservationModel
 from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.identification.outcome.problem import Problem
 from maidenflight.identification.search.box import Box, physical_bounds, search_box
@@ -91,7 +91,7 @@ def fit(
     free = tuple(
         name
         for name in names
-        if name not in measured_delays and not (name == HOVERING and models[0].thrust is not None)
+        if name not in measured_delays and not (name in BALANCED and models[0].means is not None)
     )
     inner = box_of(problem, free) if free else None
     if inner and at_random:
@@ -104,7 +104,7 @@ def fit(
             drones, values = _descended(problem, model, rules, inner, box, drone, measured_delays)
             drone = drones[int(np.argmin(values))]
         else:
-            drone = _carried(model, drone, box)
+            drone = _balanced(model, drone, box)
             drones, values = [drone], np.array([model(drone)])
             problem.reporter.evaluated()
         points = np.array([box.unit_of(one) for one in drones])
@@ -126,13 +126,20 @@ def _with_measured_delays(
     return replace(drone, **{name: np.float32(value) for name, value in middle.items()})
 
 
-def _carried(model: ObservationModel, drone: Parameters, box: Box) -> Parameters:
-    """The drone with the thrust that hovering takes, if it is sought and found by its moment."""
-    if model.thrust is None or HOVERING not in box.names:
+def _balanced(model: ObservationModel, drone: Parameters, box: Box) -> Parameters:
+    """The drone with the thrust and torques among those sought that make mean errors zero."""
+    limits = {
+        name: (low, high)
+        for name, low, high in zip(box.names, box.lower, box.upper, strict=True)
+        if name in BALANCED
+    }
+    if model.means is None or not limits:
         return drone
-    place = box.names.index(HOVERING)
-    value = np.clip(model.thrust.carrying(drone), box.lower[place], box.upper[place])
-    return replace(drone, thrust_to_weight=np.float32(value))
+    values = model.means.balance(drone)
+    within = {
+        name: np.float32(np.clip(values[name], low, high)) for name, (low, high) in limits.items()
+    }
+    return replace(drone, **within)
 
 
 def _descended(
@@ -147,10 +154,11 @@ def _descended(
     """Drones evaluated from one on, and their values.
 
     Two parameters follow those of the inner box, and so do the derivatives: thrust, so that the
-    mean vertical error stays zero, and a lag that is seen, the ratio of slowing down.
+    mean vertical error stays zero, and a lag that is seen, the ratio of slowing down. Torques only
+    follow, since no likelihood tells them.
     """
     drones, values = [], []
-    thrust = model.thrust if HOVERING in box.names else None
+    thrust = model.means if HOVERING in box.names else None
     followers = [
         *([LAG] if LAG in measured_delays and SLOWING_DOWN in inner.names else []),
         *([HOVERING] if thrust else []),
@@ -159,7 +167,7 @@ def _descended(
     def equations(unit: np.ndarray) -> NormalEquations:
         problem.reporter.evaluated()
         drone = inner.drone(drones[int(np.argmin(values))] if drones else first, unit)
-        drone = _carried(model, _with_measured_delays(drone, measured_delays), box)
+        drone = _balanced(model, _with_measured_delays(drone, measured_delays), box)
         names = (*inner.names, *followers)
         result = model.normal_equations(drone, names)
         if followers:

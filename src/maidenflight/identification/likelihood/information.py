@@ -66,9 +66,9 @@ def expected_intervals(
         if name == LAG and "spin_down_ratio" in names:
             row[names.index("spin_down_ratio")] = float(start.motor_time_constant) / (1 + ratio)
         directions[name] = row, float(np.var(share * samples))
-    if HOVERING in names and model.thrust:
-        climbs = model.thrust.climbs(start, names)
-        spread = float(np.std(model.thrust.hovering(start)[1]))
+    if HOVERING in names and model.means:
+        climbs = model.means.climbs(start, names)
+        spread = float(np.std(model.means.hovering(start)[1]))
         variance = spread**2 * (1 / model.segments + 1 / NEXT_FLIGHT)
         directions[HOVERING] = climbs / climbs[names.index(HOVERING)], variance
     widths = np.array([priors[name][1] - priors[name][0] for name in names])

@@ -131,13 +131,13 @@ def posterior(
     measured_delays = {
         name: samples for name, samples in measured_delays.items() if name in box.names
     }
-    hovers = box.names.index(HOVERING) if model.thrust and HOVERING in box.names else None
+    hovers = box.names.index(HOVERING) if model.means and HOVERING in box.names else None
     indices = [place for place in range(len(names)) if place != hovers]
     along, noise = np.eye(len(names))[:, indices], np.zeros((RESAMPLES, 1))
-    if model.thrust and hovers is not None:
-        climbs = model.thrust.climbs(fit.drone, names) * slope
+    if model.means and hovers is not None:
+        climbs = model.means.climbs(fit.drone, names) * slope
         along[hovers] = -climbs[indices] / climbs[hovers]
-        spread[hovers] = float(np.std(model.thrust.hovering(fit.drone)[1]))
+        spread[hovers] = float(np.std(model.means.hovering(fit.drone)[1]))
         error = spread[hovers] * np.sqrt(1 / model.segments + 1 / NEXT_FLIGHT)
         error = np.hypot(error / slope[hovers], np.sqrt(doubt[hovers, hovers]))
         noise = generator.normal(0.0, error, (RESAMPLES, 1))

@@ -16,11 +16,14 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from jaxtyping import Float
 
+from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.identification.search.gauss_newton import NormalEquations
 from maidenflight.parameters import Parameters
 
 BY_MOMENT = ("torque_bias_x", "torque_bias_y", "torque_bias_z")
 """Parameters that the mean errors tell, not the likelihood."""
+BALANCED = (HOVERING, *BY_MOMENT)
+"""What a `Balance` finds."""
 MOTORS = ("motor_time_constant", "spin_down_ratio", "motor_coasting", "latency")
 """Parameters on which the rotors' speeds depend, besides commands."""
 
@@ -43,15 +46,46 @@ def noise_model(products: Float[np.ndarray, "C P+1 P+1"]) -> NoiseModel:
     return NoiseModel(coefficients, np.sqrt(np.maximum(variance, 1e-16)))
 
 
-class Thrust(Protocol):
-    """How a model finds the thrust-to-weight ratio by the mean error instead of the likelihood."""
+def without_past(
+    scores: Float[np.ndarray, "S d"],
+    curvatures: Float[np.ndarray, "S d d"],
+    shared: Float[np.ndarray, "S d C P"],
+    products: Float[np.ndarray, "S C P+1 P+1"],
+    noise: NoiseModel,
+) -> tuple[Float[np.ndarray, "S d"], Float[np.ndarray, "S d d"]]:
+    """Returns slopes and curvatures without what a change of the autoregression could do as well.
 
-    def carrying(self, parameters: Parameters) -> float:
-        """Returns the ratio at which vertical errors are zero in the mean."""
+    Args:
+        scores: slopes of half the squared new errors, by segment and parameter.
+        curvatures: products of the new errors' slopes.
+        shared: their products with the past errors.
+        products: of errors with their past.
+        noise: the autoregression.
+
+    Source: Golub and Pereyra 1973; see `ObservationModel.derivatives`.
+    """
+    pasts = products[..., 1:, 1:] / noise.deviation[:, None, None] ** 2
+    left = (
+        products[..., 1:, 0] - np.einsum("bcij,cj->bci", products[..., 1:, 1:], noise.coefficients)
+    ) / noise.deviation[:, None] ** 2
+    # The weights with which an error's past stands in for a slope, column by column.
+    columns = zip(pasts.sum(axis=0), shared.sum(axis=0).swapaxes(0, 1), strict=True)
+    weights = np.stack([np.linalg.lstsq(past, part.T, rcond=1e-12)[0].T for past, part in columns])
+    scores = scores - np.einsum("cdi,bci->bd", weights, left, optimize=True)
+    twice = np.einsum("cdi,bfci->bdf", weights, shared, optimize=True)
+    around = np.einsum("cdi,bcij,cfj->bdf", weights, pasts, weights, optimize=True)
+    return scores, curvatures - twice - twice.swapaxes(1, 2) + around
+
+
+class Balance(Protocol):
+    """How a model finds thrust and constant torques by mean errors instead of the likelihood."""
+
+    def balance(self, parameters: Parameters) -> dict[str, float]:
+        """Returns the value of each of `BALANCED` at which its mean error is zero."""
         ...
 
     def hovering(self, parameters: Parameters) -> tuple[float, Float[np.ndarray, "S"]]:
-        """Returns the same, and that of each segment of flight alone."""
+        """Returns the thrust-to-weight ratio of that kind, and that of each segment alone."""
         ...
 
     def climbs(self, parameters: Parameters, names: Sequence[str]) -> Float[np.ndarray, "d"]:
@@ -110,8 +144,8 @@ class ObservationModel(Protocol):
         return len(self.rows_per_segment)
 
     @property
-    def thrust(self) -> Thrust | None:
-        """How thrust is found by its moment; None where the likelihood tells it."""
+    def means(self) -> Balance | None:
+        """How thrust and constant torques are found by mean errors; None by the derivatives."""
         return None
 
     def __call__(self, parameters: Parameters) -> float:

@@ -27,22 +27,25 @@ from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import Windows, windows
 from maidenflight.identification.likelihood import one_step_errors
 from maidenflight.identification.likelihood.observation import (
+    BALANCED,
     BY_MOMENT,
+    Balance,
     NoiseModel,
     ObservationModel,
-    Thrust,
     noise_model,
+    without_past,
 )
 from maidenflight.identification.likelihood.one_step_errors import (
     COLUMNS,
     ORDER,
+    TURNING,
     VERTICAL,
     Innovations,
 )
 from maidenflight.identification.methods import Likelihood
 from maidenflight.identification.replay.open_loop import in_chunks, on_all_cores
 from maidenflight.identification.signals.flight_signals import stride, undo_filter_delay
-from maidenflight.parameters import Parameters, replace
+from maidenflight.parameters import Parameters, component, replace
 
 LENGTH = 100
 """Rows of a window; its first rows only start the noise model, so that windows that are short waste
@@ -87,7 +90,7 @@ class OneStep(ObservationModel):
         self.steps, self.stride = steps, stride
         self._time_step = np.float32(period / steps)
         self._climbs = np.empty(0)
-        self._slope: float | None = None
+        self._slopes: np.ndarray | None = None
         self._latest: (
             tuple[Parameters, tuple[str, ...], tuple[float, np.ndarray, np.ndarray]] | None
         ) = None
@@ -102,7 +105,7 @@ class OneStep(ObservationModel):
 
         def derivatives(count: int) -> Array:
             directions = _directions(drone, [BY_MOMENT[0]] * count)
-            new = Innovations(noise, noise[:, 0], noise[:, 0], np.zeros(count, bool))
+            new = Innovations(noise, noise[:, 0], noise[:, 0], False)
             return one_step_errors.derivatives(chunk, drone, directions, new, *by)[0]
 
         programs = [
@@ -154,8 +157,8 @@ class OneStep(ObservationModel):
         return self._summed(one_step_errors.sums, parameters)
 
     @property
-    def thrust(self) -> Thrust:
-        """How thrust is found: vertical errors are linear in it."""
+    def means(self) -> Balance:
+        """How thrust and constant torques are found: mean errors are linear in them."""
         return self
 
     def hovering(self, parameters: Parameters) -> tuple[float, Float[np.ndarray, "S"]]:
@@ -169,14 +172,27 @@ class OneStep(ObservationModel):
         slopes = (self.sums(ahead)[:, VERTICAL] - errors) / (0.1 * here)
         return here - errors.sum() / slopes.sum(), here - errors / slopes
 
-    def carrying(self, parameters: Parameters) -> float:
-        """Returns the ratio of `hovering` alone, in one pass with the slope of the first time."""
-        here = float(parameters.thrust_to_weight)
-        if self._slope is None:
-            ahead = replace(parameters, thrust_to_weight=np.float32(1.1 * here))
-            change = self.sums(ahead)[:, VERTICAL].sum() - self.sums(parameters)[:, VERTICAL].sum()
-            self._slope = float(change / (0.1 * here))
-        return here - float(self.sums(parameters)[:, VERTICAL].sum()) / self._slope
+    def balance(self, parameters: Parameters) -> dict[str, float]:
+        """Returns where mean errors are zero, in one pass with the slopes of the first time.
+
+        Of a constant torque the slope is that of an angular acceleration, which inertia divides.
+        """
+        here = np.array([float(component(parameters, name)) for name in BALANCED])
+        scale = np.array([1.0, *np.asarray(parameters.inertia, np.float64)])
+        errors = self._balanced_sums(parameters)
+        if self._slopes is None:
+            change = np.array([0.1 * here[0], *scale[1:]])
+            thrust, *torques = here + change
+            stronger = replace(parameters, thrust_to_weight=np.float32(thrust))
+            turned = replace(parameters, torque_bias=np.asarray(torques, np.float32))
+            ahead = self._balanced_sums(turned)
+            ahead[0] = self._balanced_sums(stronger)[0]
+            self._slopes = (ahead - errors) / change * scale
+        return dict(zip(BALANCED, (here - errors / self._slopes * scale).tolist(), strict=True))
+
+    def _balanced_sums(self, parameters: Parameters) -> Float[np.ndarray, "4"]:
+        """Sums of the errors that each of `BALANCED` brings to zero."""
+        return self.sums(parameters)[:, [VERTICAL, *TURNING]].sum(axis=0)
 
     def climbs(self, parameters: Parameters, names: Sequence[str]) -> Float[np.ndarray, "d"]:
         """Returns the derivative of the sum of vertical errors with respect to each parameter."""
@@ -226,11 +242,35 @@ class OneStep(ObservationModel):
         ):
             return self._latest[2]
         products = self._noisy_products(parameters)
-        noise, drone = noise_model(products.sum(axis=0) / self.rows), self._drone(parameters)
-        d = len(names)
+        noise = noise_model(products.sum(axis=0) / self.rows)
+        size, segments = len(names), self.segments
+        scores, climbs = np.zeros((segments, size)), np.zeros(size)
+        curvatures = np.zeros((segments, size, size))
+        for by_moment in (False, True):
+            places = [at for at, name in enumerate(names) if (name in BY_MOMENT) == by_moment]
+            if places:
+                some = [names[place] for place in places]
+                slope, curvature, climb = self._along(parameters, some, products, noise, by_moment)
+                scores[:, places], climbs[places] = slope, climb
+                curvatures[np.ix_(range(segments), places, places)] = curvature
+        value = float(_minus_log_likelihood(noise.deviation, np.ones(6)))
+        parts = value, scores / self.rows, curvatures / self.rows
+        self._climbs = climbs
+        self._latest = parameters, tuple(names), parts
+        return parts
+
+    def _along(
+        self,
+        parameters: Parameters,
+        names: Sequence[str],
+        products: Float[np.ndarray, "S 6 P+1 P+1"],
+        noise: NoiseModel,
+        by_moment: bool,
+    ) -> tuple[Float[np.ndarray, "S d"], Float[np.ndarray, "S d d"], Float[np.ndarray, "d"]]:
+        """Slope and curvature of each segment, and `climbs`, of parameters of one kind."""
+        drone, size = self._drone(parameters), len(names)
         directions = _directions(drone, names)
         whole = np.sqrt(products.sum(axis=0)[:, 0, 0] / self.rows)
-        by_moment = np.array([name in BY_MOMENT for name in names] + [False] * (-d % _AT_ONCE))
         sizes = noise.coefficients, noise.deviation, noise.deviation / whole
         weights, deviation, share = (np.asarray(part, np.float32) for part in sizes)
         new = Innovations(weights, deviation, share, by_moment)
@@ -248,29 +288,10 @@ class OneStep(ObservationModel):
         scores, curvatures, shared, climbs = (
             self._by_segment(part) for part in on_all_cores(compute, len(self._chunks))
         )
-        pasts = products[..., 1:, 1:] / noise.deviation[:, None, None] ** 2
-        left = (
-            products[..., 1:, 0]
-            - np.einsum("bcij,cj->bci", products[..., 1:, 1:], noise.coefficients)
-        ) / noise.deviation[:, None] ** 2
-        # The weights with which an error's past stands in for a slope, column by column.
-        columns = zip(pasts.sum(axis=0), shared.sum(axis=0).swapaxes(0, 1), strict=True)
-        weights = np.stack(
-            [np.linalg.lstsq(past, part.T, rcond=1e-12)[0].T for past, part in columns]
-        )
-        scores = scores - np.einsum("cdi,bci->bd", weights, left, optimize=True)
-        twice = np.einsum("cdi,bfci->bdf", weights, shared, optimize=True)
-        curvatures = (
-            curvatures
-            - twice
-            - twice.swapaxes(1, 2)
-            + np.einsum("cdi,bcij,cfj->bdf", weights, pasts, weights, optimize=True)
-        )
-        value = float(_minus_log_likelihood(noise.deviation, np.ones(6)))
-        parts = value, scores[:, :d] / self.rows, curvatures[:, :d, :d] / self.rows
-        self._climbs = climbs.sum(axis=0)[:d] * noise.deviation[COLUMNS.index(VERTICAL)]
-        self._latest = parameters, tuple(names), parts
-        return parts
+        if not by_moment:
+            scores, curvatures = without_past(scores, curvatures, shared, products, noise)
+        climbs = climbs.sum(axis=0)[:size] * noise.deviation[COLUMNS.index(VERTICAL)]
+        return scores[:, :size], curvatures[:, :size, :size], climbs
 
 
 def log_likelihood(

@@ -35,7 +35,9 @@ lag: on simulated flights it then comes out up to 2 ms off, and intervals are to
 truth."""
 VERTICAL = 5
 """Where the vertical velocity stands in a row."""
-COLUMNS = (3, 4, 5, 9, 10, 11)
+TURNING = (9, 10, 11)
+"""Where the body rates stand in a row."""
+COLUMNS = (3, 4, VERTICAL, *TURNING)
 """Where velocity and body rates stand in a row. Position and attitude follow from them, and say
 nothing more of the drone."""
 
@@ -151,7 +153,7 @@ def sums(
 
 
 class Innovations(NamedTuple):
-    """What of the errors is new, and for which of d directions it counts."""
+    """What of the errors is new, and whether it is that which counts."""
 
     coefficients: Float[Array | np.ndarray, "6 P"]
     """Of the noise model."""
@@ -159,8 +161,8 @@ class Innovations(NamedTuple):
     """Of the innovations."""
     share: Float[Array | np.ndarray, "6"]
     """That deviation over the errors'."""
-    by_moment: Bool[Array | np.ndarray, "d"]
-    """Along these directions the errors themselves count."""
+    by_moment: bool | Bool[Array, ""]
+    """Whether the errors themselves count instead."""
 
 
 @partial(jax.jit, static_argnums=5)
@@ -179,7 +181,7 @@ def derivatives(
     They are gradient, curvature, the slopes' products with the past errors, and the sum of the
     vertical errors' slopes.
 
-    Where `by_moment`, half the sum of squares of the errors themselves, over their own variance.
+    If `by_moment`, half the sum of squares of the errors themselves, over their own variance.
     """
     coefficients, deviation, share, by_moment = new
 
@@ -217,14 +219,11 @@ def derivatives(
     # Directions before windows, so that what all directions share is computed once for them.
     wrong, slopes = jax.vmap(along, out_axes=(None, 0))(directions)
     climbs = jnp.sum(slopes[:, :, COLUMNS.index(VERTICAL), ORDER:], axis=2)
-    moments = by_moment[:, None, None, None]
     part = share[None, :, None]
     left, plain = wrong[..., ORDER:] * part, slopes[..., ORDER:] * part[None]
-    slopes = jnp.where(moments, plain, jax.vmap(innovations)(slopes))
-    score = jnp.sum(slopes * jnp.where(moments, left[None], innovations(wrong)[None]), axis=(2, 3))
+    slopes = jnp.where(by_moment, plain, jax.vmap(innovations)(slopes))
+    score = jnp.sum(slopes * jnp.where(by_moment, left, innovations(wrong))[None], axis=(2, 3))
     curvature = jnp.einsum("dwct,ewct->wde", slopes, slopes)
-    curvature = jnp.where((by_moment[:, None] == by_moment[None])[None], curvature, 0.0)
     past = jnp.stack([_late(wrong, lag) for lag in range(1, ORDER + 1)], axis=2)
-    shared = jnp.einsum("dwct,wcpt->wdcp", slopes, past)
-    shared = jnp.where(by_moment[None, :, None, None], 0.0, shared)
+    shared = jnp.where(by_moment, 0.0, jnp.einsum("dwct,wcpt->wdcp", slopes, past))
     return score.T, curvature, shared, climbs.T

@@ -106,12 +106,12 @@ def what_is_lacking(fit_result: Fit) -> float:
     names, model = fit_result.box.names, fit_result.model
     lacking = [name for name in _LACKING if name not in names]
     known = [name for name in names if name not in (*BY_MOMENT, HOVERING)]
-    hover = [HOVERING] if model.thrust is not None else []
+    hover = [HOVERING] if model.means is not None else []
     _, scores, curvatures = model.derivatives(fit_result.drone, [*lacking, *known, *hover])
     slope, curvature = scores.sum(axis=0), curvatures.sum(axis=0)
     along = np.eye(len(slope))
-    if model.thrust is not None:
-        climbs = model.thrust.climbs(fit_result.drone, [*lacking, *known, *hover])
+    if model.means is not None:
+        climbs = model.means.climbs(fit_result.drone, [*lacking, *known, *hover])
         along = np.concatenate([along[:-1, :-1], -climbs[None, :-1] / climbs[-1]])
     slope, curvature = along.T @ slope, along.T @ curvature @ along
     step = inverse(curvature) @ slope

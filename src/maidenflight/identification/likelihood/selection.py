@@ -46,6 +46,10 @@ HELD_OUT = 3
 """Every third flight is held out; if there are fewer flights, every third segment."""
 SIGNIFICANT = 2.0
 """Gain over its standard error above which a group is added."""
+CERTAIN = ("flapping_moment",)
+"""Groups that every drone has, so that a gain need not be significant: of few held-out flights it
+rarely is, and without it attitudes of a payload's drone were off by twice as much
+(paper/notes/identification.md#parameter-groups)."""
 SMALLEST_GAIN = 1e-3
 """Log-likelihood gain of a row [nats] above which a group is added."""
 ROUGH = SMALLEST_GAIN / 50
@@ -119,11 +123,12 @@ def choose(
     drone = fit(names, start)
     value = held_out.per_segment(drone, training.noise_model(drone))
     while remaining:
-        everything = (*names, *(name for group in remaining.values() for name in group))
+        likely = [name for name in names if name not in BY_MOMENT]
+        everything = (*likely, *(name for group in remaining.values() for name in group))
         equations = sample.normal_equations(drone, everything)
         promised = {
             group: _promise(
-                equations.gradient, equations.curvature, everything, (*names, *remaining[group])
+                equations.gradient, equations.curvature, everything, (*likely, *remaining[group])
             )
             for group in remaining
         }
@@ -132,7 +137,8 @@ def choose(
         ahead = fit(wider, drone)
         value_ahead = held_out.per_segment(ahead, training.noise_model(ahead))
         gain, error = _mean_gain(value - value_ahead, held_out.rows_per_segment)
-        reason = _reason(gain, error, at_bounds(ahead, offered[group]))
+        least = 0.0 if group in CERTAIN else SIGNIFICANT
+        reason = _reason(gain, least, error, at_bounds(ahead, offered[group]))
         keep = reason is None
         gains.append(GroupGain(group, gain, error, keep, reason))
         if on_group is not None:
@@ -142,14 +148,14 @@ def choose(
     return names, drone, gains
 
 
-def _reason(gain: float, error: float | None, at_bounds: Sequence[str]) -> str | None:
+def _reason(gain: float, least: float, error: float | None, at_bounds: Sequence[str]) -> str | None:
     """Returns why a group is not added, if it is not."""
     if gain <= 0.0:
         return "no gain"
     if gain <= SMALLEST_GAIN:
         return f"below {SMALLEST_GAIN:g}"
-    if gain <= SIGNIFICANT * (error or 0.0):
-        return f"below {SIGNIFICANT:g} standard errors"
+    if gain <= least * (error or 0.0):
+        return f"below {least:g} standard errors"
     return f"{', '.join(at_bounds)} at a search bound" if at_bounds else None
 
 
