@@ -517,7 +517,8 @@ def test_a_drone_is_validated(tmp_path: Path, command: Command) -> None:
     said = json.loads(out)
     assert said["simulated"] is True
     assert len(said["errors"]) == 8
-    assert len(set(said["log_likelihoods"].values())) == 1
+    mine, papers, unturned = said["log_likelihoods"].values()
+    assert mine == papers > unturned + 0.1
     written = polars.read_csv(output, comment_prefix="#")
     for row, entry in zip(written.iter_rows(named=True), said["errors"], strict=True):
         assert row == pytest.approx(entry, abs=1e-8)
@@ -536,6 +537,29 @@ def test_a_drone_is_validated(tmp_path: Path, command: Command) -> None:
         assert (code, out, len(err.splitlines())) == (2, "", 1)
         assert expected in err
     assert not (tmp_path / "v.csv").exists()
+
+
+@pytest.mark.slow
+def test_with_two_motors_exchanged_a_drone_that_commands_do_not_turn_is_likelier(
+    tmp_path: Path, command: Command
+) -> None:
+    assert command(f"{RECORD} -o {tmp_path}/recorded")[0] == 0
+    (tmp_path / "exchanged").mkdir()
+    for recorded in (tmp_path / "recorded").glob("*.csv"):
+        text = recorded.read_text()
+        assert "command_1,command_2" in text
+        exchanged = text.replace("command_1,command_2", "command_2,command_1")
+        (tmp_path / "exchanged" / recorded.name).write_text(exchanged)
+    code, out, _ = command(
+        f"validate crazyflie {tmp_path}/exchanged -o {tmp_path}/v.csv", "--faulty use --json"
+    )
+    said = json.loads(out)
+    assert code == 0
+    assert (
+        said["log_likelihoods"]["crazyflie, not turned by commands"]
+        > 0.1 + (said["log_likelihoods"]["crazyflie"])
+    )
+    assert any("not turned by commands" in doubt for doubt in said["doubts"])
 
 
 @pytest.mark.slow

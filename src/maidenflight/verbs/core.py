@@ -51,6 +51,7 @@ if TYPE_CHECKING:
         predicted_windows,
         prediction_error,
         with_own_trim,
+        without_torque,
     )
     from maidenflight.identification.start import note_mass, note_start_at_bounds, read_start
     from maidenflight.identification.truth import read_truth

@@ -20,6 +20,9 @@ _JUDGED_S = 0.1
 """Horizon at which errors are compared [s]."""
 _TRIMMED = "{}, each flight's trim"
 """Name of a drone with the constant torques of each flight."""
+_UNTURNED = "{}, not turned by commands"
+"""Name of a drone that its commands carry and do not turn. With two motors exchanged it foretells
+the next rows of public logs better (paper/notes/identification.md#parameter-groups)."""
 
 
 class Validate(Verb):
@@ -29,8 +32,9 @@ class Validate(Verb):
     likelihood of a row given the row before, the measure to compare drones by. Then, from every
     tenth row, the drone is simulated with the recorded commands alone; the table shows how far it
     is from the flight after some time. Beside it stand the same drone with each flight's own trim,
-    as batteries are put in anew, the paper's Crazyflie and the persistence baseline: position,
-    velocity, attitude and body rates stay as they are.
+    as batteries are put in anew, or not turned by its commands, as by motors in a wrong order, the
+    paper's Crazyflie and the persistence baseline: position, velocity, attitude and body rates stay
+    as they are.
 
     With --calibration it is the intervals that are tested, on the logs that the drone was
     identified from.
@@ -114,9 +118,10 @@ class Validate(Verb):
         record = self.make_record([*drone, *flights.paths], commands=commands)
         run_folder.VALIDATION.write(places[0], errors, record)
         run_folder.WINDOWS.write(places[1], windows, record)
+        rivals = models | {_UNTURNED.format(name): core.without_torque(file.parameters)}
         likelihoods = {
-            name: float(core.log_likelihood(flights.flights, model))
-            for name, model in models.items()
+            rival: float(core.log_likelihood(flights.flights, model))
+            for rival, model in rivals.items()
         }
         notes = [
             *core.note_not_held_out(file, flights.paths),
@@ -133,6 +138,11 @@ class Validate(Verb):
         elif doubts:
             verdict = f"this drone does not explain these flights: {'; '.join(doubts)}"
             remark = "look whether these logs and those it was identified from are sound"
+            if any(_UNTURNED.format(name) in doubt for doubt in doubts):
+                remark += (
+                    ", and their motors in order; or log at 250 Hz or more, where rows sample "
+                )
+                remark += "a controller that answers noise"
         return Result(
             content={
                 "log_likelihoods": likelihoods,

@@ -264,6 +264,11 @@ def with_own_trim(drone: Parameters, pieces: Sequence[Flight]) -> Parameters:
     return replace(drone, torque_bias=torques.astype(np.float32))
 
 
+def without_torque(drone: Parameters) -> Parameters:
+    """Returns a drone that its commands carry and hardly turn: of a thousand times its inertia."""
+    return replace(drone, inertia=np.float32(1e3) * np.asarray(drone.inertia))
+
+
 def _by_log(
     window_set: Windows, names: np.ndarray, flights: Sequence[Flight], model: Model, period: float
 ) -> Float[np.ndarray, "W T 12"]:
