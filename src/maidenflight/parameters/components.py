@@ -91,7 +91,8 @@ def noiseless(parameters: Parameters) -> Parameters:
         for name in QUANTITIES
         if ("noise" in name and not name.endswith("rate")) or name.endswith("_walk")
     ]
-    return replace(parameters, **dict.fromkeys([*sizes, "gyro_turn_on_bias"], np.float32(0.0)))
+    further = "gyro_turn_on_bias", "turn_drift"
+    return replace(parameters, **dict.fromkeys([*sizes, *further], np.float32(0.0)))
 
 
 def check(parameters: Parameters, place: str = "parameters") -> Parameters:

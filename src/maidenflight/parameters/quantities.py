@@ -235,6 +235,14 @@ class Parameters:
         "random walk of the estimated velocity, forgotten within a second; 0 in the paper's model",
         "measured from flights: 0.083 for a Crazyflie's flow deck",
     )
+    turn_drift: Any = _sensors(
+        "w_t [m/rad]",
+        0.0,
+        (-2.0, 2.0),
+        "way of the estimated horizontal position as the drone tilts by a radian, as of a flow "
+        "deck that takes too much of a turn off; 0 in the paper's model",
+        "measured from flights: 0.2 for a Crazyflie's flow deck",
+    )
     attitude_noise: Any = _sensors(
         "sigma_phi [rad]",
         math.radians(0.1),

@@ -224,18 +224,14 @@ def _estimate(
         env_state.gyro_noise, environment.command_period(parameters), parameters, shaking
     )
     bias = sensors.walk_bias(env_state.gyro_bias, period, parameters, turn)
-    rates = env_state.state.body_rates
-    drift = sensors.walk_estimate(env_state.drift, period, parameters, walk, rates)
+    drift = sensors.walk_estimate(env_state.drift, period, parameters, walk, env_state.state)
     estimate, estimator = env_state.state, env_state.estimator
     every = max(1, environment.controller.interface.rate // environment.estimate_rate)
     if environment.estimator_memory > 0:
         estimator = sensors.remember(estimator, env_state.state)
         estimate = sensors.delayed(estimator, env_state.state, every * period, parameters)
-    estimate = estimate._replace(
-        position=estimate.position + drift[:3],
-        velocity=estimate.velocity + drift[3:],
-        body_rates=env_state.gyro + bias + shaken,
-    )
+    estimate = sensors.err_estimate(estimate, drift, parameters, env_state.state)
+    estimate = estimate._replace(body_rates=env_state.gyro + bias + shaken)
     fresh = sensors.measure(estimate, parameters, normal, drawn.uniform)
     if every > 1:
         due = actions % every == 0

@@ -11,11 +11,12 @@ from maidenflight.identification.likelihood.noise_levels import (
     WALKS,
     against_tilt,
     correct_walks,
+    drift_by_turns,
     noise_levels,
 )
 from maidenflight.identification.likelihood.one_step_errors import ORDER
 from maidenflight.parameters import QUANTITIES, check, crazyflie, replace
-from maidenflight.simulator.physics.sensors import TURNING
+from maidenflight.simulator.physics.sensors import TURN_LEAD, TURNING
 
 PAPER = crazyflie()
 PERIOD, ROWS = 0.01, 100_000
@@ -127,10 +128,11 @@ def test_what_is_found_makes_a_physical_drone(generator):
         check(replace(PAPER, **{name: np.float32(value) for name, value in levels.items()}))
 
 
-def tilting(generator, walk):
+def tilting(generator, walk, tilt=None):
     """Forty seconds of a drone that goes where its tilt takes it, and an estimate that walks."""
     rows = 4000
-    tilt = 0.1 * np.sin(np.cumsum(0.05 * generator.normal(size=(rows, 2)), axis=0))
+    if tilt is None:
+        tilt = 0.1 * np.sin(np.cumsum(0.05 * generator.normal(size=(rows, 2)), axis=0))
     velocity = np.cumsum(9.81 * tilt * PERIOD, axis=0)
     place = np.cumsum(velocity * PERIOD, axis=0)
     place += walk * np.sqrt(PERIOD) * np.cumsum(generator.normal(size=(rows, 2)), axis=0)
@@ -151,6 +153,25 @@ def tilting(generator, walk):
 def test_what_bends_a_path_without_a_tilt_is_a_walk(generator):
     assert against_tilt([tilting(generator, 0.08)]) == pytest.approx(0.08, rel=0.25)
     assert against_tilt([tilting(generator, 0.0)]) < 0.002
+
+
+def turned(generator, walk, drift):
+    """A drone that rocks at 2 and 3 Hz, with a gyro, and an estimate that turns move."""
+    angle = 2.0 * np.pi * np.array([2.0, 3.0]) * PERIOD * np.arange(4000)[:, None]
+    lean = 0.1 * np.sin(angle)
+    flight = tilting(generator, walk, lean)
+    change = np.gradient(lean, PERIOD, axis=0)
+    rates = np.stack([-change[:, 1], change[:, 0], 0 * change[:, 0]], axis=1)
+    moved = drift * (lean + TURN_LEAD * change)
+    position = flight.position + np.pad(moved, ((0, 0), (0, 1)))
+    return dataclasses.replace(flight, position=position, body_rates=rates)
+
+
+def test_what_turns_move_is_told_from_what_walks(generator):
+    for drift in (0.0, 0.2, -0.1):
+        flights = [turned(generator, 0.04, drift) for _ in range(2)]
+        assert drift_by_turns(flights) == pytest.approx(drift, abs=0.02)
+    assert drift_by_turns([flights[0].part(0, 4)]) == 0.0
 
 
 def test_walks_that_the_tilt_does_not_confirm_are_none(generator):

@@ -1,5 +1,6 @@
 """One-step errors against free fall by hand, and how they tell parameters apart."""
 
+import dataclasses
 from functools import partial
 
 import jax
@@ -18,7 +19,7 @@ from maidenflight.identification.likelihood.one_step_errors import COLUMNS, erro
 from maidenflight.identification.replay.open_loop import under_way
 from maidenflight.parameters import QUANTITIES, crazyflie, noiseless, replace
 from maidenflight.simulator import stepping
-from maidenflight.simulator.physics import dynamics, rotations
+from maidenflight.simulator.physics import dynamics, rotations, sensors
 from maidenflight.simulator.physics.dynamics import State
 from maidenflight.simulator.physics.latency import DelayLine
 
@@ -53,6 +54,36 @@ def test_the_errors_of_a_noiseless_flight_vanish_at_the_truth_and_grow_away_from
         ("inertia_x", 1.35e-5, 1.5e-5),
     ):
         assert size(**{name: far}).max() > 2 * size(**{name: near}).max() > 10 * size().max(), name
+
+
+@pytest.mark.slow
+def test_what_turns_move_of_an_estimate_is_foreseen(flights):
+    """Estimates as `sensors.err_estimate` says, of rocking drones: errors come from `turn_drift`
+    alone, and vanish with it."""
+
+    def moved(flight):
+        p, q, _ = flight.body_rates.astype(float).T
+        turned = Rotation.from_euler("ZYX", flight.attitude[:, ::-1].astype(float))
+        up, change = (
+            turned.apply(axis) * [1, 1, 0] for axis in ([0, 0, 1], np.stack([q, -p, 0 * p], axis=1))
+        )
+        late = 0.2 * (up + sensors.TURN_LEAD * change)
+        return dataclasses.replace(
+            flight,
+            position=flight.position + late + np.cumsum(late, axis=0) * flight.period,
+            velocity=flight.velocity + late / sensors.DRIFT_TIME,
+        )
+
+    some, many = (
+        cut([moved(one) for one in flights]),
+        jax.jit(jax.vmap(partial(errors, steps=STEPS), (0, None))),
+    )
+    told, untold = (
+        np.abs(many(some, replace(TRUTH, turn_drift=drift)))[..., [0, 1, 3, 4]].mean(axis=(0, 1))
+        for drift in (0.2, 0.0)
+    )
+    assert (untold > 5e-4).all(), "m, m/s"
+    assert (told < 0.05 * untold).all()
 
 
 @pytest.mark.slow

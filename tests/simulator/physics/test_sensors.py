@@ -209,10 +209,11 @@ def test_without_a_lag_the_gyro_filter_is_none_and_its_slope_is_finite():
 def drifted(parameters, steps, elapsed, key, rates=(0.0, 0.0, 5.0)):
     """Errors of many estimates after each of some steps from none, steps x samples x 6."""
     many = jax.vmap(sensors.walk_estimate, (0, None, None, 0, None))
+    level = STATE._replace(quaternion=jnp.array([0.0, 0.0, 0.0, 1.0]), body_rates=jnp.array(rates))
 
     def one(drift, key):
         normal = jax.random.normal(key, (SAMPLES, sensors.DRIFT_NORMALS))
-        drift = many(drift, elapsed, parameters, normal, jnp.array(rates))
+        drift = many(drift, elapsed, parameters, normal, level)
         return drift, drift
 
     return lax.scan(one, jnp.zeros((SAMPLES, 6)), jax.random.split(key, steps))[1]
@@ -237,6 +238,17 @@ def test_a_walking_positions_variance_grows_with_time():
     )
     np.testing.assert_allclose(walked[49, :, :3].mean(axis=0), 0, atol=4 * 0.08 / np.sqrt(SAMPLES))
     np.testing.assert_array_equal(walked[..., 3:], 0.0)
+
+
+def test_a_rangers_noise_is_less_by_as_much_as_its_drift():
+    own = replace(
+        PAPER, position_walk=0.04, height_walk=0.01, position_noise_uniform=0.0, velocity_noise=0.02
+    )
+    seen = measure_many(STATE, own, NORMAL, UNIFORM)
+    np.testing.assert_allclose(
+        float64(seen.position).std(axis=0), [0.002, 0.002, 0.0005], rtol=0.03
+    )
+    np.testing.assert_allclose(float64(seen.velocity).std(axis=0), [0.02, 0.02, 0.005], rtol=0.03)
 
 
 def test_height_walks_by_itself():
@@ -293,6 +305,46 @@ def test_an_estimate_walks_as_far_however_often_it_is_drawn(parameters):
     np.testing.assert_allclose(one, other, rtol=0.06, atol=1e-9)
 
 
+def leant(angle, rate=0.0):
+    """A drone that leans by an angle to where a yaw of 0.4 rad has forward, and turns on."""
+    attitude = rotations.from_attitude(jnp.array([0.0, angle, 0.4]))
+    return STATE._replace(quaternion=attitude, body_rates=jnp.array([0.0, rate, 0.0]))
+
+
+def test_tilts_move_an_estimate_by_so_many_metres_a_radian():
+    """By turn_drift times the sine of the tilt, and ahead of it while the drone turns."""
+    drone, rate, steps = replace(noiseless(PAPER), turn_drift=0.2), 1.5, 200
+    elapsed, forward = 0.3 / rate / steps, np.array([np.cos(0.4), np.sin(0.4), 0.0])
+    drift, estimates = jnp.zeros(6), []
+    for step in range(steps):
+        state = leant(rate * elapsed * (step + 0.5), rate)
+        drift = sensors.walk_estimate(drift, float32(elapsed), drone, jnp.zeros(3), state)
+        estimates.append(sensors.err_estimate(state, drift, drone, state))
+    np.testing.assert_allclose(drift[3:], 0.2 * np.sin(0.3) * forward, rtol=0.1)
+    moved = 0.2 * (np.sin(0.3) + 1.5 * np.cos(0.3) * sensors.TURN_LEAD) * forward
+    # The velocity's error adds a tenth within these 0.2 s.
+    np.testing.assert_allclose(estimates[-1].position - STATE.position, moved, rtol=0.1, atol=1e-6)
+    at_rest = sensors.err_estimate(leant(0.3), drift, drone, leant(0.3))
+    np.testing.assert_allclose(at_rest.position, STATE.position + drift[:3], rtol=1e-6)
+
+
+def test_a_step_of_an_estimate_is_that_of_its_drift():
+    drone, elapsed = replace(noiseless(PAPER), turn_drift=0.2), float32(0.01)
+    before, after = leant(0.1, 1.0), leant(0.112, 1.4)
+    expected = sensors.turned_estimate(before, after, elapsed, drone)
+    drift = sensors.walk_estimate(jnp.zeros(6), elapsed, drone, jnp.zeros(3), leant(0.106, 1.2))
+    here = sensors.err_estimate(before, jnp.zeros(6), drone, before)
+    there = sensors.err_estimate(after, drift, drone, after)
+    assert np.abs(there.velocity - here.velocity).max() > 0.003
+    for name, atol in (("velocity", 1e-6), ("position", 5e-5)):
+        ended, began, right = (getattr(state, name) for state in (there, here, before))
+        np.testing.assert_allclose(getattr(expected, name), ended - (began - right), atol=atol)
+
+
 def test_a_noiseless_drones_estimate_does_not_walk():
-    quiet = noiseless(replace(PAPER, position_walk=0.08, height_walk=0.02, velocity_walk=0.3))
-    np.testing.assert_array_equal(drifted(quiet, 5, float32(0.02), jax.random.key(8)), 0.0)
+    quiet = noiseless(
+        replace(PAPER, position_walk=0.08, height_walk=0.02, velocity_walk=0.3, turn_drift=0.2)
+    )
+    np.testing.assert_array_equal(
+        drifted(quiet, 5, float32(0.02), jax.random.key(8), (1.0, 1.0, 5.0)), 0.0
+    )

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from maidenflight.flights.log import Flight
 from maidenflight.parameters import Parameters, levers
-from maidenflight.simulator.physics.sensors import turning
+from maidenflight.simulator.physics.sensors import TURN_LEAD, turning
 
 ROWS = 8
 """Rows over which noise is measured, at most: 0.08 s at 100 Hz, in which a policy reacts. Over
@@ -21,8 +21,8 @@ _POSITION, _HEIGHT, _VELOCITY = slice(0, 2), slice(2, 3), slice(3, 5)
 _ATTITUDE, _TURN = slice(6, 9), slice(9, 11)
 """Columns of which each size is taken: horizontal position, height, horizontal velocity, attitude,
 roll and pitch rate."""
-WALKS = ("position_walk", "height_walk", "velocity_walk")
-"""Random walks of an estimate."""
+WALKS = ("position_walk", "height_walk", "velocity_walk", "turn_drift")
+"""Of an estimate: random walks, and what turns move."""
 _WINDOW, _STEP = 0.5, 0.01
 """Time over which a position is compared with the tilt, and between two rows of it [s]."""
 _OF_WALK = 3 / 70
@@ -102,6 +102,7 @@ def noise_levels(
         "gyro_noise": float(np.sqrt(np.mean(gyro))),
         "actuator_noise": float(np.sqrt(np.mean(thrust**2))),
         "actuator_noise_rate": float(rate),
+        "turn_drift": float(parameters.turn_drift),
     }
 
 
@@ -123,6 +124,38 @@ def correct_walks(noise: dict[str, float], flights: Sequence[Flight]) -> dict[st
     further = float(np.sqrt(np.mean(turning(rates) ** 2)))
     across = {name: noise[name] / further for name in ("position_walk", "velocity_walk")}
     return {**noise, **across}
+
+
+def drift_by_turns(flights: Sequence[Flight]) -> float:
+    """Returns the way of the estimated position as the drone tilts by a radian [m/rad].
+
+    By least squares over the steps of horizontal position that velocity does not explain.
+
+    Args:
+        flights: checked flights with a state.
+
+    Source: see `sensors.walk_estimate` and `sensors.err_estimate`.
+    """
+    across = total = 0.0
+    for flight in flights:
+        every = max(1, round(_STEP / flight.period))
+        if len(flight) < 5 * every:
+            continue
+        period = every * flight.period
+        place, speed, rates, attitude = (
+            values[::every].astype(float)
+            for values in (flight.position, flight.velocity, flight.body_rates, flight.attitude)
+        )
+        p, q, _ = rates.T
+        lean = Rotation.from_euler("ZYX", attitude[:, ::-1]).apply(np.stack([q, -p, 0 * p], axis=1))
+        step = np.diff(place, axis=0) - period * (speed[1:] + speed[:-1]) / 2
+        # Over three rows, in which the gyro's noise is a third of that between two.
+        ahead = TURN_LEAD * (lean[3:] - lean[:-3]) / 3
+        turn = (period * (lean[2:-1] + lean[1:-2]) / 2 + ahead)[:, :2]
+        turn -= turn.mean(axis=0)
+        across += float(np.sum(turn * step[1:-1, :2]))
+        total += float(np.sum(turn**2))
+    return across / max(total, 1e-12)
 
 
 def against_tilt(flights: Sequence[Flight]) -> float:

@@ -24,7 +24,7 @@ from maidenflight.identification.replay.open_loop import (
 )
 from maidenflight.parameters import Parameters, replace
 from maidenflight.simulator import stepping
-from maidenflight.simulator.physics import dynamics, rotations
+from maidenflight.simulator.physics import dynamics, rotations, sensors
 from maidenflight.simulator.physics.dynamics import State
 from maidenflight.simulator.physics.latency import DelayLine
 from maidenflight.simulator.physics.vectors import entries
@@ -88,21 +88,22 @@ def _by_column(
     Once the rotors' speeds are known, rows do not depend on each other: all side by side they are a
     few long loops, where one after the other they were many short ones.
     """
-    commands_in = commands(window)
+    commands_in, period = commands(window), parameters.time_step * steps * stride
 
     def predicted(speed: Array, newest: Array, before: Sequence[Array]) -> list[Array]:
         position, velocity, attitude, rates = (
             jnp.stack(before[first : first + 3]) for first in range(0, 12, 3)
         )
         quaternion = rotations.from_attitude(attitude)
-        state = entries(State(position, velocity, quaternion, rates, speed))
+        state = start = entries(State(position, velocity, quaternion, rates, speed))
 
         def drive(state: State, place: Array) -> tuple[State, None]:
             line = DelayLine(commands_in, place)
             return stepping.drive_entries(dynamics.midpoint, state, line, steps, parameters), None
 
         state, _ = lax.scan(drive, state, newest)
-        return columns(state)
+        estimate = sensors.turned_estimate(start, state, period, parameters)
+        return columns(estimate)
 
     measured = list(jnp.asarray(window.measured).T)
     first = [

@@ -20,7 +20,11 @@ from maidenflight.identification.likelihood.estimator import Models, Question, a
 from maidenflight.identification.likelihood.fit import box_of, fit
 from maidenflight.identification.likelihood.flight_differences import differences
 from maidenflight.identification.likelihood.laplace import Others
-from maidenflight.identification.likelihood.noise_levels import correct_walks, noise_levels
+from maidenflight.identification.likelihood.noise_levels import (
+    correct_walks,
+    drift_by_turns,
+    noise_levels,
+)
 from maidenflight.identification.likelihood.observation import ObservationModel
 from maidenflight.identification.likelihood.one_step import LENGTH, OneStep, one_step_objective
 from maidenflight.identification.likelihood.one_step_errors import ORDER
@@ -112,6 +116,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
             name: one for name, one in unidentifiable.items() if name not in identifiable
         }
     drone = fit_result.best.drone
+    drone = replace(drone, turn_drift=np.float32(drift_by_turns(flights)))
     left = fine.products_about_means(drone)
     noise = noise_levels(left, drone, stride(flights[0]) * flights[0].period)
     noise = correct_walks(noise, flights)

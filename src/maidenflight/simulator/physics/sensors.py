@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 from maidenflight.parameters import Parameters
 from maidenflight.simulator.physics import rotations
 from maidenflight.simulator.physics.dynamics import State
+from maidenflight.simulator.physics.vectors import like
 
 
 class Measurement(NamedTuple):
@@ -35,14 +36,17 @@ sensors_bmi088_bmp3xx.c)."""
 ACCELEROMETER_NOISE = 0.5
 """Standard deviation of a reading before the filter, at 500 Hz [m/s2]: motors' vibration, of the
 size between 20 and 40 Hz in logs of a brushed Crazyflie (IMRCLab 2026)."""
-TURNING = 1.57
+TURNING = 2.0
 """Roll and pitch rate together at which the variance of steps of horizontal drift has doubled
-[rad/s]. A flow deck sees a turn as motion, and what is taken off for it is of another instant. In
-the authors' flights of all three control structures: 0.06 m/sqrt(s) at 0.4 rad/s, 0.08 at 1.8, 0.13
-at 3.4 and 0.19 at 5.2 (paper/notes/flight-times.md)."""
+[rad/s], beside what `turn_drift` moves. In the authors' flights 2.5 under PWM, 1.8 under
+attitude-rate and 1.9 under attitude policies, and at rest 0.038, 0.039 and 0.039 m/sqrt(s)."""
 DRIFT_TIME = 1.0
 """Correlation time of the error of the estimated velocity [s]; a flight log of seconds cannot
-distinguish it from a pure random walk."""
+distinguish it from a pure random walk. As one measurement corrects both, turns move the position by
+so many times what they move the velocity: 1.1 s in the authors' flights."""
+TURN_LEAD = 0.031
+"""By which the drift of turns is ahead of the tilt [s]: the flow is older than the gyro's reading
+that is taken off. In the authors' flights 0.030 to 0.034 s whatever the control structure."""
 
 
 def turn_on_bias(parameters: Parameters, normal: Float[Array, "3"]) -> Float[Array, "3"]:
@@ -90,12 +94,21 @@ def turning(body_rates: Float[Any, "... 3"]) -> Float[Any, "..."]:
     return (1.0 + (body_rates[..., 0] ** 2 + body_rates[..., 1] ** 2) / TURNING**2) ** 0.5
 
 
+def leaning(state: State) -> Float[Array, "3"]:
+    """Returns how fast the body's z axis moves in the world [1/s], its vertical part left out.
+
+    Source: R (omega x z).
+    """
+    (x, y, _), (p, q, _) = rotations.axes(state.quaternion), state.body_rates
+    return like(state.velocity, [x[0] * q - y[0] * p, x[1] * q - y[1] * p, 0.0 * p])
+
+
 def walk_estimate(
     drift: Float[Array, "6"],
     elapsed: Float[Array, ""],
     parameters: Parameters,
     normal: Float[Array, "3"],
-    body_rates: Float[Array, "3"],
+    state: State,
 ) -> Float[Array, "6"]:
     """Draws the drift of the estimated position [m] and velocity [m/s] after some time.
 
@@ -106,24 +119,69 @@ def walk_estimate(
     sensor, such as that of optical flow, is a random walk, which a policy follows. White noise of
     the size between two rows of a log averages out within a few rows and does not model this.
 
+    Optical flow sees a turn as motion. Of firmwares that take more than the turn off, or its gyro's
+    reading of another instant, tilts move the estimate: by `turn_drift` times the tilt.
+
     Args:
         drift: errors of position and velocity before.
         elapsed: time between the two [s].
-        parameters: uses `position_walk`, `height_walk` and `velocity_walk`.
+        parameters: uses `position_walk`, `height_walk`, `velocity_walk` and `turn_drift`.
         normal: draws from the standard normal distribution.
-        body_rates: [rad/s].
+        state: the drone.
 
-    Source: ours; sizes and spectrum from the authors' flights (docs/identification.md).
+    Source: ours; sizes and spectrum from the authors' flights (docs/identification.md). Crazyflie
+    firmware, mm_flow.c: earlier versions take 1.25 times the gyro's rate off (`omegaFactor`).
     """
-    further = turning(body_rates)
+    further = turning(state.body_rates)
     normal = normal * jnp.stack([further, further, jnp.ones_like(further)])
     decay = jnp.exp(-elapsed / DRIFT_TIME)
     root = jnp.sqrt(elapsed)
-    velocity = decay * drift[3:] + parameters.velocity_walk * root * normal
+    turned = leaning(state) * (parameters.turn_drift * elapsed)
+    velocity = decay * drift[3:] + parameters.velocity_walk * root * normal + turned / DRIFT_TIME
     across = parameters.position_walk
     walk = jnp.array([across, across, parameters.height_walk])
-    position = drift[:3] + elapsed * velocity + walk * root * normal
+    position = drift[:3] + elapsed * velocity + walk * root * normal + turned
     return jnp.concatenate([position, velocity])
+
+
+def turned_estimate(
+    before: State, after: State, elapsed: Float[Array, ""], parameters: Parameters
+) -> State:
+    """Returns the estimate of a state, as a turn since a right one has moved it.
+
+    Args:
+        before: where the estimate was right.
+        after: the state now.
+        elapsed: time between the two [s].
+        parameters: uses `turn_drift`.
+
+    Source: see `walk_estimate` and `TURN_LEAD`.
+    """
+    lean, last = leaning(after), leaning(before)
+    moved = ((lean + last) * (0.5 * elapsed) + (lean - last) * TURN_LEAD) * parameters.turn_drift
+    return after._replace(
+        position=after.position + moved, velocity=after.velocity + moved * (1.0 / DRIFT_TIME)
+    )
+
+
+def err_estimate(
+    estimate: State, drift: Float[Array, "6"], parameters: Parameters, state: State
+) -> State:
+    """Returns an estimate of position and velocity with its drift.
+
+    Args:
+        estimate: without it.
+        drift: of `walk_estimate`.
+        parameters: uses `turn_drift`.
+        state: the drone.
+
+    Source: see `walk_estimate` and `TURN_LEAD`.
+    """
+    ahead = leaning(state) * (parameters.turn_drift * TURN_LEAD)
+    return estimate._replace(
+        position=estimate.position + drift[:3] + ahead,
+        velocity=estimate.velocity + drift[3:] + ahead / DRIFT_TIME,
+    )
 
 
 def low_pass(
@@ -188,23 +246,28 @@ def measure(
 
     Position and attitude carry Gaussian and uniform noise, velocity Gaussian noise. The attitude
     noise is a small rotation in the body frame, which for small tilt is what adding noise to roll,
-    pitch and yaw does, and has no singular attitude.
+    pitch and yaw does, and has no singular attitude. Where a ranger measures the height, its noise
+    is less by as much as its drift: in the authors' flights 0.3 mm, along the ground 4 mm.
 
     Args:
         state: what is read; its body rates are what the gyro reads.
-        parameters: uses the noise fields.
+        parameters: uses the noise fields, `position_walk` and `height_walk`.
         normal: draws from the standard normal distribution.
         uniform: draws from the uniform distribution on [-1, 1].
 
     Source: Gronauer et al. 2022, sec. Simulation Environment, Noise.
     """
+    across, height = parameters.position_walk, parameters.height_walk
+    ranged = jnp.minimum(height / jnp.where(across > 0.0, across, 1.0), 1.0)
+    vertical = jnp.where(across > 0.0, ranged, 1.0)
+    share = jnp.stack([jnp.ones_like(vertical), jnp.ones_like(vertical), vertical])
     tilt = parameters.attitude_noise * normal[6:9] + parameters.attitude_noise_uniform * uniform[3:]
     quaternion = state.quaternion + rotations.quaternion_derivative(state.quaternion, tilt)
     return Measurement(
         position=state.position
-        + parameters.position_noise * normal[:3]
+        + parameters.position_noise * share * normal[:3]
         + parameters.position_noise_uniform * uniform[:3],
-        velocity=state.velocity + parameters.velocity_noise * normal[3:6],
+        velocity=state.velocity + parameters.velocity_noise * share * normal[3:6],
         quaternion=rotations.normalise(quaternion),
         body_rates=state.body_rates,
     )

@@ -246,6 +246,7 @@ _UNCHANGED = (
     "position_walk",
     "height_walk",
     "velocity_walk",
+    "turn_drift",
 )
 """What a drone about another has as that one."""
 
