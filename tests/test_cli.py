@@ -173,7 +173,7 @@ def test_a_mistake_gives_one_line_and_exit_code_2(
     (tmp_path / "other" / "notes.json").write_text('{"format": "another"}')
     (tmp_path / "full" / "mine.txt").write_text("keep me")
     (tmp_path / "odd.csv").write_text("a,b\n1,2\n")
-    (tmp_path / "bad.toml").write_text("format = 6\n")
+    (tmp_path / "bad.toml").write_text("format = 7\n")
     code, out, err = command(arguments.format(tmp=tmp_path))
     assert code == 2
     assert says in err

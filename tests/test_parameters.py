@@ -189,9 +189,9 @@ def edited(name, value):
 
 WRONG = {
     "broken": (GOOD + "[", "not valid TOML"),
-    "empty": ("", "format = None, expected 6"),
-    "later format": (edited("format", 7), "format = 7, expected 6"),
-    "earlier format": (edited("format", 4), "format = 4, expected 6.*rotor_x"),
+    "empty": ("", "format = None, expected 7"),
+    "later format": (edited("format", 8), "format = 8, expected 7"),
+    "earlier format": (edited("format", 4), "format = 4, expected 7.*rotor_x"),
     "missing": (edited("mass", None), "missing mass"),
     "misspelt": (
         edited("mass", "0.028\nmas = 1.0"),
@@ -202,7 +202,7 @@ WRONG = {
         edited("mass", "0.028\nlatency = 0.01"),
         r"unknown key 'latency' in \[body\]; did you mean .* \[motors\]",
     ),
-    "value for a table": ("format = 6\nbody = 3\n", r"body is a value, expected a table \[body\]"),
+    "value for a table": ("format = 7\nbody = 3\n", r"body is a value, expected a table \[body\]"),
     "text": (edited("mass", '"28 g"'), "mass = '28 g', expected a number"),
     "truth value": (edited("mass", "true"), "mass = True, expected a number"),
     "list for a number": (edited("mass", "[0.028, 0.028]"), "mass has 2 values, expected 1"),

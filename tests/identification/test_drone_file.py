@@ -166,7 +166,7 @@ DAMAGED = {
     "samples are a number": swapped(r"^samples = \[\[.*?\]\]", "samples = 3"),
     "inputs are numbers": swapped(r"^inputs = \[.*?\]", "inputs = [3]"),
     "inputs have no digest": swapped(r"^inputs = \[.*?\]", 'inputs = ["flight_01.csv"]'),
-    "another format": swapped(r"^format = 6", "format = 4"),
+    "another format": swapped(r"^format = 7", "format = 4"),
     "mass is a text": swapped(r"^mass = 0\.028", 'mass = "light"'),
     "mass is nan": swapped(r"^mass = 0\.028", "mass = nan"),
 }

@@ -4,7 +4,7 @@
 writer; a damaged file is refused with its name, what is wrong, and what to do.
 
 ```toml
-format = 6
+format = 7
 [motors] # [body], [sensors], [battery], [simulation]: the parameters
 
 [identification] # how they were found, if they were

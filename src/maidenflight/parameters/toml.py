@@ -18,7 +18,7 @@ from maidenflight.parameters.named import DRONES, crazyflie
 from maidenflight.parameters.quantities import QUANTITIES, Parameters
 from maidenflight.parameters.scaling import with_mass
 
-FORMAT = 6
+FORMAT = 7
 """Version of the TOML layout."""
 _LARGEST = float(np.finfo(np.float32).max)
 

@@ -230,7 +230,7 @@ def _estimate(
     if environment.estimator_memory > 0:
         estimator = sensors.remember(estimator, env_state.state)
         estimate = sensors.delayed(estimator, env_state.state, every * period, parameters)
-    estimate = sensors.err_estimate(estimate, drift, parameters, env_state.state)
+    estimate = sensors.add_drift(estimate, drift, parameters, env_state.state)
     estimate = estimate._replace(body_rates=env_state.gyro + bias + shaken)
     fresh = sensors.measure(estimate, parameters, normal, drawn.uniform)
     if every > 1:

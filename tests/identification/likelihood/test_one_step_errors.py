@@ -58,7 +58,7 @@ def test_the_errors_of_a_noiseless_flight_vanish_at_the_truth_and_grow_away_from
 
 @pytest.mark.slow
 def test_what_turns_move_of_an_estimate_is_foreseen(flights):
-    """Estimates as `sensors.err_estimate` says, of rocking drones: errors come from `turn_drift`
+    """Estimates as `sensors.add_drift` says, of rocking drones: errors come from `turn_drift`
     alone, and vanish with it."""
 
     def moved(flight):

@@ -319,22 +319,22 @@ def test_tilts_move_an_estimate_by_so_many_metres_a_radian():
     for step in range(steps):
         state = leant(rate * elapsed * (step + 0.5), rate)
         drift = sensors.walk_estimate(drift, float32(elapsed), drone, jnp.zeros(3), state)
-        estimates.append(sensors.err_estimate(state, drift, drone, state))
+        estimates.append(sensors.add_drift(state, drift, drone, state))
     np.testing.assert_allclose(drift[3:], 0.2 * np.sin(0.3) * forward, rtol=0.1)
     moved = 0.2 * (np.sin(0.3) + 1.5 * np.cos(0.3) * sensors.TURN_LEAD) * forward
     # The velocity's error adds a tenth within these 0.2 s.
     np.testing.assert_allclose(estimates[-1].position - STATE.position, moved, rtol=0.1, atol=1e-6)
-    at_rest = sensors.err_estimate(leant(0.3), drift, drone, leant(0.3))
+    at_rest = sensors.add_drift(leant(0.3), drift, drone, leant(0.3))
     np.testing.assert_allclose(at_rest.position, STATE.position + drift[:3], rtol=1e-6)
 
 
 def test_a_step_of_an_estimate_is_that_of_its_drift():
     drone, elapsed = replace(noiseless(PAPER), turn_drift=0.2), float32(0.01)
     before, after = leant(0.1, 1.0), leant(0.112, 1.4)
-    expected = sensors.turned_estimate(before, after, elapsed, drone)
+    expected = sensors.estimate_after_turn(before, after, elapsed, drone)
     drift = sensors.walk_estimate(jnp.zeros(6), elapsed, drone, jnp.zeros(3), leant(0.106, 1.2))
-    here = sensors.err_estimate(before, jnp.zeros(6), drone, before)
-    there = sensors.err_estimate(after, drift, drone, after)
+    here = sensors.add_drift(before, jnp.zeros(6), drone, before)
+    there = sensors.add_drift(after, drift, drone, after)
     assert np.abs(there.velocity - here.velocity).max() > 0.003
     for name, atol in (("velocity", 1e-6), ("position", 5e-5)):
         ended, began, right = (getattr(state, name) for state in (there, here, before))

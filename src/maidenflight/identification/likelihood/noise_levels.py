@@ -134,7 +134,7 @@ def drift_by_turns(flights: Sequence[Flight]) -> float:
     Args:
         flights: checked flights with a state.
 
-    Source: see `sensors.walk_estimate` and `sensors.err_estimate`.
+    Source: see `sensors.walk_estimate` and `sensors.add_drift`.
     """
     across = total = 0.0
     for flight in flights:

@@ -102,7 +102,7 @@ def _by_column(
             return stepping.drive_entries(dynamics.midpoint, state, line, steps, parameters), None
 
         state, _ = lax.scan(drive, state, newest)
-        estimate = sensors.turned_estimate(start, state, period, parameters)
+        estimate = sensors.estimate_after_turn(start, state, period, parameters)
         return columns(estimate)
 
     measured = list(jnp.asarray(window.measured).T)

@@ -144,7 +144,7 @@ def walk_estimate(
     return jnp.concatenate([position, velocity])
 
 
-def turned_estimate(
+def estimate_after_turn(
     before: State, after: State, elapsed: Float[Array, ""], parameters: Parameters
 ) -> State:
     """Returns the estimate of a state, as a turn since a right one has moved it.
@@ -164,7 +164,7 @@ def turned_estimate(
     )
 
 
-def err_estimate(
+def add_drift(
     estimate: State, drift: Float[Array, "6"], parameters: Parameters, state: State
 ) -> State:
     """Returns an estimate of position and velocity with its drift.
