@@ -104,7 +104,7 @@ def fit(
             drones, values = _descended(problem, model, rules, inner, box, drone, measured_delays)
             drone = drones[int(np.argmin(values))]
         else:
-            drone = _balanced(model, drone, box)
+            drone = balance(model, drone, box)
             drones, values = [drone], np.array([model(drone)])
             problem.reporter.evaluated()
         points = np.array([box.unit_of(one) for one in drones])
@@ -126,8 +126,8 @@ def _with_measured_delays(
     return replace(drone, **{name: np.float32(value) for name, value in middle.items()})
 
 
-def _balanced(model: ObservationModel, drone: Parameters, box: Box) -> Parameters:
-    """The drone with the thrust and torques among those sought that make mean errors zero."""
+def balance(model: ObservationModel, drone: Parameters, box: Box) -> Parameters:
+    """Returns the drone with the thrust and torques of a box that make mean errors zero."""
     limits = {
         name: (low, high)
         for name, low, high in zip(box.names, box.lower, box.upper, strict=True)
@@ -167,7 +167,7 @@ def _descended(
     def equations(unit: np.ndarray) -> NormalEquations:
         problem.reporter.evaluated()
         drone = inner.drone(drones[int(np.argmin(values))] if drones else first, unit)
-        drone = _balanced(model, _with_measured_delays(drone, measured_delays), box)
+        drone = balance(model, _with_measured_delays(drone, measured_delays), box)
         names = (*inner.names, *followers)
         result = model.normal_equations(drone, names)
         if followers:

@@ -86,7 +86,7 @@ def differences(
 def _by_segment(target: OneStep, drone: Parameters) -> dict[str, Float[np.ndarray, "S"]]:
     """Logarithms of parameters by segment of flight."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        values = {"thrust_to_weight": np.log(np.maximum(target.hovering(drone)[1], 1e-3))}
+        values = {"thrust_to_weight": np.log(np.maximum(target.hovering(drone), 1e-3))}
         axes = ("inertia_x", "inertia_y")
         _, scores, curvatures = target.derivatives(drone, axes)
         for axis, name in enumerate(axes):

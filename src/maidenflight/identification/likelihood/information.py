@@ -68,7 +68,7 @@ def expected_intervals(
         directions[name] = row, float(np.var(share * samples))
     if HOVERING in names and model.means:
         climbs = model.means.climbs(start, names)
-        spread = float(np.std(model.means.hovering(start)[1]))
+        spread = float(np.std(model.means.hovering(start)))
         variance = spread**2 * (1 / model.segments + 1 / NEXT_FLIGHT)
         directions[HOVERING] = climbs / climbs[names.index(HOVERING)], variance
     widths = np.array([priors[name][1] - priors[name][0] for name in names])

@@ -137,7 +137,7 @@ def posterior(
     if model.means and hovers is not None:
         climbs = model.means.climbs(fit.drone, names) * slope
         along[hovers] = -climbs[indices] / climbs[hovers]
-        spread[hovers] = float(np.std(model.means.hovering(fit.drone)[1]))
+        spread[hovers] = float(np.std(model.means.hovering(fit.drone)))
         error = spread[hovers] * np.sqrt(1 / model.segments + 1 / NEXT_FLIGHT)
         error = np.hypot(error / slope[hovers], np.sqrt(doubt[hovers, hovers]))
         noise = generator.normal(0.0, error, (RESAMPLES, 1))

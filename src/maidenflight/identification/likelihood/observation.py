@@ -84,8 +84,8 @@ class Balance(Protocol):
         """Returns the value of each of `BALANCED` at which its mean error is zero."""
         ...
 
-    def hovering(self, parameters: Parameters) -> tuple[float, Float[np.ndarray, "S"]]:
-        """Returns the thrust-to-weight ratio of that kind, and that of each segment alone."""
+    def hovering(self, parameters: Parameters) -> Float[np.ndarray, "S"]:
+        """Returns the thrust-to-weight ratio of that kind of each segment alone."""
         ...
 
     def climbs(self, parameters: Parameters, names: Sequence[str]) -> Float[np.ndarray, "d"]:

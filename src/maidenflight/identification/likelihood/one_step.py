@@ -161,16 +161,16 @@ class OneStep(ObservationModel):
         """How thrust and constant torques are found: mean errors are linear in them."""
         return self
 
-    def hovering(self, parameters: Parameters) -> tuple[float, Float[np.ndarray, "S"]]:
-        """Returns the thrust-to-weight ratio at which vertical errors are zero in the mean.
+    def hovering(self, parameters: Parameters) -> Float[np.ndarray, "S"]:
+        """Returns the thrust-to-weight ratio at which each segment's vertical errors cancel.
 
-        And that of each segment alone. Errors are linear in it.
+        Errors are linear in it.
         """
         here = float(parameters.thrust_to_weight)
         ahead = replace(parameters, thrust_to_weight=np.float32(1.1 * here))
         errors = self.sums(parameters)[:, VERTICAL]
         slopes = (self.sums(ahead)[:, VERTICAL] - errors) / (0.1 * here)
-        return here - errors.sum() / slopes.sum(), here - errors / slopes
+        return here - errors / slopes
 
     def balance(self, parameters: Parameters) -> dict[str, float]:
         """Returns where mean errors are zero, in one pass with the slopes of the first time.

@@ -17,7 +17,7 @@ from maidenflight.flights.log import Flight
 from maidenflight.identification.drone_file import GroupGain
 from maidenflight.identification.likelihood import information, other_ways, selection
 from maidenflight.identification.likelihood.estimator import Models, Question, answer_question
-from maidenflight.identification.likelihood.fit import box_of, fit
+from maidenflight.identification.likelihood.fit import balance, box_of, fit
 from maidenflight.identification.likelihood.flight_differences import differences
 from maidenflight.identification.likelihood.laplace import Others
 from maidenflight.identification.likelihood.noise_levels import (
@@ -25,7 +25,7 @@ from maidenflight.identification.likelihood.noise_levels import (
     drift_by_turns,
     noise_levels,
 )
-from maidenflight.identification.likelihood.observation import ObservationModel
+from maidenflight.identification.likelihood.observation import BALANCED, ObservationModel
 from maidenflight.identification.likelihood.one_step import LENGTH, OneStep, one_step_objective
 from maidenflight.identification.likelihood.one_step_errors import ORDER
 from maidenflight.identification.likelihood.selection import Parts
@@ -42,6 +42,7 @@ from maidenflight.identification.outcome.estimates import (
 )
 from maidenflight.identification.outcome.narrowing import advise
 from maidenflight.identification.outcome.plausible import (
+    HOVERING,
     VARIANCE_SHARE,
     ExpectedInterval,
     Ranges,
@@ -141,7 +142,9 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         expected=expected,
         objective="likelihood",
         value=fit_result.best.value,
-        start_value=fine(_balanced(start, fine)),
+        # A likelihood of one row ahead may fall by the thrust and torques that carry and trim the
+        # flights, where rows sample a faster loop: the start has them too.
+        start_value=fine(balance(fine, start, box_of(problem, BALANCED))),
         source=problem.source,
         windows=int(fine.rows) // (LENGTH - ORDER),
         evaluations=sum(len(values) for _, values in fit_result.runs),
@@ -171,15 +174,6 @@ def expected_intervals(problem: Problem, settings: Likelihood) -> dict[str, Expe
         problem = replace_(problem, flights=[undo_filter_delay(one) for one in problem.flights])
     coarse = _coarse(problem, settings)
     return _expected_intervals(problem, coarse, _measured(problem, coarse, motors), is_truth=True)
-
-
-def _balanced(start: Parameters, model: OneStep) -> Parameters:
-    """The start with the thrust and torques that carry and trim these flights.
-
-    A likelihood of one row ahead may fall by them where rows sample a faster loop.
-    """
-    values = model.balance(start)
-    return replace(start, **{name: np.float32(value) for name, value in values.items()})
 
 
 def _coarse(problem: Problem, settings: Likelihood) -> OneStep:
@@ -347,7 +341,7 @@ def _measured(problem: Problem, coarse: OneStep, motors: MotorResponse | None) -
     if motors is None:
         return {}
     delays = dict(zip(DELAYS, (motors.lag, motors.latency), strict=True))
-    thrust = coarse.hovering(problem.start)[0] if motors.inertia_per_thrust else 0.0
+    thrust = coarse.balance(problem.start)[HOVERING] if motors.inertia_per_thrust else 0.0
     return delays | {name: thrust * samples for name, samples in motors.inertia_per_thrust.items()}
 
 

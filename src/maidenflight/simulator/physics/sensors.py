@@ -258,8 +258,7 @@ def measure(
     Source: Gronauer et al. 2022, sec. Simulation Environment, Noise.
     """
     across, height = parameters.position_walk, parameters.height_walk
-    ranged = jnp.minimum(height / jnp.where(across > 0.0, across, 1.0), 1.0)
-    vertical = jnp.where(across > 0.0, ranged, 1.0)
+    vertical = jnp.where(height < across, height / jnp.maximum(across, 1e-12), 1.0)
     share = jnp.stack([jnp.ones_like(vertical), jnp.ones_like(vertical), vertical])
     tilt = parameters.attitude_noise * normal[6:9] + parameters.attitude_noise_uniform * uniform[3:]
     quaternion = state.quaternion + rotations.quaternion_derivative(state.quaternion, tilt)
