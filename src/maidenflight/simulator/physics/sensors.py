@@ -94,13 +94,13 @@ def turning(body_rates: Float[Any, "... 3"]) -> Float[Any, "..."]:
     return (1.0 + (body_rates[..., 0] ** 2 + body_rates[..., 1] ** 2) / TURNING**2) ** 0.5
 
 
-def leaning(state: State) -> Float[Array, "3"]:
-    """Returns how fast the body's z axis moves in the world [1/s], its vertical part left out.
+def leaning(state: State) -> tuple[Float[Any, ""], Float[Any, ""]]:
+    """Returns how fast the body's z axis moves along world x and y [1/s].
 
     Source: R (omega x z).
     """
     (x, y, _), (p, q, _) = rotations.axes(state.quaternion), state.body_rates
-    return like(state.velocity, [x[0] * q - y[0] * p, x[1] * q - y[1] * p, 0.0 * p])
+    return x[0] * q - y[0] * p, x[1] * q - y[1] * p
 
 
 def walk_estimate(
@@ -132,16 +132,24 @@ def walk_estimate(
     Source: ours; sizes and spectrum from the authors' flights (docs/identification.md). Crazyflie
     firmware, mm_flow.c: earlier versions take 1.25 times the gyro's rate off (`omegaFactor`).
     """
-    further = turning(state.body_rates)
-    normal = normal * jnp.stack([further, further, jnp.ones_like(further)])
-    decay = jnp.exp(-elapsed / DRIFT_TIME)
-    root = jnp.sqrt(elapsed)
-    turned = leaning(state) * (parameters.turn_drift * elapsed)
-    velocity = decay * drift[3:] + parameters.velocity_walk * root * normal + turned / DRIFT_TIME
-    across = parameters.position_walk
-    walk = jnp.array([across, across, parameters.height_walk])
-    position = drift[:3] + elapsed * velocity + walk * root * normal + turned
-    return jnp.concatenate([position, velocity])
+    further, tilt = turning(state.body_rates), (*leaning(state), 0.0)
+    decay, root = jnp.exp(-elapsed / DRIFT_TIME), jnp.sqrt(elapsed)
+    across, height = parameters.position_walk, parameters.height_walk
+    # By entries: of vectors put together XLA's own choice makes loops that take three times as long
+    # for a whole step.
+    normals = normal[0] * further, normal[1] * further, normal[2]
+    turned = [parameters.turn_drift * elapsed * rate for rate in tilt]
+    velocity = [
+        decay * before + parameters.velocity_walk * root * step + turn / DRIFT_TIME
+        for before, step, turn in zip(drift[3:], normals, turned, strict=True)
+    ]
+    position = [
+        before + elapsed * after + walk * root * step + turn
+        for before, after, walk, step, turn in zip(
+            drift[:3], velocity, (across, across, height), normals, turned, strict=True
+        )
+    ]
+    return jnp.stack([*position, *velocity])
 
 
 def estimate_after_turn(
@@ -157,8 +165,11 @@ def estimate_after_turn(
 
     Source: see `walk_estimate` and `TURN_LEAD`.
     """
-    lean, last = leaning(after), leaning(before)
-    moved = ((lean + last) * (0.5 * elapsed) + (lean - last) * TURN_LEAD) * parameters.turn_drift
+    moved = [
+        ((now + then) * (0.5 * elapsed) + (now - then) * TURN_LEAD) * parameters.turn_drift
+        for now, then in zip(leaning(after), leaning(before), strict=True)
+    ]
+    moved = like(after.position, [*moved, 0.0 * after.position[2]])
     return after._replace(
         position=after.position + moved, velocity=after.velocity + moved * (1.0 / DRIFT_TIME)
     )
@@ -177,7 +188,7 @@ def add_drift(
 
     Source: see `walk_estimate` and `TURN_LEAD`.
     """
-    ahead = leaning(state) * (parameters.turn_drift * TURN_LEAD)
+    ahead = like(state.position, [*leaning(state), 0.0]) * (parameters.turn_drift * TURN_LEAD)
     return estimate._replace(
         position=estimate.position + drift[:3] + ahead,
         velocity=estimate.velocity + drift[3:] + ahead / DRIFT_TIME,
@@ -259,7 +270,7 @@ def measure(
     """
     across, height = parameters.position_walk, parameters.height_walk
     vertical = jnp.where(height < across, height / jnp.maximum(across, 1e-12), 1.0)
-    share = jnp.stack([jnp.ones_like(vertical), jnp.ones_like(vertical), vertical])
+    share = like(state.position, [1.0, 1.0, vertical])
     tilt = parameters.attitude_noise * normal[6:9] + parameters.attitude_noise_uniform * uniform[3:]
     quaternion = state.quaternion + rotations.quaternion_derivative(state.quaternion, tilt)
     return Measurement(
