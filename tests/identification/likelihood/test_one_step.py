@@ -116,6 +116,23 @@ def test_the_value_is_the_gaussian_log_likelihood_of_what_is_new(noisy, noisy_wi
     assert noisy.rows == rows
 
 
+def test_noise_of_the_velocity_does_not_pass_for_drag(flights):
+    """White noise returns to its mean as if by drag, by far more than a row's integration errs."""
+    drag = ("drag_x", "drag_y")
+    steps, shares = [], []
+    for seed in range(3):
+        noisy = planted.with_noise(flights, seed, velocity=0.3, rates=0.0)
+        model = OneStep(cut(noisy), 0.01, STEPS)
+        _, scores, curvatures = model.derivatives(TRUTH, drag)
+        curvature = curvatures.sum(axis=0)
+        steps.append(-np.linalg.solve(curvature, scores.sum(axis=0)))
+        # What is taken from the slopes is the half of a row that is noise.
+        shares.append(np.linalg.solve(curvature, np.full(2, 0.5 * 0.01)))
+    corrected, bias = np.mean(steps), np.mean(shares)
+    assert bias > 0.2
+    assert abs(corrected) < bias / 2
+
+
 def test_noise_is_what_errors_differ_by_from_the_mean_of_their_segment(noisy, noisy_windows):
     """A trim that another segment does not have moves all its errors alike, but for the thrust that
     it grows with, and is no noise."""

@@ -27,9 +27,10 @@ from maidenflight.identification.design import optimal_design
 from maidenflight.identification.design.flight_limits import LOWEST, MARGIN, FlightLimits
 from maidenflight.identification.identify import expected_intervals
 from maidenflight.identification.likelihood import one_step, selection
+from maidenflight.identification.methods import Likelihood
 from maidenflight.identification.outcome.plausible import UNIFORM, prior_ranges
 from maidenflight.identification.search.box import physical_bounds
-from maidenflight.identification.signals.flight_signals import stride
+from maidenflight.identification.signals.flight_signals import stride, undo_filter_delay
 from maidenflight.parameters import replace as changed
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone, virtual_drone
 
@@ -333,7 +334,10 @@ def _information(
     bounds = physical_bounds(drone.parameters)
     priors = prior_ranges(drone.parameters, {name: bounds[name] for name in names})
     widths = np.array([priors[name][1] - priors[name][0] for name in names])
-    objective = one_step.coarse_objective(flights)
+    settings = Likelihood()
+    if all(one.accelerometer is not None or one.rotor_speed is not None for one in flights):
+        flights = [undo_filter_delay(flight) for flight in flights]
+    objective = one_step.one_step_objective(flights, settings, settings.coarse_physics_step)
     _, _, curvatures = objective.derivatives(drone.parameters, names)
     pieces = objective.segments // len(flights)
     sums = curvatures.reshape(len(flights), pieces, len(names), len(names)).sum(axis=1)

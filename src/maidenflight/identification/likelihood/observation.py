@@ -24,6 +24,8 @@ BY_MOMENT = ("torque_bias_x", "torque_bias_y", "torque_bias_z")
 """Parameters that the mean errors tell, not the likelihood."""
 BALANCED = (HOVERING, *BY_MOMENT)
 """What a `Balance` finds."""
+DRAG = ("drag_x", "drag_y", "drag_z")
+"""Parameters that noise of the velocity passes for; see `damping_by_noise`."""
 MOTORS = ("motor_time_constant", "spin_down_ratio", "motor_coasting", "latency")
 """Parameters on which the rotors' speeds depend, besides commands."""
 
@@ -44,6 +46,25 @@ def noise_model(products: Float[np.ndarray, "C P+1 P+1"]) -> NoiseModel:
     coefficients = np.linalg.solve(past + ridge, now[..., None])[..., 0]
     variance = products[:, 0, 0] - np.sum(coefficients * now, axis=1)
     return NoiseModel(coefficients, np.sqrt(np.maximum(variance, 1e-16)))
+
+
+def damping_by_noise(slow: Float[np.ndarray, "3"], period: float) -> Float[np.ndarray, "3"]:
+    """Returns the log likelihood of a row that noise gains by each of `DRAG` [nats s].
+
+    A velocity that is measured too high falls by the next row, as if by drag. Innovations correlate
+    with the velocity before them by minus half the variance of what is noise. Disturbances add up,
+    so that their variance is found in the sums of many rows, where that of noise is not.
+
+    Args:
+        slow: variance of such sums over that of as many independent innovations, along world x, y
+            and z.
+        period: between two rows [s].
+
+    Source: Nakamura 1990, Corrected score function for errors-in-variables models.
+    """
+    noise = np.clip(1.0 - slow, 0.0, 1.0)
+    across = (noise[0] + noise[1]) / 2
+    return 0.5 * period * np.array([across, across, noise[2]])
 
 
 def without_past(

@@ -29,9 +29,11 @@ from maidenflight.identification.likelihood import one_step_errors
 from maidenflight.identification.likelihood.observation import (
     BALANCED,
     BY_MOMENT,
+    DRAG,
     Balance,
     NoiseModel,
     ObservationModel,
+    damping_by_noise,
     noise_model,
     without_past,
 )
@@ -44,7 +46,7 @@ from maidenflight.identification.likelihood.one_step_errors import (
 )
 from maidenflight.identification.methods import Likelihood
 from maidenflight.identification.replay.open_loop import in_chunks, on_all_cores
-from maidenflight.identification.signals.flight_signals import stride, undo_filter_delay
+from maidenflight.identification.signals.flight_signals import stride
 from maidenflight.parameters import Parameters, component, replace
 
 LENGTH = 100
@@ -244,16 +246,24 @@ class OneStep(ObservationModel):
         products = self._noisy_products(parameters)
         noise = noise_model(products.sum(axis=0) / self.rows)
         size, segments = len(names), self.segments
-        scores, climbs = np.zeros((segments, size)), np.zeros(size)
+        scores, climbs, slow = np.zeros((segments, size)), np.zeros(size), np.ones(6)
         curvatures = np.zeros((segments, size, size))
         for by_moment in (False, True):
             places = [at for at, name in enumerate(names) if (name in BY_MOMENT) == by_moment]
             if places:
                 some = [names[place] for place in places]
-                slope, curvature, climb = self._along(parameters, some, products, noise, by_moment)
+                slope, curvature, climb, slow = self._along(
+                    parameters, some, products, noise, by_moment
+                )
                 scores[:, places], climbs[places] = slope, climb
                 curvatures[np.ix_(range(segments), places, places)] = curvature
+        period = float(self._time_step) * self.steps * self.stride
+        damping = damping_by_noise(slow[:3], period)
+        for place, name in enumerate(names):
+            if name in DRAG:
+                scores[:, place] += self.rows_per_segment * damping[DRAG.index(name)]
         value = float(_minus_log_likelihood(noise.deviation, np.ones(6)))
+        value += float(damping @ np.asarray(parameters.drag, np.float64))
         parts = value, scores / self.rows, curvatures / self.rows
         self._climbs = climbs
         self._latest = parameters, tuple(names), parts
@@ -266,8 +276,16 @@ class OneStep(ObservationModel):
         products: Float[np.ndarray, "S 6 P+1 P+1"],
         noise: NoiseModel,
         by_moment: bool,
-    ) -> tuple[Float[np.ndarray, "S d"], Float[np.ndarray, "S d d"], Float[np.ndarray, "d"]]:
-        """Slope and curvature of each segment, and `climbs`, of parameters of one kind."""
+    ) -> tuple[
+        Float[np.ndarray, "S d"],
+        Float[np.ndarray, "S d d"],
+        Float[np.ndarray, "d"],
+        Float[np.ndarray, "6"],
+    ]:
+        """Slope and curvature of each segment, and `climbs`, of parameters of one kind.
+
+        Last the variance of slow innovations over that of all.
+        """
         drone, size = self._drone(parameters), len(names)
         directions = _directions(drone, names)
         whole = np.sqrt(products.sum(axis=0)[:, 0, 0] / self.rows)
@@ -285,13 +303,14 @@ class OneStep(ObservationModel):
                 ]
             )
 
-        scores, curvatures, shared, climbs = (
+        scores, curvatures, shared, climbs, slow = (
             self._by_segment(part) for part in on_all_cores(compute, len(self._chunks))
         )
         if not by_moment:
             scores, curvatures = without_past(scores, curvatures, shared, products, noise)
         climbs = climbs.sum(axis=0)[:size] * noise.deviation[COLUMNS.index(VERTICAL)]
-        return scores[:, :size], curvatures[:, :size, :size], climbs
+        slow = slow.sum(axis=0) / self.rows
+        return scores[:, :size], curvatures[:, :size, :size], climbs, slow
 
 
 def log_likelihood(
@@ -309,23 +328,6 @@ def log_likelihood(
     """
     settings = Likelihood() if settings is None else settings
     return -one_step_objective(flights, settings, settings.physics_step)(drone)
-
-
-def coarse_objective(flights: Sequence[Flight], settings: Likelihood | None = None) -> OneStep:
-    """Returns the objective by which information is judged before a fit, on all windows.
-
-    Args:
-        flights: checked flights of one rate; where they show the motors, the gyro's delay is
-            undone.
-        settings: uses `lead_in` and `coarse_physics_step`; `Likelihood()` by default.
-
-    Raises:
-        InputError: too little flight.
-    """
-    settings = Likelihood() if settings is None else settings
-    if all(one.accelerometer is not None or one.rotor_speed is not None for one in flights):
-        flights = [undo_filter_delay(flight) for flight in flights]
-    return one_step_objective(flights, settings, settings.coarse_physics_step)
 
 
 def one_step_objective(

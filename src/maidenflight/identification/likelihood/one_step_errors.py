@@ -175,12 +175,16 @@ def derivatives(
     steps: int | Array,
     stride: int,
 ) -> tuple[
-    Float[Array, "64 d"], Float[Array, "64 d d"], Float[Array, "64 d 6 P"], Float[Array, "64 d"]
+    Float[Array, "64 d"],
+    Float[Array, "64 d d"],
+    Float[Array, "64 d 6 P"],
+    Float[Array, "64 d"],
+    Float[Array, "64 6"],
 ]:
     """Derivatives of half the sum of squared innovations in each window of a chunk.
 
-    They are gradient, curvature, the slopes' products with the past errors, and the sum of the
-    vertical errors' slopes.
+    They are gradient, curvature, the slopes' products with the past errors, the sum of the
+    vertical errors' slopes, and last the squares of the innovations' sums.
 
     If `by_moment`, half the sum of squares of the errors themselves, over their own variance.
     """
@@ -223,8 +227,9 @@ def derivatives(
     part = share[None, :, None]
     left, plain = wrong[..., ORDER:] * part, slopes[..., ORDER:] * part[None]
     slopes = jnp.where(by_moment, plain, jax.vmap(innovations)(slopes))
-    score = jnp.sum(slopes * jnp.where(by_moment, left, innovations(wrong))[None], axis=(2, 3))
+    new_errors = innovations(wrong)
+    score = jnp.sum(slopes * jnp.where(by_moment, left, new_errors)[None], axis=(2, 3))
     curvature = jnp.einsum("dwct,ewct->wde", slopes, slopes)
     past = jnp.stack([_late(wrong, lag) for lag in range(1, ORDER + 1)], axis=2)
     shared = jnp.where(by_moment, 0.0, jnp.einsum("dwct,wcpt->wdcp", slopes, past))
-    return score.T, curvature, shared, climbs.T
+    return score.T, curvature, shared, climbs.T, jnp.sum(new_errors, axis=2) ** 2
