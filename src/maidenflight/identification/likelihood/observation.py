@@ -145,6 +145,8 @@ class ObservationModel(Protocol):
         square instead, and shares no curvature with others: what minimises that makes the mean
         error zero.
 
+        Value and slopes lack what noise gains by drag; see `damping_by_noise`.
+
         Args:
             parameters: where.
             names: d names of `parameters.COMPONENTS`.
