@@ -104,7 +104,7 @@ PARTS = [
     "outcome",
     "replay",
     "likelihood",
-    "identify closed_loop held_out overall_progress start truth calibration",
+    "identify closed_loop held_out start truth calibration",
     "matched_drone",
     "design",
 ]

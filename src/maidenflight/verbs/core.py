@@ -44,8 +44,8 @@ if TYPE_CHECKING:
     from maidenflight.identification.outcome.bounds import at_bounds
     from maidenflight.identification.outcome.ensembles import posterior_ensemble
     from maidenflight.identification.outcome.estimates import SURE_NATS, Identification, source_of
+    from maidenflight.identification.outcome.progress import Overall
     from maidenflight.identification.outcome.progress import Progress as Stage
-    from maidenflight.identification.overall_progress import Overall
     from maidenflight.identification.replay.prediction import (
         PERSISTENCE,
         predicted_windows,
