@@ -105,7 +105,6 @@ PARTS = [
     "replay",
     "likelihood",
     "identify closed_loop held_out start truth calibration",
-    "matched_drone",
     "design",
 ]
 PART = {name: rank for rank, names in enumerate(PARTS) for name in names.split()}
