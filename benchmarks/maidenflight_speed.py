@@ -30,12 +30,12 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec  # noqa: E402
 from maidenflight.parameters import Parameters, crazyflie, replace  # noqa: E402
 from maidenflight.simulator import environment, stepping  # noqa: E402
 from maidenflight.simulator.controllers import control  # noqa: E402
-from maidenflight.simulator.environment import Environment  # noqa: E402
+from maidenflight.simulator.environment import Environment, EnvState  # noqa: E402
 from maidenflight.simulator.physics import dynamics, latency, vectors  # noqa: E402
 from maidenflight.simulator.physics.actuators import rotor_speed_command  # noqa: E402
 from maidenflight.simulator.physics.sensors import Measurement  # noqa: E402
 from maidenflight.simulator.randomization import relative_box  # noqa: E402
-from maidenflight.simulator.rollouts import randomized_reset, rollout_with_auto_reset  # noqa: E402
+from maidenflight.simulator.rollouts import EnvInstance, randomized_reset  # noqa: E402
 
 ARRAYS = "one core, arrays"
 """The state as arrays, of a single drone without an axis for drones: for few drones, whose time is
@@ -62,6 +62,55 @@ Run = Callable[[Any, Any], Any]
 
 driven = partial(stepping.drive_entries, dynamics.euler)
 """The state after a command's period."""
+
+
+def rollout_with_auto_reset(
+    world: Environment,
+    policy: Callable[[jax.Array], jax.Array],
+    drone: EnvInstance,
+    fresh: EnvInstance,
+    key: jax.Array,
+    steps: int,
+) -> tuple[EnvInstance, tuple[EnvState, stepping.StepResult]]:
+    """Flies a policy for a number of control periods; after an episode the next drone flies.
+
+    Args:
+        world: what is simulated.
+        policy: observation to action.
+        drone: where to begin.
+        fresh: F drones at the start of an episode, stacked along a first axis; a reset in period n
+            takes number n modulo F.
+        key: random key.
+        steps: control periods; static.
+
+    Returns:
+        The last instance, and the state before and the result of each period, stacked along a first
+        axis of `steps`.
+    """
+    count = fresh.env_state.time.shape[0]
+
+    def one(
+        drone: EnvInstance, now: tuple[jax.Array, jax.Array]
+    ) -> tuple[EnvInstance, tuple[EnvState, stepping.StepResult]]:
+        number, key = now
+        env_state, step_result = stepping.step(
+            world,
+            drone.env_state,
+            policy(environment.observation(world, drone.env_state)),
+            drone.parameters,
+            key,
+        )
+        over = step_result.terminated | step_result.truncated
+        after, new = (
+            EnvInstance(env_state, drone.parameters),
+            jax.tree.map(lambda leaf: leaf[number % count], fresh),
+        )
+        return jax.tree.map(lambda old, new: jnp.where(over, new, old), after, new), (
+            drone.env_state,
+            step_result,
+        )
+
+    return jax.lax.scan(one, drone, (jnp.arange(steps), jax.random.split(key, steps)))
 
 
 def motor_level(

@@ -47,6 +47,7 @@ from maidenflight.flights.log import Flight
 from maidenflight.parameters import Parameters, replace
 from maidenflight.policy import Policy
 from maidenflight.reporting.figures import picture
+from maidenflight.settings import plain
 from maidenflight.simulator.physics import dynamics
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone
 from maidenflight.simulator.tasks import tasks
@@ -58,7 +59,7 @@ at full thrust."""
 
 
 def _check_same(content: Any, expected_record: Mapping[str, Any], path: Path) -> None:
-    if content != results.plain(expected_record):
+    if content != plain(expected_record):
         raise InputError(
             f"{path}: from a run with other settings or of another version. Choose another folder "
             "with -o."

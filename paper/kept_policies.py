@@ -3,10 +3,11 @@
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from maidenflight import policy_file, results, run_folder
+from maidenflight import policy_file, run_folder
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy
+from maidenflight.settings import plain
 
 
 def kept_policies(
@@ -36,7 +37,7 @@ def kept_policies(
             policy_file.write_policy(path, one, record)
     policies = [policy_file.read_policy(path) for path in files]
     for path, one in zip(files, policies, strict=True):
-        if one.record != results.plain(record):
+        if one.record != plain(record):
             raise InputError(
                 f"{path}: from a run with other settings or of another version. Choose another "
                 "folder with -o."

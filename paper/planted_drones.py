@@ -31,7 +31,7 @@ from maidenflight.parameters import Parameters, crazyflie, replace
 from maidenflight.policy import Policy
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.physics.battery import Supply
-from maidenflight.simulator.randomization import uniform_box
+from maidenflight.simulator.randomization import UniformBox
 
 DRAWN = {
     "thrust_to_weight": (1.5, 1.95),
@@ -115,6 +115,12 @@ def summary(rows: polars.DataFrame) -> polars.DataFrame:
     )
 
 
+def _with_ends(side: int) -> Parameters:
+    """The paper's drone with the least or the largest of what is drawn."""
+    ends = {name: np.float32(ends[side]) for name, ends in DRAWN.items()}
+    return replace(crazyflie(), **ends)
+
+
 def main() -> None:
     """Writes the table and prints its summary."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -125,7 +131,7 @@ def main() -> None:
     policy = mf.train(
         mf.simulator.paper_circle(),
         mf.simulator.pwm(),
-        uniform_box(crazyflie(), **DRAWN),
+        UniformBox(*(_with_ends(side) for side in (0, 1))),
         jax.random.split(jax.random.key(0), 1),
         mf.AnalyticGradient(updates=options.updates),
     )[0]

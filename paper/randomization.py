@@ -46,6 +46,7 @@ from maidenflight.experiments.transfer import MAX_DURATION_S, transfer
 from maidenflight.names import POSTERIOR, TRIMS
 from maidenflight.policy import Policy
 from maidenflight.reporting.figures import picture
+from maidenflight.settings import plain
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.tasks import tasks
 
@@ -123,7 +124,7 @@ def read_or_fly(
         "duration": options.duration,
         "policies": list(policies),
     }
-    record = results.plain(
+    record = plain(
         results.record(
             seed=options.seed, inputs=[options.drone, *files, *reality], settings=settings
         )

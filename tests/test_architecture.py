@@ -104,8 +104,7 @@ PARTS = [
     "outcome",
     "replay",
     "likelihood",
-    "identify closed_loop held_out overall_progress start truth calibration",
-    "matched_drone",
+    "identify closed_loop held_out start truth calibration",
     "design",
 ]
 PART = {name: rank for rank, names in enumerate(PARTS) for name in names.split()}

@@ -8,7 +8,6 @@ import pkgutil
 import re
 import shlex
 import sys
-import textwrap
 from collections import Counter
 from functools import partial
 from pathlib import Path
@@ -50,9 +49,9 @@ from maidenflight.simulator.tasks.tasks import Task
 from maidenflight.studies import study
 from maidenflight.training import defaults
 from maidenflight.verb import Verb, find_verb
+from pages import ROOT, blocks, run_python, run_snippet, section
 from quick import QUICK
 
-ROOT = Path(__file__).parent.parent
 GUIDES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PAGES = [*GUIDES, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "paper" / "notes").glob("*.md"))]
 LESS_WORK = {
@@ -62,20 +61,6 @@ LESS_WORK = {
     "transfer": ["--trials", "1", "--duration", "0.5"],
     "predict": ["--trials", "2", "--duration", "0.5"],
 }
-
-
-def section(page: str, title: str) -> str:
-    """A section of a page, without those below it, or the content of one of its tabs."""
-    head, end = rf'^(?:##+ {re.escape(title)}|=== "{re.escape(title)}")$', r"^##+ |^=== |\Z"
-    (own,) = re.findall(rf"{head}(.*?)(?={end})", (ROOT / page).read_text(), re.M | re.S)
-    return textwrap.dedent(own)
-
-
-def blocks(page: str, language: str, title: str | None = None) -> list[str]:
-    """The code of a language in a page, its tabs included, or in a section or tab of it."""
-    text = (ROOT / page).read_text() if title is None else section(page, title)
-    code = re.findall(rf"^( *)```{language}\n(.*?)^\1```", text, re.M | re.S)
-    return [textwrap.dedent(block) for _, block in code]
 
 
 def run_commands(snippets: list[str], monkeypatch: pytest.MonkeyPatch) -> int:
@@ -104,7 +89,7 @@ def test_the_python_of_the_simulators_page_runs() -> None:
     for snippet in snippets:
         if "bullet" in snippet and importlib.util.find_spec("pybullet") is None:
             continue
-        exec(compile(snippet, "docs/simulator.md", "exec"), names)
+        run_snippet(snippet, "docs/simulator.md", names)
     assert names["picture"].shape == (480, 640, 3)
 
 
@@ -175,9 +160,7 @@ def test_the_python_of_the_training_page_runs(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(mf, "AnalyticGradient", lambda updates: QUICK, raising=False)
-    (snippet,) = blocks("docs/training.md", "python")
-    names: dict[str, Any] = {}
-    exec(compile(snippet, "docs/training.md", "exec"), names)
+    names = run_python("docs/training.md")
     assert [policy.layer_sizes for policy in names["policies"]] == [(40, 50, 50, 4)] * 3
     assert Path("training.npz").exists()
 
@@ -194,9 +177,7 @@ def test_the_python_on_predicted_flights_runs(
         partial(mf.predict_flight_times, trials=2, duration=0.5),
         raising=False,
     )
-    (snippet,) = blocks("docs/evaluation.md", "python", "Predict")
-    names: dict[str, Any] = {}
-    exec(compile(snippet, "docs/evaluation.md", "exec"), names)
+    names = run_python("docs/evaluation.md", "Predict")
     assert names["flights"]["policy"].to_list() == ["ours"] * 2 + ["theirs"] * 2
     assert "quantile_90" in names["summary"](names["flights"]).columns
     assert "theirs" in capsys.readouterr().out
@@ -231,9 +212,7 @@ def test_the_python_of_the_identification_page_runs(
         partial(quick_identification, mf.identify),
         raising=False,
     )
-    (snippet,) = blocks("docs/identification.md", "python")
-    names: dict[str, Any] = {}
-    exec(compile(snippet, "docs/identification.md", "exec"), names)
+    names = run_python("docs/identification.md")
     assert "thrust_to_weight" in capsys.readouterr().out
     assert names["paper"].objective == "replay"
     assert len(names["drones"].drones.mass) > 100
@@ -243,11 +222,9 @@ def test_the_python_of_the_identification_page_runs(
 @pytest.mark.usefixtures("without_optimizations_once")
 def test_the_python_and_the_commands_on_realities_run(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("pybullet")
-    (snippet,) = blocks("docs/evaluation.md", "python", "Your own")
     policies = [policy.untrained_policy(jax.random.key(0))]
     monkeypatch.setattr(mf, "transfer", partial(mf.transfer, duration=0.5), raising=False)
-    names: dict[str, Any] = {"policies": policies}
-    exec(compile(snippet, "docs/evaluation.md", "exec"), names)
+    names = run_python("docs/evaluation.md", "Your own", policies=policies)
     assert set(names["evaluation"].table["reality"]) == {"virtual-7", "worn-7"}
     policy_file.write_policy("policies/policy_1.json", policies[0])
     DroneFile(mf.crazyflie()).write("drone.toml")
@@ -269,7 +246,7 @@ def test_a_reality_of_ones_own_as_the_page_on_extending_shows_it(
         used.replace("flights=2, duration=4.0", "flights=1, duration=1.0"),
         entered,
     ):
-        exec(compile(snippet, "docs/extending.md", "exec"), names)
+        run_snippet(snippet, "docs/extending.md", names)
     (flight,) = names["flights"]
     assert np.abs(flight.attitude[:, :2]).max() < 0.4
     assert np.abs(flight.position[:, 2] - 1.0).max() < 0.2
@@ -395,8 +372,7 @@ def test_the_python_of_a_question_is_short_and_runs(
             comments="",
             header="x,y,z,vx,vy,vz,roll,pitch,yaw,p,q,r,m1,m2,m3,m4",
         )
-    names: dict[str, Any] = {}
-    exec(compile(snippet, page, "exec"), names)
+    run_snippet(snippet, page)
     if word == "logs":
         assert mf.read_flights("logs").duration == pytest.approx(4.0)
 
@@ -407,8 +383,7 @@ def test_the_python_of_a_question_is_short_and_runs(
 def test_the_python_of_the_first_pages_runs(page: str, title: str | None) -> None:
     for flight in mf.record(mf.virtual_drone(7), jax.random.key(0)) if page == "quickstart" else []:
         log.write(f"run/recorded/{flight.name}.csv", flight)
-    (snippet,) = blocks(f"docs/{page}.md", "python", title)
-    exec(compile(snippet, f"docs/{page}.md", "exec"), {})
+    run_python(f"docs/{page}.md", title)
     assert Path("firmware/policy.c").exists() == (page == "quickstart")
     assert Path("report.html").exists() == (page == "quickstart")
 
@@ -423,7 +398,7 @@ def test_the_cells_of_the_notebook_run_and_it_stores_no_outputs() -> None:
     for cell in code:
         source = "".join(cell["source"])
         if not source.startswith("%"):
-            exec(compile(source, "from_logs_to_policy.ipynb", "exec"), names)
+            run_snippet(source, "from_logs_to_policy.ipynb", names)
     assert len(names["evaluation"].table) == 9
     assert Path("firmware/policy.c").exists()
 
@@ -497,8 +472,7 @@ def test_a_control_structure_is_added_in_three_places(monkeypatch: pytest.Monkey
         "# 2.",
         "# 3.",
     ]
-    names: dict[str, Any] = {}
-    exec(compile(snippet, "docs/extending.md", "exec"), names)
+    names = run_snippet(snippet, "docs/extending.md")
     read = policy_file.read_policy("policies/torques.json")
     assert read.interface == names["TORQUES"]
     assert control.controller_for(read.interface).interface == names["TORQUES"]
@@ -510,9 +484,7 @@ def test_a_property_of_a_policy_s_input_is_one_class(monkeypatch: pytest.MonkeyP
     pytest.importorskip("onnx")
     monkeypatch.setattr(mf, "train", traced_training)
     monkeypatch.setattr(mf, "transfer", traced_flights)
-    (snippet,) = extensions("A property of a policy's input")
-    names: dict[str, Any] = {}
-    exec(compile(snippet, "docs/extending.md", "exec"), names)
+    names = run_python("docs/extending.md", "A property of a policy's input")
     (one, _), spec = names["policies"], names["spec"]
     one.check()
     assert (one.spec, one.layer_sizes) == (spec, (41, 50, 50, 4))
@@ -537,9 +509,7 @@ def test_a_property_of_a_policy_s_input_is_one_class(monkeypatch: pytest.MonkeyP
 @pytest.mark.slow
 def test_an_observation_model_is_one_class_that_the_estimator_fits() -> None:
     """That of the page, of measured rotor speeds in whole rad/s."""
-    (snippet,) = extensions("An observation model")
-    names: dict[str, Any] = {}
-    exec(compile(snippet, "docs/extending.md", "exec"), names)
+    names = run_python("docs/extending.md", "An observation model")
     truth, flights = mf.virtual_drone(7), []
     for flight in mf.record(truth, jax.random.key(0), flights=2, duration=8.0):
         after = 2300 * rotors(flight, truth.parameters).speed  # at the end of each row
@@ -607,7 +577,7 @@ def test_an_exporter_is_a_file_and_a_line(monkeypatch: pytest.MonkeyPatch) -> No
     Path("scales.py").write_text(file)
     monkeypatch.syspath_prepend(str(Path.cwd()))
     monkeypatch.setitem(EXPORTERS.own, "scales", "")
-    exec(compile(line, "docs/extending.md", "exec"), {})
+    run_snippet(line, "docs/extending.md")
     assert len([one for one in line.splitlines() if one and "import" not in one]) == 1
     made = policy.untrained_policy(jax.random.key(0))
     (written,) = mf.export(made, "scales", "scales", name="mine", seed=1, record={})
@@ -668,9 +638,7 @@ def test_a_verb_of_ones_own_is_swept_as_the_page_on_clusters_tells(delay: type[V
     Path("study.toml").write_text(blocks("docs/clusters.md", "toml")[1])
     (snippet,) = blocks("docs/clusters.md", "python")
     snippet = snippet.replace('on="local"', 'on="local", trust=True')
-    names: dict[str, Any] = {"__name__": "__main__"}
-    exec(compile(snippet, "docs/clusters.md", "exec"), names)
-    table = names["table"]
+    table = run_snippet(snippet, "docs/clusters.md", {"__name__": "__main__"})["table"]
     usual = float(parameters.crazyflie().latency)
     assert table["late.more"].to_list() == list(range(1, 11))
     assert table["latency"].to_list() == pytest.approx(
@@ -695,14 +663,13 @@ def test_the_python_of_the_page_on_commands_runs(capsys: pytest.CaptureFixture[s
     # By the program of the README's training.
     less = snippet.replace("updates=200", "updates=2, yaw_penalty=0.1")
     assert less != snippet
-    exec(compile(less, "docs/api/index.md", "exec"), {})
+    run_snippet(less, "docs/api/index.md")
     assert "survival" in capsys.readouterr().out
     assert Path("policies/policy_3.json").exists()
 
 
 def test_the_snippet_for_a_drone_of_ones_own_writes_it() -> None:
-    (drone,) = blocks("docs/quickstart.md", "python", "PX4 or Betaflight")
-    exec(compile(drone, "docs/quickstart.md", "exec"), {})
+    run_python("docs/quickstart.md", "PX4 or Betaflight")
     assert float(parameters.read_drone("mine.toml").mass) == pytest.approx(1.3)
 
 

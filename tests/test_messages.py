@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import click
 import jax
@@ -216,25 +216,15 @@ def test_equal_notes_are_said_once() -> None:
     assert many[-1] == "  and 2 more; --json lists them all"
 
 
-@pytest.mark.parametrize(
-    ("gain", "error", "shown"),
-    [
-        (0.0018, 1e-4, ["+0.00180", "0.00010"]),
-        (-3.1e-6, 4.3e-7, ["-0.00000310", "0.00000043"]),
-        (0.1, 0.02, ["+0.1000", "0.0200"]),
-        (0.0, 0.0, ["+0.0000", "0.0000"]),
-        (0.01, 1e-19, ["+0.010000000", "0.000000000"]),
-        (0.0018, None, ["+0.0018", "unknown"]),
-    ],
-)
-def test_a_gain_has_two_digits_of_its_standard_error(
-    gain: float, error: float | None, shown: list[str]
-) -> None:
-    found: Any = SimpleNamespace(gains=(GroupGain("drag", gain, error, True),))
-    table, *notes = estimates_output.tabulate_gains(found)
-    assert isinstance(table, Table)
-    assert table.cells == [["drag", *shown, "kept"]]
-    assert len(notes) == (error is None)
+def test_gains_are_a_table_with_a_note_where_an_error_is_unknown() -> None:
+    known, unknown = GroupGain("drag", 0.1, 0.02, True), GroupGain("lag", 0.0018, None, True)
+    shown: list[Any] = [
+        estimates_output.tabulate_gains(cast(Any, SimpleNamespace(gains=gains)))
+        for gains in ((known,), (known, unknown))
+    ]
+    drag, lag = ["drag", "+0.1000", "0.0200", "kept"], ["lag", "+0.0018", "unknown", "kept"]
+    assert [table.cells for table, *_ in shown] == [[drag], [drag, lag]]
+    assert [len(notes) for _, *notes in shown] == [0, 1]
 
 
 def test_a_score_is_a_line_with_the_speed_since_the_first(monkeypatch: Any) -> None:

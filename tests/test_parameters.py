@@ -309,11 +309,6 @@ def test_noiseless_silences_the_noise_and_nothing_else():
     assert all(getattr(quiet, name) == 0 for name in changed)
 
 
-def test_a_noiseless_drone_does_not_walk():
-    quiet = noiseless(replace(crazyflie(), position_walk=0.1, velocity_walk=0.2))
-    assert quiet.position_walk == quiet.velocity_walk == 0
-
-
 def test_every_single_number_of_a_drone_is_a_component_once():
     singles = [name for name in FIELDS if QUANTITIES[name].size == 1]
     parts = {1: "", 2: "xy", 3: "xyz", 4: "1234"}

@@ -3,7 +3,6 @@ what it held, and two runs do not mix."""
 
 import errno
 import gc
-import json
 import os
 import re
 import signal
@@ -408,9 +407,3 @@ def test_ctrl_c_ends_a_process_that_does_not_answer(what: str) -> None:
     out, err = process.communicate(timeout=300)
     assert (process.returncode, out, len(err.strip().splitlines())) == (130, "", 1)
     assert err.strip().startswith("maidenflight: interrupted")
-
-
-def test_a_record_that_is_no_record_is_none(tmp_path: Path) -> None:
-    for text in ("[" * 100_000, "3", '{"a": 1, "a": 2}', json.dumps([1])):
-        path = results.write(tmp_path / "table.csv", f"# record: {text}\na\n1\n")
-        assert results.read_record(path) == {}

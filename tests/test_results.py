@@ -88,6 +88,10 @@ def test_without_randomness_and_inputs_a_record_has_neither(tmp_path):
         ('# flights 1\n# record: {"seed": 3}\na,b\n', {"seed": 3}),
         ("a,b\n# record: {}\n", {}),
         ("# record: {\n", {}),
+        pytest.param(f"# record: {'[' * 100_000}\na\n", {}, id="deep"),
+        ("# record: 3\na\n", {}),
+        ('# record: {"a": 1, "a": 2}\na\n', {}),
+        ("# record: [1]\na\n", {}),
         ("", {}),
     ],
 )

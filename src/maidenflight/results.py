@@ -175,11 +175,6 @@ def recorded_inputs(record: Mapping[str, Any], place: str) -> dict[str, str]:
     return digests
 
 
-def plain(record: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns a record as it reads back from JSON."""
-    return json.loads(json.dumps(record))
-
-
 def record_line(record: Mapping[str, Any] | None) -> str:
     """Returns the comment line by which a text file holds its record; `parse_record` reads it."""
     return f"{_RECORD}{json.dumps(dict(record or {}))}"

@@ -136,11 +136,14 @@ def several(one: Values, expected: str = "", empty: bool = False) -> Values:
     )
 
 
-def listed(one: Values, expected: str, metavar: str, separator: str = ",") -> Values:
-    """Takes lists of values; the command line has one word, with separators between them."""
+def listed(
+    one: Values, expected: str, metavar: str, separator: str = ",", count: int | None = None
+) -> Values:
+    """Takes lists of values, any number or `count`; the command line has one word for all."""
     values = several(one, expected)
     return dataclasses.replace(
         values,
+        accepts=lambda value: values.accepts(value) and count in (None, len(value)),
         parse=lambda word: [one.parse(part.strip()) for part in word.split(separator)],
         metavar=metavar,
         choices=(),

@@ -4,7 +4,6 @@ import io
 import json
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import polars
@@ -17,6 +16,7 @@ from made_flights import calm
 from maidenflight.errors import InputError
 from maidenflight.flights import log, tables
 from maidenflight.flights.reading import read_flights
+from pages import run_python
 
 
 def numbers(rows, columns=None):
@@ -149,15 +149,9 @@ def test_a_missing_column_is_named(column):
 def test_text_in_a_numeric_column_is_named():
     lines = log.to_csv(calm()).split("\n")
     lines[9] = lines[9].replace(lines[9].split(",")[2], "left", 1)
-    with pytest.raises(InputError, match=r"x\.csv: column position_y .*not a number"):
+    with pytest.raises(InputError, match=r"x\.csv: column position_y .*not a number") as told:
         log.from_csv("\n".join(lines), "x.csv")
-
-
-def test_the_text_in_a_numeric_column_is_shown():
-    lines = log.to_csv(calm()).split("\n")
-    lines[9] = lines[9].replace(lines[9].split(",")[2], "left", 1)
-    with pytest.raises(InputError, match="'left'"):
-        log.from_csv("\n".join(lines), "x.csv")
+    assert "'left'" in str(told.value)
 
 
 def test_a_file_without_rows_is_refused():
@@ -238,10 +232,8 @@ def test_a_column_of_dates_in_parquet_is_named(tmp_path):
 
 
 def test_the_python_of_the_log_format_page_runs(tmp_path, monkeypatch, capsys):
-    page = (Path(__file__).parents[2] / "docs/flight-log.md").read_text()
     monkeypatch.chdir(tmp_path)
-    (snippet,) = re.findall(r"^```python\n(.*?)^```", page, re.M | re.S)
-    exec(compile(snippet, "docs/flight-log.md", "exec"), {})
+    run_python("docs/flight-log.md")
     assert (
         "2 pieces, 8.0 s\n()\n('logs/damaged.csv: columns are separated by semicolons in line 1"
         in capsys.readouterr().out

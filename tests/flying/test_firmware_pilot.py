@@ -9,9 +9,9 @@ import pytest
 from maidenflight.flights import flight_plan
 from maidenflight.flights.flight_plan import Block, FlightPlan
 from maidenflight.flights.manoeuvres import MOTORS, Manoeuvre
-from maidenflight.flying.extremes import extremes_of, worst_of
 from maidenflight.flying.firmware_pilot import dither
 from maidenflight.flying.recording import fly_plans, record_plan
+from maidenflight.identification.design.flight_limits import extremes_of, worst_of
 from maidenflight.simulator.realities.virtual_drone import virtual_drone
 from numpy_drone import NumpyDrone
 

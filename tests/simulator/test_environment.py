@@ -21,13 +21,7 @@ from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.physics import dynamics, ground, latency, vectors
 from maidenflight.simulator.physics.latency import DelayLine
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.randomization import relative_box
-from maidenflight.simulator.rollouts import (
-    EnvInstance,
-    randomized_reset,
-    rollout,
-    rollout_with_auto_reset,
-)
+from maidenflight.simulator.rollouts import rollout
 from maidenflight.simulator.tasks import failures, tasks
 
 WORLD = Environment()
@@ -352,30 +346,6 @@ def test_a_late_estimator_shows_the_state_of_the_period_before():
         np.testing.assert_allclose(
             env_state.measurement.body_rates, env_state.state.body_rates, atol=1e-6
         )
-
-
-@pytest.mark.slow
-def test_practice_begins_anew_with_the_next_prepared_drone_after_each_end():
-    fresh = jax.jit(jax.vmap(partial(randomized_reset, WORLD, relative_box(PAPER))))(
-        jax.random.split(KEY, 7)
-    )
-
-    def fall(env_state, key):
-        first = EnvInstance(env_state, PAPER)
-        return rollout_with_auto_reset(WORLD, lambda _: jnp.full(4, -1.0), first, fresh, key, 60)[1]
-
-    before, step_result = jax.jit(fall)(
-        start(WORLD, PAPER, KEY)._replace(elapsed=jnp.float32(4.9)), KEY
-    )
-    assert np.any(step_result.terminated)
-    assert step_result.truncated[9] or np.any(step_result.terminated[:9])
-    over = np.flatnonzero(step_result.terminated | step_result.truncated)
-    assert len(over) >= 2
-    over = over[over < 59]
-    np.testing.assert_array_equal(before.elapsed[over + 1], 0)
-    np.testing.assert_array_equal(
-        before.state.position[over + 1], fresh.env_state.state.position[over % 7]
-    )
 
 
 GROUND = Environment(task=tasks.take_off())

@@ -9,10 +9,11 @@ Monfort and Renault 1993), with what was identified before as the prior's mean. 
 of all simulations are the same, so that the comparison is a smooth function of the parameters.
 """
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -33,6 +34,13 @@ from maidenflight.identification.behaviour import (
     behaviour,
     mean_behaviour,
     stacked,
+)
+from maidenflight.identification.drone_file import (
+    CLOSED_LOOP,
+    DroneFile,
+    Estimate,
+    Search,
+    Source,
 )
 from maidenflight.parameters import Parameters, replace
 from maidenflight.policy import Policy
@@ -96,6 +104,35 @@ class Match(NamedTuple):
     """Mean squared difference in its scale, start and end; large ones weigh less."""
     evaluations: int
     """Simulations of all policies."""
+
+    def put_into(self, start: DroneFile, source: Source, record: Mapping[str, Any]) -> DroneFile:
+        """Returns the drone that the search began with, with what was found in place.
+
+        Args:
+            start: its file.
+            source: the flights, where that names none.
+            record: how the match was made.
+        """
+        estimates, posterior = dict(start.estimates), dict(start.posterior)
+        for name, (value, error) in self.estimates.items():
+            old = estimates.get(name)
+            ends = max(value - 1.96 * error, 0.0), value + 1.96 * error
+            between = 0.0 if old is None else old.between_sd
+            estimates[name] = Estimate(value, ends, (value,), between)
+            if name in posterior:
+                samples = posterior[name]
+                unit = (samples - samples.mean()) / (samples.std() or 1.0)
+                posterior[name] = np.maximum(value + error * unit, 0.0)
+        changes = {name: np.float32(value) for name, (value, _) in self.estimates.items()}
+        return dataclasses.replace(
+            start,
+            parameters=replace(start.parameters, **changes),
+            estimates=estimates,
+            posterior=posterior,
+            source=start.source or source,
+            search=Search(CLOSED_LOOP, self.cost[1], self.flights, self.evaluations),
+            record=record,
+        )
 
 
 def match(

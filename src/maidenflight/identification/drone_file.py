@@ -196,13 +196,47 @@ class DroneFile:
         return parameters.to_toml(self.parameters, name, extra)
 
     @classmethod
-    def read(cls, path: StrPath) -> "DroneFile":
-        """Reads a drone: a TOML file, or a named drone; see `read`.
+    def read(cls, drone: StrPath) -> "DroneFile":
+        """Reads a drone file, or returns a named drone.
 
         Raises:
-            InputError: it cannot be read, or is damaged.
+            InputError: neither a named drone nor a readable file, or something in it is damaged; or
+                the named drone has no mass of its own.
         """
-        return read(path)
+        if str(drone) in DRONES:
+            return cls(parameters.read_drone(drone), name=str(drone))
+        document = parameters.document(drone)
+        place = str(drone)
+        result = cls(
+            parameters.from_document(document, place),
+            posterior=_posterior(document, place),
+            record=_record(document, place),
+            name=place,
+        )
+        if "identification" not in document:
+            _check_body(result.parameters, place)
+            return result
+        table = Fields(document["identification"], place, "identification", _CURE)
+        estimates, source = table.table("estimates"), table.table("source")
+        gains = tuple(map(_gain, table.tables("gains")))
+        advice = tuple(map(_advice, table.tables("advice")))
+        unidentified = table.table("unidentified") if "unidentified" in table.content else None
+        result = dataclasses.replace(
+            result,
+            estimates={name: _estimate(estimates, name) for name in estimates.content},
+            source=_source(source),
+            search=Search(
+                table.choice("objective", OBJECTIVES),
+                table.number("value"),
+                table.count("windows"),
+                table.count("evaluations"),
+            ),
+            gains=gains,
+            advice=advice,
+            unidentified={} if unidentified is None else _ranges(unidentified),
+        )
+        table.end()
+        return result
 
     def write(self, path: StrPath) -> Path:
         """Writes the file; the drone is named after it.
@@ -213,47 +247,7 @@ class DroneFile:
         return results.write(path, self.to_toml(Path(path).stem))
 
 
-def read(drone: StrPath) -> DroneFile:
-    """Reads a drone file, or returns a named drone.
-
-    Raises:
-        InputError: neither a named drone nor a readable file, or something in it is damaged; or the
-            named drone has no mass of its own.
-    """
-    if str(drone) in DRONES:
-        return DroneFile(parameters.read_drone(drone), name=str(drone))
-    document = parameters.document(drone)
-    place = str(drone)
-    result = DroneFile(
-        parameters.from_document(document, place),
-        posterior=_posterior(document, place),
-        record=_record(document, place),
-        name=place,
-    )
-    if "identification" not in document:
-        _check_body(result.parameters, place)
-        return result
-    table = Fields(document["identification"], place, "identification", _CURE)
-    estimates, source = table.table("estimates"), table.table("source")
-    gains = tuple(map(_gain, table.tables("gains")))
-    advice = tuple(map(_advice, table.tables("advice")))
-    unidentified = table.table("unidentified") if "unidentified" in table.content else None
-    result = dataclasses.replace(
-        result,
-        estimates={name: _estimate(estimates, name) for name in estimates.content},
-        source=_source(source),
-        search=Search(
-            table.choice("objective", OBJECTIVES),
-            table.number("value"),
-            table.count("windows"),
-            table.count("evaluations"),
-        ),
-        gains=gains,
-        advice=advice,
-        unidentified={} if unidentified is None else _ranges(unidentified),
-    )
-    table.end()
-    return result
+read = DroneFile.read
 
 
 GYRATION = (0.15, 1.3)

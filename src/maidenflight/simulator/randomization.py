@@ -1,7 +1,7 @@
 """Domain randomization: drawing a drone from a distribution over xi.
 
 A distribution is a pytree that can draw one drone and prints like mathematics: factors about a
-drone (`relative_box`), ranges of values (`uniform_box`) or drones to choose from (`Ensemble`), such
+drone (`relative_box`), ranges of values (`UniformBox`) or drones to choose from (`Ensemble`), such
 as the posterior samples of an identification. `any_drone` has drones of any make.
 """
 
@@ -169,39 +169,6 @@ def relative_box(
         for side in (-1, 1)
     )
     return RelativeBox(nominal, lower, upper)
-
-
-def uniform_box(nominal: Parameters, **ranges: tuple[float, float]) -> UniformBox:
-    """Returns a box of values in SI units, such as `uniform_box(crazyflie(), latency=(0.0, 0.03))`.
-
-    Args:
-        nominal: the values of all other fields.
-        ranges: smallest and largest value by field; every component of a vector gets the same.
-
-    Raises:
-        InputError: a field is unknown, or its range is not two numbers in order within its physical
-            range.
-    """
-    for name, limits in ranges.items():
-        quantity = QUANTITIES.get(name)
-        if quantity is None:
-            raise InputError(f"unknown parameter {name!r}; known are {', '.join(QUANTITIES)}.")
-        if len(limits) != 2 or not quantity.lower <= limits[0] <= limits[1] <= quantity.upper:
-            raise InputError(
-                f"{name} = {limits}: expected two numbers in order in [{quantity.lower:g}, "
-                f"{quantity.upper:g}] {quantity.unit}."
-            )
-    lower, upper = (
-        replace(
-            nominal,
-            **{
-                name: np.full_like(getattr(nominal, name), ends[end], np.float32)
-                for name, ends in ranges.items()
-            },
-        )
-        for end in (0, 1)
-    )
-    return UniformBox(lower, upper)
 
 
 _LIKE = {

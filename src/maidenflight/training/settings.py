@@ -5,6 +5,7 @@ from dataclasses import Field, asdict, fields, replace
 from typing import Any, ClassVar, Protocol
 
 from maidenflight.errors import InputError
+from maidenflight.settings import plain
 
 
 class Settings(Protocol):
@@ -40,10 +41,7 @@ class Settings(Protocol):
 
 def recorded(settings: Settings) -> dict[str, Any]:
     """Returns settings as plain values, for records."""
-    return {
-        name: list(value) if isinstance(value, tuple) else value
-        for name, value in asdict(settings).items()
-    }
+    return plain(asdict(settings))
 
 
 def override(settings: Settings, numbers: Mapping[str, float]) -> Settings:

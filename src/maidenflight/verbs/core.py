@@ -39,13 +39,12 @@ if TYPE_CHECKING:
     from maidenflight.identification.held_out import note_not_held_out, note_other_law
     from maidenflight.identification.identify import identify
     from maidenflight.identification.likelihood.one_step import log_likelihood
-    from maidenflight.identification.matched_drone import merge_match
     from maidenflight.identification.methods import Likelihood, Replay
     from maidenflight.identification.outcome.bounds import at_bounds
     from maidenflight.identification.outcome.ensembles import posterior_ensemble
     from maidenflight.identification.outcome.estimates import SURE_NATS, Identification, source_of
+    from maidenflight.identification.outcome.progress import Overall
     from maidenflight.identification.outcome.progress import Progress as Stage
-    from maidenflight.identification.overall_progress import Overall
     from maidenflight.identification.replay.prediction import (
         PERSISTENCE,
         predicted_windows,

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from maidenflight import names, results, run_folder
 from maidenflight.errors import InputError
-from maidenflight.settings import choice, flag, setting, several, whole
+from maidenflight.settings import choice, flag, plain, setting, several, whole
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row
 from maidenflight.verbs import core, shared
@@ -50,7 +50,7 @@ class Envelope(InRealities):
         import polars
 
         fleet, (task, notes) = self.fleet, self.fleet.choose_task(self.chosen_task)
-        record = results.plain(self.make_flight_record(task, within=core.envelope.WITHIN_M))
+        record = plain(self.make_flight_record(task, within=core.envelope.WITHIN_M))
         path = output / run_folder.ENVELOPE.name
         parts = _read_parts(path, record) if self.resume else {}
         axes = dict.fromkeys(self.along or core.envelope.choose_axes(task))

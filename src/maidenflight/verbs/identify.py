@@ -22,15 +22,7 @@ from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Verb
 from maidenflight.verbs import core, shared
 
-_SEARCH = "Search"
-_PAIR = dataclasses.replace(
-    listed(number(-1e9, 1e9), "LOWER,UPPER", "LOWER,UPPER"),
-    accepts=lambda pair: (
-        isinstance(pair, list | tuple)
-        and len(pair) == 2
-        and all(map(number(-1e9, 1e9).accepts, pair))
-    ),
-)
+_PAIR = listed(number(-1e9, 1e9), "LOWER,UPPER", "LOWER,UPPER", count=2)
 _BAR_STEPS = 1000
 
 
@@ -61,45 +53,38 @@ class Identify(Verb):
         "Parameters to identify, such as latency,inertia_x, or auto: those that predict flights "
         "held out better.",
         usual="auto; for a replay the paper's three",
-        group=_SEARCH,
+        group="Search",
     )
     objective: str = setting(
         choice("likelihood", "replay"),
         "likelihood",
         "likelihood: one row ahead, right for flights under feedback. replay: the paper's, many "
         "rows open loop.",
-        group=_SEARCH,
     )
-    evaluations: int = setting(
-        whole(11, 2000), 60, "Most of the objective, a trial.", group=_SEARCH
-    )
-    trials: int = setting(whole(1, 100), 2, "Repetitions of the optimiser.", group=_SEARCH)
+    evaluations: int = setting(whole(11, 2000), 60, "Most of the objective, a trial.")
+    trials: int = setting(whole(1, 100), 2, "Repetitions of the optimiser.")
     bounds: dict[str, tuple[float, float]] = setting(
         table(_PAIR, "NAME=LOWER,UPPER, such as latency=0,0.03", "NAME=LOWER,UPPER"),
         {},
         "Search bounds in SI units; may be repeated.",
-        group=_SEARCH,
         rare=True,
     )
     length: int | None = setting(
         whole(1, 500),
         None,
         "T, rows of a replayed window; 30 by default.",
-        group=_SEARCH,
         rare=True,
     )
     lead_in: int = setting(
         whole(0, 500),
         100,
         "Rows before a window that set its motors; 0: a replay's begin at rest.",
-        group=_SEARCH,
         rare=True,
     )
     method: str | None = setting(
         choice("gradient", "bayesian"),
         None,
         "Optimiser of a replay; gradient by default.",
-        group=_SEARCH,
         rare=True,
     )
     most_seconds: float = shared.most_seconds()

@@ -29,7 +29,6 @@ class FliesPolicies(Verb):
         path("a CSV file", "FILE"),
         None,
         "What they follow instead: columns t, x, y, z [s, m], or way-points x, y, z.",
-        group=shared.FLIGHTS,
         files=True,
     )
 
@@ -38,6 +37,13 @@ class FliesPolicies(Verb):
         shared.must_exist(getattr(self, "drone", None))
         if self.reference is not None and self.reference.suffix != ".csv":
             raise InputError(f"{self.reference}: expected a file whose name ends with .csv.")
+
+    def check(self) -> None:
+        """Refuses what is no policy or no task."""
+        if self.get("policies"):
+            _ = self.fleet
+        if self.chosen_task is not None:
+            core.find_task(self.chosen_task)
 
     @property
     def chosen_task(self) -> str | None:
@@ -110,15 +116,12 @@ class InRealities(FliesPolicies):
     accept_bounds: bool = shared.accept_bounds()
 
     def check(self) -> None:
-        """Refuses what is no drone, no reality or no policy."""
+        """Refuses what is no drone or no reality, too."""
         if self.get("drone"):
             core.drones.read_drone(self.drone or "", self.accept_bounds)
         if self.reality or self.get("drone"):
             _ = self.realities
-        if self.get("policies"):
-            _ = self.fleet
-        if self.chosen_task is not None:
-            core.find_task(self.chosen_task)
+        super().check()
 
     @cached_property
     def realities(self) -> "list[core.AnyReality]":

@@ -80,7 +80,7 @@ class Match(Verb):
             **dataclasses.asdict(loop),
         )
         source = core.source_of([flight for own in matched_flights.values() for flight in own])
-        core.merge_match(self.first, match, source, record).write(output)
+        match.put_into(self.first, source, record).write(output)
         values = {
             name: {"value": value, "standard_error": error}
             for name, (value, error) in match.estimates.items()

@@ -8,10 +8,6 @@ from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Verb
 from maidenflight.verbs import core, shared
 
-_ROOM = listed(
-    number(0.0, 1e4), "width, depth and height in metres, such as 2x2x1.5", "WxDxH", separator="x"
-)
-
 
 class Plan(Verb):
     """Propose the flight from which most of a DRONE can be identified.
@@ -26,7 +22,13 @@ class Plan(Verb):
 
     drone: str = shared.drone("crazyflie", argument=True)
     room: tuple[float, float, float] = setting(
-        dataclasses.replace(_ROOM, accepts=lambda room: _ROOM.accepts(room) and len(room) == 3),
+        listed(
+            number(0.0, 1e4),
+            "width, depth and height in metres, such as 2x2x1.5",
+            "WxDxH",
+            separator="x",
+            count=3,
+        ),
         (2.0, 2.0, 1.5),
         "Width x depth x height in metres; the drone takes off in the middle of the floor, and 0.2 "
         "m at walls and ceiling stay free.",

@@ -49,15 +49,12 @@ class Predict(FliesPolicies):
     seed: int = shared.seed()
 
     def check(self) -> None:
-        """Refuses what is no drone or no policy."""
+        """Refuses what is no drone, too."""
         if self.get("drone"):
             file = core.drones.read_drone(self.drone, self.accept_bounds)
             if self.randomize == names.POSTERIOR:
                 core.posterior_ensemble(file.parameters, file.posterior, file.name)
-        if self.get("policies"):
-            _ = self.fleet
-        if self.chosen_task is not None:
-            core.find_task(self.chosen_task)
+        super().check()
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Predicts; writes a row a flight."""

@@ -17,7 +17,7 @@ _MARK = b"<footer>Written by maidenflight "
 
 
 def _file(help: str) -> Any:
-    return setting(path(), None, help, "Other files", files=True)
+    return setting(path(), None, help, files=True)
 
 
 class Report(Verb):

@@ -29,7 +29,6 @@ from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row, Verb
 from maidenflight.verbs import core, shared
 
-_FLIGHT, _OBSERVATION, _METHOD, _WATCH = "Task", "Observation and network", "Method", "Watching"
 _OF_RAPTOR = ("control", "history", "look_ahead", "look_ahead_spacing", "memory", "hidden")
 """Settings that RAPTOR's form settles."""
 _OF_A_POLICY = (*_OF_RAPTOR, "paper_scales", "form")
@@ -58,7 +57,6 @@ class Train(Verb):
         {},
         "Parameter of the drone to replace, in SI units; may be repeated.",
         name="set",
-        group=shared.DRONES,
         rare=True,
     )
     randomize: float | str | None = setting(
@@ -70,15 +68,12 @@ class Train(Verb):
         usual="wide; any-day for attitude_rate; 0.1 for fast tasks",
     )
     accept_bounds: bool = shared.accept_bounds()
-    task: str = setting(or_code(choice(*names.TASKS)), "circle", "Task.", group=_FLIGHT)
-    control: str = setting(
-        or_code(choice(*names.CONTROLS)), "pwm", "Control structure.", group=_FLIGHT
-    )
+    task: str = setting(or_code(choice(*names.TASKS)), "circle", "Task.", group="Task")
+    control: str = setting(or_code(choice(*names.CONTROLS)), "pwm", "Control structure.")
     yaw_penalty: float = setting(
         number(0.0, 10.0),
         0.0,
         "Cost of a radian of yaw, per control period; 0.1 keeps the yaw near 0.",
-        group=_FLIGHT,
     )
     paper_scales: bool = setting(
         flag(),
@@ -101,21 +96,23 @@ class Train(Verb):
         name="for",
     )
     history: int = setting(
-        whole(1, 50), 2, "Last instants in an observation.", group=_OBSERVATION, rare=True
+        whole(1, 50),
+        2,
+        "Last instants in an observation.",
+        group="Observation and network",
+        rare=True,
     )
     look_ahead: int | None = setting(
         whole(0, 50),
         None,
         "Points of the reference ahead of time in an observation.",
         rare=True,
-        group=_OBSERVATION,
         usual="5 for tracking; none",
     )
     look_ahead_spacing: float = setting(
         number(0.001, 10.0),
         0.1,
         "Time between two of these points [s].",
-        group=_OBSERVATION,
         rare=True,
     )
     memory: int = setting(
@@ -148,7 +145,7 @@ class Train(Verb):
         files=True,
     )
     policies: int = setting(
-        whole(1, 4096), 3, "Number of policies, each with its own seed.", group=_METHOD
+        whole(1, 4096), 3, "Number of policies, each with its own seed.", group="Method"
     )
     method: str | None = setting(
         choice(*names.METHODS),
@@ -156,7 +153,6 @@ class Train(Verb):
         "Training method.",
         usual="gradient; distillation with --memory",
         rare=True,
-        group=_METHOD,
     )
     updates: int | None = setting(
         whole(1, 10**6),
@@ -181,7 +177,7 @@ class Train(Verb):
         (),
         "Log evaluations while training runs: event files in OUTPUT/tensorboard, or Weights & "
         "Biases. May be repeated.",
-        group=_WATCH,
+        group="Watching",
         rare=True,
     )
     view: str | None = setting(

@@ -10,10 +10,14 @@ import pytest
 from maidenflight.errors import InputError
 from maidenflight.flights.flight_plan import REST, Extremes
 from maidenflight.flights.manoeuvres import HOVER
-from maidenflight.flying.extremes import extremes_of
 from maidenflight.flying.recording import fly_plans
 from maidenflight.identification.design import optimal_design, planning
-from maidenflight.identification.design.flight_limits import LOWEST, MARGIN, FlightLimits
+from maidenflight.identification.design.flight_limits import (
+    LOWEST,
+    MARGIN,
+    FlightLimits,
+    extremes_of,
+)
 from maidenflight.identification.design.planning import CHUNK, Request
 from maidenflight.simulator.realities.virtual_drone import virtual_drone
 from maidenflight.verbs.record import Record

@@ -122,6 +122,12 @@ class App:
         """Hovers until a step is next."""
         self.hover(step - self.step)
 
+    def enable(self, **values: float) -> None:
+        """Sets parameters, hovers for a second by the PID and lets the policy fly."""
+        self.set(**values)
+        self.until(1000)
+        self.set(enable=1)
+
 
 def hovering(milliseconds: int, **changes: Any) -> np.ndarray:
     """At rest at the circle's start, which the commander asks for."""

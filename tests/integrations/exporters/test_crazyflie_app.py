@@ -326,8 +326,7 @@ def actions_in_python(
 
 def asked_in_flight(app: App, given: np.ndarray) -> np.ndarray:
     """From the step at which the policy takes over."""
-    app.until(1000)
-    app.set(enable=1)
+    app.enable()
     found = app.fly(given)
     assert (app.log("active"), app.log("state"), app.log("why"), app.log("us")) == (1, 1, 0, 123)
     return found
@@ -371,9 +370,7 @@ def test_a_policy_that_looks_ahead_hovers_and_takes_set_points_with_their_motion
     app = load(AHEAD)
     assert app.parameters["ahead"].value == 3
     assert app.read_only == {"ahead", "hash", "propellers"}
-    app.set(task=0)
-    app.until(1000)
-    app.set(enable=1)
+    app.enable(task=0)
     (found,) = app.hover()
     at_start = Measurement(
         *(
@@ -513,9 +510,7 @@ def test_a_guard_hands_back_at_once_and_for_good(
     load: Load, changes: dict[str, Any], why: int
 ) -> None:
     app = load()
-    app.set(task=0, fence=0.25, ceiling=1.3)
-    app.until(1000)
-    app.set(enable=1)
+    app.enable(task=0, fence=0.25, ceiling=1.3)
     assert (app.hover(37)["mode"] == FORCE).all()
     (found,) = app.hover(**changes)
     assert (found["mode"], found["calls"]) == (LEGACY, 2)
@@ -552,17 +547,13 @@ def test_a_guard_hands_back_at_once_and_for_good(
 )
 def test_within_the_limits_the_policy_flies_on(load: Load, changes: dict[str, Any]) -> None:
     app = load()
-    app.set(task=0)
-    app.until(1000)
-    app.set(enable=1)
+    app.enable(task=0)
     assert (app.hover(50, **changes)["mode"] == FORCE).all()
 
 
 def test_a_battery_that_stays_low_hands_back_and_a_burst_does_not(load: Load) -> None:
     app = load()
-    app.set(task=0)
-    app.until(1000)
-    app.set(enable=1)
+    app.enable(task=0)
     for milliseconds, volts in ((40, 2.7), (10, 2.9), (49, 2.7)):
         assert (app.hover(milliseconds, battery=volts)["mode"] == FORCE).all()
     app.hover(battery=2.7)
@@ -571,9 +562,7 @@ def test_a_battery_that_stays_low_hands_back_and_a_burst_does_not(load: Load) ->
 
 def test_the_time_limit_ends_a_flight(load: Load) -> None:
     app = load()
-    app.set(task=0, time=0.5)
-    app.until(1000)
-    app.set(enable=1)
+    app.enable(task=0, time=0.5)
     assert (app.hover(501)["mode"] == FORCE).all()
     app.hover()
     assert (app.log("active"), app.log("why")) == (0, TIME)
@@ -582,9 +571,7 @@ def test_the_time_limit_ends_a_flight(load: Load) -> None:
 def test_the_estimate_must_move_as_the_accelerometer_says(load: Load) -> None:
     """A push of 0.5 g that the estimate follows is flown through; one that it does not, is not."""
     app = load()
-    app.set(task=0)
-    app.until(1000)
-    app.set(enable=1)
+    app.enable(task=0)
     pushed = hovering(300, acceleration=(0.5, 0, 0))
     pushed["velocity"][:, 0] = 0.5 * 9.80665 * np.arange(1, 301) / 1000
     assert (app.fly(pushed)["mode"] == FORCE).all()
@@ -645,8 +632,7 @@ def test_limits_can_be_changed_in_flight(load: Load) -> None:
 
 def test_a_stop_from_the_ground_stops_the_motors(load: Load) -> None:
     app = load()
-    app.until(1000)
-    app.set(enable=1)
+    app.enable()
     app.hover(15)
     found = app.hover(5, modes=0, thrust=0)
     assert (found["mode"] == LEGACY).all()
@@ -684,8 +670,7 @@ def test_it_does_not_take_over_where_it_must_not_fly(load: Load) -> None:
 def test_every_take_over_is_like_the_first(load: Load) -> None:
     app, wander = load(), hovering(80)
     wander["position"][:, 0] += np.linspace(0, 0.2, 80)
-    app.until(1000)
-    app.set(enable=1)
+    app.enable()
     first = app.fly(wander)
     app.set(enable=0)
     (back,) = app.hover()
@@ -731,10 +716,10 @@ def test_set_points_on_board(load: Load) -> None:
 
 def test_a_controller_chosen_in_flight_waits_until_it_is_enabled_anew(load: Load) -> None:
     app = load()
-    app.until(1000)
-    app.set(enable=1)
+    app.enable()
     app.hover(5)
     app.library.controllerOutOfTreeInit()
+    assert (app.log("active"), app.log("why")) == (0, SWITCHED_AWAY)
     found = app.hover(50)
     assert (found["mode"] == LEGACY).all()
     assert (found["thrust"] == HOVER_THRUST).all()
@@ -747,8 +732,7 @@ def test_a_controller_chosen_in_flight_waits_until_it_is_enabled_anew(load: Load
 
 def test_the_app_s_own_task_sees_that_another_controller_was_chosen(load: Load) -> None:
     app = load()
-    app.until(1000)
-    app.set(enable=1)
+    app.enable()
     app.hover(10)
     period = app.run_app()
     for _ in range(3):
@@ -767,15 +751,6 @@ def test_the_app_s_own_task_sees_that_another_controller_was_chosen(load: Load) 
     app.hover(period)
     app.run_app()
     assert (app.log("active"), app.log("why")) == (1, 0)
-
-
-def test_a_controller_chosen_again_at_once_tells_that_it_was_away(load: Load) -> None:
-    app = load()
-    app.until(1000)
-    app.set(enable=1)
-    app.hover(10)
-    app.library.controllerOutOfTreeInit()
-    assert (app.log("active"), app.log("why")) == (0, SWITCHED_AWAY)
 
 
 def test_the_app_s_own_task_says_nothing_while_the_pid_flies(load: Load) -> None:
@@ -803,8 +778,7 @@ def test_a_policy_with_one_bit_turned_does_not_fly(load: Load, table: str) -> No
 
     app = load(damage=turn)
     assert not app.test()
-    app.until(1000)
-    app.set(enable=1)
+    app.enable()
     assert (app.hover(20)["mode"] == LEGACY).all()
     assert app.log("why") == SELF_TEST
     assert load().test()

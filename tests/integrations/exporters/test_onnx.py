@@ -29,11 +29,11 @@ from maidenflight.simulator.controllers.interface import ControlInterface
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.tasks.look_ahead import LookAhead
 from maidenflight.verbs.export import Export
+from pages import blocks, run_snippet
 
 onnx = pytest.importorskip("onnx")
 onnxruntime = pytest.importorskip("onnxruntime")
 
-ROOT = Path(__file__).parents[3]
 TURN, LEAN = np.radians(60.0), np.radians(10.0)
 COMMANDED = {
     "pwm": lambda a: (a + 1) / 2,
@@ -323,44 +323,30 @@ def test_c_is_what_is_exported_unless_told_and_as_before(tmp_path):
     assert [file.read_bytes() for file in given] == [file.read_bytes() for file in expected]
 
 
-def test_help_imports_no_onnx():
-    program = (
-        "import sys; sys.argv = ['maidenflight', 'export', '--help']\n"
-        "from maidenflight import cli\n"
-        "try: cli.main()\n"
-        "finally: print('HEAVY', [name for name in ('onnx', 'onnxruntime', 'jax') if name in "
-        "sys.modules])"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=False
-    )
-    assert "HEAVY []" in done.stdout, done.stdout + done.stderr
-
-
-def blocks(language):
-    return re.findall(
-        rf"^```{language}\n(.*?)^```", (ROOT / "docs/export.md").read_text(), re.M | re.S
-    )
-
-
 def test_the_commands_and_the_code_of_the_page_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     policy_file.write_policy(
         "policies/policy_1.json", untrained_policy(jax.random.key(0)), {"hover": 0.58}
     )
     Path("attitude_rate_066.json").write_text(json.dumps(THEIRS))
-    commands = [line for line in blocks("sh")[0].splitlines() if line.startswith("maidenflight ")]
+    commands = [
+        line
+        for line in blocks("docs/export.md", "sh")[0].splitlines()
+        if line.startswith("maidenflight ")
+    ]
     assert len(commands) >= 4
     for line in commands:
         code, output = said(monkeypatch, capsys, *shlex.split(line, comments=True)[1:])
         assert (code, output.err) == (0, "")
     # That with RAPTOR's reader runs in test_raptor_export.py.
-    for snippet in [one for one in blocks("python") if "foundation_policy" not in one]:
-        exec(compile(snippet, "docs/export.md", "exec"), {})
+    for snippet in [
+        one for one in blocks("docs/export.md", "python") if "foundation_policy" not in one
+    ]:
+        run_snippet(snippet, "docs/export.md")
     assert re.match(r"\[0\.", capsys.readouterr().out)
     compiler = shutil.which("gcc") or shutil.which("clang")
     if compiler:
-        (snippet,) = blocks("c")
+        (snippet,) = blocks("docs/export.md", "c")
         Path("firmware/main.c").write_text(snippet)
         subprocess.run(
             [compiler, *STRICT, "main.c", "policy.c", "-o", "fly"], cwd="firmware", check=True

@@ -19,12 +19,17 @@ from maidenflight.flights import flight_plan
 from maidenflight.flights.flight_plan import REST, Block, ExpectedWidths, Extremes, FlightPlan
 from maidenflight.flights.log import Flight
 from maidenflight.flights.manoeuvres import HOVER, Manoeuvre, library
-from maidenflight.flying.extremes import extremes_of, worst_of
 from maidenflight.flying.firmware_pilot import RATE
 from maidenflight.flying.recording import flight_log, fly_plans, must_divide, record_plan
 from maidenflight.flying.rows import Rows
 from maidenflight.identification.design import optimal_design
-from maidenflight.identification.design.flight_limits import LOWEST, MARGIN, FlightLimits
+from maidenflight.identification.design.flight_limits import (
+    LOWEST,
+    MARGIN,
+    FlightLimits,
+    extremes_of,
+    worst_of,
+)
 from maidenflight.identification.identify import expected_intervals
 from maidenflight.identification.likelihood import one_step, selection
 from maidenflight.identification.methods import Likelihood

@@ -9,10 +9,13 @@ from maidenflight.identification.outcome.progress import (
     CHOICE,
     EXPECTING,
     INTERVALS,
+    READING,
+    SHARES,
     STAGES,
+    Overall,
     Progress,
+    describe,
 )
-from maidenflight.identification.overall_progress import READING, SHARES, Overall, describe
 
 EXPECTED = {
     "latency": ExpectedInterval((0.0, 0.03), (0.0, 0.02), True),
