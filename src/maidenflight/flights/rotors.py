@@ -6,7 +6,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax, tree
+from jax import lax
 from jaxtyping import Array, Float
 
 from maidenflight.flights.log import Flight
@@ -53,7 +53,7 @@ def rotors(flight: Flight, drone: Parameters) -> Rotors:
     begin = np.sqrt(last_command[: max(1, round(BEGIN_S / flight.period))].clip(0.0)).mean(axis=0)
     steps = max(1, round(flight.period / STEP_S))
     motors = replace(drone, time_step=np.float32(flight.period / steps))
-    speeds = _followed(padded, begin, tree.map(jnp.asarray, motors), steps)
+    speeds = _followed(padded, begin, jax.device_put(motors), steps)
     parts = (np.asarray(part, np.float64)[: len(last_command)] for part in speeds)
     return Rotors(*(np.where(is_finite, part, np.nan) for part in parts))
 
