@@ -134,7 +134,11 @@ def spectra(
         values: Float[np.ndarray, "N c"], frequency_mask: np.ndarray
     ) -> Complex[np.ndarray, "S F"]:
         pieces = np.concatenate([values[begin : begin + rows].T for begin in begins])
-        return np.fft.rfft(scipy.signal.detrend(pieces) * window)[:, frequency_mask]
+        pieces = pieces - pieces.mean(axis=1, keepdims=True)
+        # A straight line less, by its closed form: a general regression took half of all this.
+        line = np.arange(rows) - (rows - 1) / 2
+        pieces -= (pieces @ line / (line @ line))[:, None] * line
+        return np.fft.rfft(pieces * window)[:, frequency_mask]
 
     u = lines(drive, in_band) * (np.exp(-s * period / 2) if zero_order_hold else 1.0)
     y = lines(motion, in_band) * (s if differentiate else 1.0)
