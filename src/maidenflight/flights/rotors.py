@@ -9,6 +9,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
+from maidenflight import compiler
 from maidenflight.flights.log import Flight
 from maidenflight.parameters import Parameters, replace
 from maidenflight.simulator.physics import actuators, dynamics, latency
@@ -58,7 +59,7 @@ def rotors(flight: Flight, drone: Parameters) -> Rotors:
     return Rotors(*(np.where(is_finite, part, np.nan) for part in parts))
 
 
-@partial(jax.jit, static_argnums=3)
+@partial(jax.jit, static_argnums=3, compiler_options=compiler.loop())
 def _followed(
     command: Float[Array, "N 4"], begin: Float[Array, "4"], drone: Parameters, steps: int
 ) -> tuple[Float[Array, "N 4"], Float[Array, "N 4"]]:
