@@ -69,7 +69,7 @@ AXES: Mapping[str, Float[np.ndarray, "3 3"]] = {
 def rotations(flight: Flight) -> Rotation:
     """Returns the attitude of each row, body to world.
 
-    As `physics.rotations.from_attitude`: `Rotation.from_euler` takes five times as long.
+    As `physics.rotations.from_attitude`: `Rotation.from_euler` takes nine times as long.
     """
     half = flight.attitude.T.astype(float) / 2
     (sin_r, sin_p, sin_y), (cos_r, cos_p, cos_y) = np.sin(half), np.cos(half)

@@ -54,10 +54,10 @@ than any sensor's (BMI088: 0.014 deg/s/sqrt(Hz), 0.003 rad/s behind a filter of 
 simulator have none; an autoregression then foretells what a wrong drone leaves, to the last digit,
 and neither the optimum nor the gain of a parameter means anything."""
 CHUNK = 32
-"""Windows differentiated side by side; with up to sixteen directions their state still fits a
-core's cache."""
+"""Windows differentiated side by side; along `AT_ONCE` directions they fit a core's cache."""
 JOINED = 2
-"""Parts of `AT_ONCE` directions are joined in multiples of this."""
+"""Parts of `AT_ONCE` directions are joined in multiples of this, so that two programs serve most
+numbers of them."""
 
 
 class OneStep(ObservationModel):
