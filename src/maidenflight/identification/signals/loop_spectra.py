@@ -19,7 +19,7 @@ Source: Whittle 1953 (likelihood of spectra); Ljung 1999, System identification,
 Forssell and Ljung 1999, Closed-loop identification revisited (joint input-output methods).
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -299,13 +299,11 @@ class _Model:
         return float(error), float(np.clip(np.mean(slopes), 0.0, 1.0)) if slopes else 1.0
 
 
-def _power(values: Complex[np.ndarray, "F"]) -> Float[np.ndarray, "F"]:
+def _power(values: Any) -> Any:
     return values.real**2 + values.imag**2
 
 
-def _shared(
-    one: Complex[np.ndarray, "F"], other: Complex[np.ndarray, "F"]
-) -> Float[np.ndarray, "F"]:
+def _shared(one: Any, other: Any) -> Any:
     """The real part of one's conjugate times the other."""
     return one.real * other.real + one.imag * other.imag
 
