@@ -266,7 +266,7 @@ def identification_path(name: str, rows: int = 200) -> HotPath:
     )
 
     def chunk(windows: Any) -> Any:
-        return one_step_errors.products(windows, drone, 1, 1)
+        return one_step_errors.errors_of_chunk(windows, drone, 1, 1)
 
     return HotPath(name, "row", count * rows, chunk, (jax.tree.map(jnp.asarray, windows),), CORES)
 

@@ -45,6 +45,18 @@ def test_one_file_of_either_format_is_read_plain_or_compressed(tmp_path, name, c
     assert same(read.flights[0], read_flights(put(tmp_path / "plain.csv", data)).flights[0])
 
 
+def test_each_flight_is_told_of_before_the_next_file_is_read(tmp_path):
+    for number in (1, 2):
+        put(tmp_path / f"{number}.csv", ours(seed=number))
+    events = []
+    read_flights(
+        tmp_path,
+        on_file=lambda done, of: events.append(done),
+        on_flight=lambda flight: events.append(flight.name),
+    )
+    assert [str(one)[-5:] for one in events] == ["1.csv", "1", "2.csv", "2"]
+
+
 def test_the_authors_columns_are_read_from_parquet_too(tmp_path):
     plain = put(tmp_path / "plain.csv", theirs())
     polars.read_csv(plain).write_parquet(tmp_path / "same.parquet")

@@ -49,7 +49,7 @@ def test_how_logs_were_read_stands_in_the_drone_file_s_record(
     place = tmp_path / "drone.toml"
     Identify(logs=tmp_path, **reading).run(place)
     arguments, settings = calls[0]
-    assert arguments[2:] == (60.0, 100)
+    assert arguments[2:4] == (60.0, 100)
     others = {name: value for name, value in reading.items() if name != "most_seconds"}
     assert settings == others | {"faulty": "refuse", "drone": "crazyflie"}
     made = drone_file.read(place).record["settings"]
@@ -57,6 +57,32 @@ def test_how_logs_were_read_stands_in_the_drone_file_s_record(
     Identify(logs=tmp_path).run(place)
     made = drone_file.read(place).record["settings"]
     assert not {"commands", "battery_law", "ignore"} & set(made)
+
+
+@pytest.mark.parametrize(("objective", "expected"), [("likelihood", [(120, 100)]), ("replay", [])])
+def test_the_first_flight_with_a_state_has_its_programs_compiled_while_others_are_read(
+    objective: str, expected: list[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun: list[tuple[int, int]] = []
+    bare = calm(
+        rows=90, position=np.full((90, 3), np.nan), accelerometer=np.tile([0.0, 0.0, 9.81], (90, 1))
+    )
+
+    def read(logs: Any, on_file: Any, most: float, lead_in: int, on_flight: Any, **_: Any) -> Any:
+        for flight in (bare, calm(rows=120), calm(rows=130)):
+            on_flight(flight)
+        return Flights((), (), ())
+
+    def start(flight: Any, lead_in: int, drone: Any) -> None:
+        begun.append((len(flight), lead_in))
+
+    likelihood = "maidenflight.identification.likelihood"
+    monkeypatch.setattr("maidenflight.flights.reading.read_flights", read)
+    monkeypatch.setattr(f"{likelihood}.compiling.start_compiling", start)
+    monkeypatch.setattr("maidenflight.identification.identify.identify", lambda *_, **__: NOTHING)
+    monkeypatch.setattr("maidenflight.reporting.figures.picture.svg", lambda *_: "")
+    Identify(logs=tmp_path, objective=objective).run(tmp_path / "drone.toml")
+    assert begun == expected
 
 
 def test_the_mass_is_asked_for_where_nobody_gave_it(tmp_path: Path) -> None:

@@ -100,6 +100,7 @@ def read_flights(
     on_file: Callable[[int, int], None] | None = None,
     most: float = math.inf,
     lead_in: int = LEAD_IN,
+    on_flight: Callable[[Flight], None] | None = None,
     **settings: Unpack[LogSettings],
 ) -> Flights:
     """Reads and checks flights.
@@ -111,6 +112,7 @@ def read_flights(
         most: flight to keep [s]. Of more, segments of every flight stay, one file being in
             memory beside them.
         lead_in: rows of commands that a window of a segment has before it.
+        on_flight: called with each piece of a flight once it is read and checked.
         **settings: what the user says of the logs; see `LogSettings`.
 
     Returns:
@@ -130,6 +132,8 @@ def read_flights(
         _set_zero_order_hold(flight, options, reading)
         for flight in _read(paths, path.is_file(), reading, options, on_file)
     )
+    if on_flight is not None:
+        read = _telling(read, on_flight)
     flights, duration = sampled(read, most, lead_in)
     if reading.faulty and options.faulty == names.FAULTY_LOGS[0]:
         raise InputError(
@@ -161,6 +165,12 @@ def read_flights(
         "more takes more memory and time"
     )
     return replace(selection, notes=(note, *selection.notes))
+
+
+def _telling(flights: Iterator[Flight], on_flight: Callable[[Flight], None]) -> Iterator[Flight]:
+    for flight in flights:
+        on_flight(flight)
+        yield flight
 
 
 class _ReadOptions(NamedTuple):

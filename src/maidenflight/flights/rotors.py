@@ -6,9 +6,10 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax, tree
+from jax import lax
 from jaxtyping import Array, Float
 
+from maidenflight import compiler
 from maidenflight.flights.log import Flight
 from maidenflight.parameters import Parameters, replace
 from maidenflight.simulator.physics import actuators, dynamics, latency
@@ -53,12 +54,12 @@ def rotors(flight: Flight, drone: Parameters) -> Rotors:
     begin = np.sqrt(last_command[: max(1, round(BEGIN_S / flight.period))].clip(0.0)).mean(axis=0)
     steps = max(1, round(flight.period / STEP_S))
     motors = replace(drone, time_step=np.float32(flight.period / steps))
-    speeds = _followed(padded, begin, tree.map(jnp.asarray, motors), steps)
+    speeds = _followed(padded, begin, jax.device_put(motors), steps)
     parts = (np.asarray(part, np.float64)[: len(last_command)] for part in speeds)
     return Rotors(*(np.where(is_finite, part, np.nan) for part in parts))
 
 
-@partial(jax.jit, static_argnums=3)
+@partial(jax.jit, static_argnums=3, compiler_options=compiler.loop())
 def _followed(
     command: Float[Array, "N 4"], begin: Float[Array, "4"], drone: Parameters, steps: int
 ) -> tuple[Float[Array, "N 4"], Float[Array, "N 4"]]:

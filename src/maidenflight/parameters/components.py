@@ -1,10 +1,11 @@
 """The numbers of a drone one by one: read, replaced and checked by their names."""
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -78,10 +79,15 @@ def replace(parameters: Parameters, /, **changes: Any) -> Parameters:
             ],
         )
         parts[place if place is not None else 0] = changes.pop(name)
-    stacked = {
-        name: jnp.stack(jnp.broadcast_arrays(*parts), axis=-1) for name, parts in vectors.items()
-    }
+    stacked = {name: _stacked(parts) for name, parts in vectors.items()}
     return dataclasses.replace(parameters, **changes, **stacked)
+
+
+def _stacked(parts: Sequence[Any]) -> Any:
+    """A vector of its parts; by JAX, which takes longer outside of a program, only if one is."""
+    if any(isinstance(part, jax.Array) for part in parts):
+        return jnp.stack(jnp.broadcast_arrays(*parts), axis=-1)
+    return np.stack(np.broadcast_arrays(*parts), axis=-1).astype(np.float32)
 
 
 def noiseless(parameters: Parameters) -> Parameters:

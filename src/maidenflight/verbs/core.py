@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from maidenflight.identification.drone_file import CLOSED_LOOP, DroneFile
     from maidenflight.identification.held_out import note_not_held_out, note_other_law
     from maidenflight.identification.identify import identify
+    from maidenflight.identification.likelihood.compiling import start_compiling
     from maidenflight.identification.likelihood.one_step import log_likelihood
     from maidenflight.identification.methods import Likelihood, Replay
     from maidenflight.identification.outcome.bounds import at_bounds

@@ -134,7 +134,7 @@ class Identify(Verb):
                     f"not identifiable from these flights: {left_out}; plausible ranges stay"
                 )
 
-        flights = self.read(lambda done, of: show(*overall.read(done, of)))
+        flights = self.read(lambda done, of: show(*overall.read(done, of)), self._compiling())
         identification = self.identify(flights, self.key, on_progress)
         is_word = isinstance(self.over, str)
         over = self.over if is_word else list(self.over or identification.estimates)
@@ -183,14 +183,19 @@ class Identify(Verb):
         """Returns the drone to begin with."""
         return core.read_start(self.start, self.mass)
 
-    def read(self, on_file: Callable[[int, int], None]) -> "core.Flights":
+    def read(
+        self,
+        on_file: Callable[[int, int], None],
+        on_flight: "Callable[[core.Flight], None] | None" = None,
+    ) -> "core.Flights":
         """Reads the logs.
 
         Args:
             on_file: called with (files read, files found).
+            on_flight: called with each flight.
         """
         return core.read_flights(
-            *(self.logs, on_file, self.most_seconds, self.lead_in),
+            *(self.logs, on_file, self.most_seconds, self.lead_in, on_flight),
             commands=self.commands,
             battery_law=self.battery_law,
             ignore=self.ignore,
@@ -220,6 +225,17 @@ class Identify(Verb):
             key=key,
             on_progress=on_progress,
         )
+
+    def _compiling(self) -> "Callable[[core.Flight], None]":
+        """Returns what has the first flight's programs compiled while others are read."""
+        first = [True]
+
+        def see(flight: "core.Flight") -> None:
+            if first and flight.has_state and self.objective == "likelihood":
+                first.clear()
+                core.start_compiling(flight, self.lead_in, self.first.parameters)
+
+        return see
 
     def _describe(
         self, flights: "core.Flights", identification: "core.Identification"

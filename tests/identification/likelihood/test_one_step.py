@@ -10,8 +10,9 @@ from scipy.stats import norm
 
 import planted
 from maidenflight import cores
-from maidenflight.flights.windows import Windows, windows
+from maidenflight.flights.windows import LEAD_IN, Windows, windows
 from maidenflight.identification.likelihood import one_step_errors
+from maidenflight.identification.likelihood.compiling import start_compiling
 from maidenflight.identification.likelihood.observation import BALANCED, noise_model
 from maidenflight.identification.likelihood.one_step import LEAST_NOISE, LENGTH, OneStep
 from maidenflight.identification.likelihood.one_step_errors import COLUMNS, ORDER, TURNING, errors
@@ -297,9 +298,16 @@ def test_constant_torques_that_balance_mean_errors_are_the_planted_ones(noisy_wi
     assert np.all(np.abs(rest) < 0.02 * np.abs(objective.sums(turned)[:, TURNING].sum(axis=0)))
 
 
-def test_after_compiling_all_programs_nothing_is_compiled_for_other_parameters_or_steps(noisy):
-    noisy.compile(TRUTH)
-    programs = (one_step_errors.derivatives, one_step_errors.products, one_step_errors.sums)
+def test_after_compiling_all_programs_nothing_is_compiled_for_other_parameters_or_steps(
+    noisy, flights
+):
+    start_compiling(flights[0], LEAD_IN, TRUTH)()
+    programs = (
+        one_step_errors.derivatives,
+        one_step_errors.slopes,
+        one_step_errors.spins,
+        one_step_errors.errors_of_chunk,
+    )
     before = [program._cache_size() for program in programs]  # type: ignore[attr-defined]
     noisy.derivatives(replace(TRUTH, latency=0.011), NAMES)
     noisy.derivatives(

@@ -15,7 +15,7 @@ from maidenflight.flights.windows import LEAD_IN, Windows, windows
 from maidenflight.identification.likelihood import one_step_errors
 from maidenflight.identification.likelihood.observation import MOTORS
 from maidenflight.identification.likelihood.one_step import LENGTH
-from maidenflight.identification.likelihood.one_step_errors import COLUMNS, errors
+from maidenflight.identification.likelihood.one_step_errors import COLUMNS, ORDER, errors
 from maidenflight.identification.replay.open_loop import under_way
 from maidenflight.parameters import QUANTITIES, crazyflie, noiseless, replace
 from maidenflight.simulator import stepping
@@ -177,6 +177,16 @@ def test_rotors_depend_on_the_parameters_that_are_said_and_on_no_other():
     )
     depends = {name for name in QUANTITIES if np.any(getattr(slopes, name))}
     assert depends - {"time_step"} == set(MOTORS)
+
+
+def test_products_of_late_errors_are_those_of_all_their_rows():
+    """Of random errors with a last row that dwarfs all others."""
+    wrong = np.random.default_rng(3).normal(0, 1, (3, 2, LENGTH)).astype(np.float32)
+    wrong[..., -1] = 1e4
+    rows = np.arange(ORDER, LENGTH)
+    late = np.stack([wrong[..., rows - lag] for lag in range(ORDER + 1)], axis=2).astype(float)
+    expected = np.einsum("wcit,wcjt->wcij", late, late)
+    np.testing.assert_allclose(one_step_errors.products(wrong), expected, rtol=1e-9, atol=1e-6)
 
 
 def some_window() -> Windows:

@@ -67,8 +67,19 @@ AXES: Mapping[str, Float[np.ndarray, "3 3"]] = {
 
 
 def rotations(flight: Flight) -> Rotation:
-    """Returns the attitude of each row, body to world."""
-    return Rotation.from_euler("ZYX", flight.attitude[:, ::-1].astype(float))
+    """Returns the attitude of each row, body to world.
+
+    As `physics.rotations.from_attitude`: `Rotation.from_euler` takes nine times as long.
+    """
+    half = flight.attitude.T.astype(float) / 2
+    (sin_r, sin_p, sin_y), (cos_r, cos_p, cos_y) = np.sin(half), np.cos(half)
+    quaternion = (
+        sin_r * cos_p * cos_y - cos_r * sin_p * sin_y,
+        cos_r * sin_p * cos_y + sin_r * cos_p * sin_y,
+        cos_r * cos_p * sin_y - sin_r * sin_p * cos_y,
+        cos_r * cos_p * cos_y + sin_r * sin_p * sin_y,
+    )
+    return Rotation.from_quat(np.stack(quaternion, axis=1))
 
 
 def turn(piece: Flight, rows: int) -> Samples:

@@ -123,12 +123,13 @@ def _match_axis(
         return 0.0, 1.0, min(one, other)
     sign = np.sign(first @ second) or 1.0
     difference = np.abs(first / one - sign * second / other)
-    inliers = difference <= np.quantile(difference, _TRIMMED)
+    most = int(_TRIMMED * (len(difference) - 1))
+    inliers = difference <= np.partition(difference, most)[most]
     first, second = first[inliers] - first[inliers].mean(), second[inliers] - second[inliers].mean()
-    one, other = float(first.std()), float(second.std())
+    one, other = (float(np.sqrt(signal @ signal / len(signal))) for signal in (first, second))
     if min(one, other) < 1e-9:
         return 0.0, 1.0, min(one, other)
-    return float(np.mean(first * second) / one / other), one / other, min(one, other)
+    return float(first @ second / len(first) / one / other), one / other, min(one, other)
 
 
 class Reading(NamedTuple):

@@ -13,8 +13,6 @@ closed loop).
 """
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -22,7 +20,6 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from maidenflight import cores
 from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import Windows, windows
 from maidenflight.identification.likelihood import one_step_errors
@@ -38,6 +35,7 @@ from maidenflight.identification.likelihood.observation import (
     without_past,
 )
 from maidenflight.identification.likelihood.one_step_errors import (
+    AT_ONCE,
     COLUMNS,
     ORDER,
     TURNING,
@@ -57,11 +55,11 @@ LEAST_NOISE = 0.002
 than any sensor's (BMI088: 0.014 deg/s/sqrt(Hz), 0.003 rad/s behind a filter of 80 Hz). Flights of a
 simulator have none; an autoregression then foretells what a wrong drone leaves, to the last digit,
 and neither the optimum nor the gain of a parameter means anything."""
-CHUNK = 64
-"""Windows differentiated side by side; with up to sixteen directions their state still fits a
-core's cache."""
-_AT_ONCE = 8
-"""Directions are differentiated along in multiples of this."""
+CHUNK = 32
+"""Windows differentiated side by side; along `AT_ONCE` directions they fit a core's cache."""
+JOINED = 2
+"""Parts of `AT_ONCE` directions are joined in multiples of this, so that two programs serve most
+numbers of them."""
 
 
 class OneStep(ObservationModel):
@@ -81,9 +79,9 @@ class OneStep(ObservationModel):
             steps: physics steps a command.
             stride: commands to a row.
         """
-        chunked = in_chunks(windows, CHUNK)
         # One by one, so that one program serves any number of windows.
-        self._chunks = [type(windows)(*arrays) for arrays in zip(*chunked, strict=True)]
+        chunks = zip(*in_chunks(windows, CHUNK), strict=True)
+        self._chunks = [jax.device_put(type(windows)(*arrays)) for arrays in chunks]
         self.size = len(windows.segment)
         counts = np.bincount(windows.segment)
         # Windows are cut one segment after the other.
@@ -97,29 +95,6 @@ class OneStep(ObservationModel):
             tuple[Parameters, tuple[str, ...], tuple[float, np.ndarray, np.ndarray]] | None
         ) = None
 
-    def compile(self, parameters: Parameters) -> None:
-        """Compiles all programs that an identification needs, side by side.
-
-        One after the other, as they are needed, they take twice as long.
-        """
-        chunk, drone = self._chunks[0], self._drone(parameters)
-        by, noise = (self.steps, self.stride), np.ones((6, ORDER), np.float32)
-
-        def derivatives(count: int) -> Array:
-            directions = _directions(drone, [BY_MOMENT[0]] * count)
-            new = Innovations(noise, noise[:, 0], noise[:, 0], False)
-            return one_step_errors.derivatives(chunk, drone, directions, new, *by)[0]
-
-        programs = [
-            partial(one_step_errors.products, chunk, drone, *by),
-            partial(derivatives, 2 * _AT_ONCE),
-            partial(derivatives, _AT_ONCE),
-            partial(one_step_errors.sums, chunk, drone, *by),
-        ]
-        with ThreadPoolExecutor(cores.count()) as pool:
-            for ended in [pool.submit(program) for program in programs]:
-                ended.result()
-
     def _drone(self, parameters: Parameters) -> Parameters:
         # All at once: leaf by leaf it took a twentieth of an identification.
         return jax.device_put(replace(parameters, time_step=self._time_step))
@@ -132,31 +107,39 @@ class OneStep(ObservationModel):
         )
 
     def _summed(
-        self, of_chunk: Callable[[Windows, Parameters, int, int], Array], parameters: Parameters
+        self,
+        of_errors: Callable[[Float[np.ndarray, "W C T"]], np.ndarray],
+        parameters: Parameters,
+        columns: Sequence[int],
     ) -> np.ndarray:
-        """Sums of something that a compiled function has for each window, by segment of flight."""
-        drone = self._drone(parameters)
+        """Sums of something that a function has of each window's errors, by segment of flight."""
+        drone, by = self._drone(parameters), (self.steps, self.stride)
 
         def compute(first: int, end: int) -> tuple[np.ndarray, ...]:
-            return _stacked(
-                [
-                    (of_chunk(chunk, drone, self.steps, self.stride),)
-                    for chunk in self._chunks[first:end]
-                ]
-            )
+            chunks = self._chunks[first:end]
+            wrong = [one_step_errors.errors_of_chunk(chunk, drone, *by) for chunk in chunks]
+            return (np.stack([of_errors(np.asarray(one)[:, columns]) for one in wrong]),)
 
         return self._by_segment(on_all_cores(compute, len(self._chunks))[0])
 
-    def products(self, parameters: Parameters) -> Float[np.ndarray, "S 12 P+1 P+1"]:
+    def products(
+        self, parameters: Parameters, columns: Sequence[int] = range(12)
+    ) -> Float[np.ndarray, "S C P+1 P+1"]:
         """Products of an error with itself 0 ... P rows before, summed over each segment of flight.
 
-        All twelve columns.
+        Args:
+            parameters: the drone.
+            columns: of `one_step_errors.errors`.
         """
-        return self._summed(one_step_errors.products, parameters)
+        return self._summed(one_step_errors.products, parameters, columns)
 
     def sums(self, parameters: Parameters) -> Float[np.ndarray, "S 12"]:
         """Sums the errors of each segment of flight, without those that start the noise model."""
-        return self._summed(one_step_errors.sums, parameters)
+
+        def of_errors(wrong: np.ndarray) -> np.ndarray:
+            return wrong[..., ORDER:].sum(axis=-1, dtype=np.float64)
+
+        return self._summed(of_errors, parameters, range(12))
 
     @property
     def means(self) -> Balance:
@@ -214,7 +197,7 @@ class OneStep(ObservationModel):
     def _noisy_products(self, parameters: Parameters) -> Float[np.ndarray, "S 6 P+1 P+1"]:
         """The products of the columns that count, with the least white noise of their sensors."""
         noise = LEAST_NOISE**2 * self.rows_per_segment[:, None, None, None] * np.eye(ORDER + 1)
-        return self.products(parameters)[:, np.array(COLUMNS)] + noise
+        return self.products(parameters, COLUMNS) + noise
 
     def noise_model(self, parameters: Parameters) -> NoiseModel:
         """See `ObservationModel`."""
@@ -287,21 +270,22 @@ class OneStep(ObservationModel):
         Last the variance of slow innovations over that of all.
         """
         drone, size = self._drone(parameters), len(names)
-        directions = _directions(drone, names)
+        parts, by = directions(drone, names), (self.steps, self.stride)
         whole = np.sqrt(products.sum(axis=0)[:, 0, 0] / self.rows)
         sizes = noise.coefficients, noise.deviation, noise.deviation / whole
         weights, deviation, share = (np.asarray(part, np.float32) for part in sizes)
         new = Innovations(weights, deviation, share, by_moment)
 
+        def of_chunk(chunk: Windows) -> tuple[Array, ...]:
+            motors = one_step_errors.spins(chunk, drone, *by)
+            along = [one_step_errors.slopes(chunk, drone, *motors, one, *by) for one in parts]
+            slopes = [slope for _, slope in along]
+            nothing = jax.device_put(np.zeros(slopes[0].shape, np.float32))
+            slopes += [nothing] * (-len(slopes) % JOINED)
+            return one_step_errors.derivatives(along[0][0], slopes, new)
+
         def compute(first: int, end: int) -> tuple[np.ndarray, ...]:
-            return _stacked(
-                [
-                    one_step_errors.derivatives(
-                        chunk, drone, directions, new, self.steps, self.stride
-                    )
-                    for chunk in self._chunks[first:end]
-                ]
-            )
+            return _stacked([of_chunk(chunk) for chunk in self._chunks[first:end]])
 
         scores, curvatures, shared, climbs, slow = (
             self._by_segment(part) for part in on_all_cores(compute, len(self._chunks))
@@ -357,15 +341,16 @@ def one_step_objective(
     )
 
 
-def _directions(drone: Parameters, names: Sequence[str]) -> Parameters:
-    """A unit direction for each parameter, stacked.
+def directions(drone: Parameters, names: Sequence[str]) -> list[Parameters]:
+    """Returns a unit direction for each parameter, stacked in parts of `AT_ONCE`.
 
-    In eights, so that two programs serve all numbers of parameters; those without a name are zero.
+    Those without a name are zero.
     """
     nothing = jax.tree.map(lambda leaf: np.zeros_like(np.asarray(leaf)), drone)
     units = [replace(nothing, **{name: np.float32(1)}) for name in names]
-    units += [nothing] * (-len(names) % _AT_ONCE)
-    return jax.tree.map(lambda *leaves: np.stack(leaves), *units)
+    units += [nothing] * (-len(names) % AT_ONCE)
+    parts = [units[first : first + AT_ONCE] for first in range(0, len(units), AT_ONCE)]
+    return [jax.tree.map(lambda *leaves: np.stack(leaves), *part) for part in parts]
 
 
 def _same(one: Parameters, other: Parameters) -> bool:

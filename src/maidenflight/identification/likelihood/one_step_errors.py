@@ -5,7 +5,7 @@ Compiled for a chunk of windows; `one_step` says what they are for and joins the
 
 from collections.abc import Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -35,6 +35,9 @@ lag: on simulated flights it then comes out up to 2 ms off, and intervals are to
 truth."""
 VERTICAL = 5
 """Where the vertical velocity stands in a row."""
+AT_ONCE = 4
+"""Directions that are differentiated along side by side. Time grows linearly from four on; more
+would compute more that nobody asks for."""
 TURNING = (9, 10, 11)
 """Where the body rates stand in a row."""
 COLUMNS = (3, 4, VERTICAL, *TURNING)
@@ -122,35 +125,36 @@ def _by_column(
     return [*wrong[:6], *map(wrapped, wrong[6:9]), *wrong[9:]]
 
 
-def _late(wrong: Float[Array, "... T"], lag: int) -> Float[Array, "... T-P"]:
+def _late(wrong: Any, lag: int) -> Any:
     """Errors so many rows ago, of the rows that have `ORDER` before them."""
     return wrong[..., ORDER - lag : wrong.shape[-1] - lag]
 
 
 @partial(jax.jit, static_argnums=3)
-def products(
+def errors_of_chunk(
     chunk: Windows, parameters: Parameters, steps: int | Array, stride: int
-) -> Float[Array, "64 12 P+1 P+1"]:
-    """Products of the errors in each window of a chunk."""
-
-    def one(window: Windows) -> Float[Array, "12 P+1 P+1"]:
-        wrong = errors(window, parameters, steps, stride).T
-        late = jnp.stack([_late(wrong, lag) for lag in range(ORDER + 1)], axis=1)
-        return jnp.einsum("cit,cjt->cij", late, late)
-
-    return jax.vmap(one)(chunk)
+) -> Float[Array, "W 12 T"]:
+    """Errors in each window of a chunk, by column."""
+    return jax.vmap(lambda window: errors(window, parameters, steps, stride).T)(chunk)
 
 
-@partial(jax.jit, static_argnums=3)
-def sums(
-    chunk: Windows, parameters: Parameters, steps: int | Array, stride: int
-) -> Float[Array, "64 12"]:
-    """Sums of the errors in each window of a chunk."""
+def products(wrong: Float[np.ndarray, "W C T"]) -> Float[np.ndarray, "W C P+1 P+1"]:
+    """Products of the errors in each window with those 0 ... P rows before, both 0 ... P rows late.
 
-    def one(window: Windows) -> Float[Array, "12"]:
-        return errors(window, parameters, steps, stride)[ORDER:].sum(axis=0)
-
-    return jax.vmap(one)(chunk)
+    A row later for both, all but the first and the last term of a sum are the same; so these cost a
+    seventeenth of all sums. In double precision, for what is added and taken away again.
+    """
+    wrong = wrong.astype(np.float64)
+    now = _late(wrong, 0)
+    out = np.empty((*wrong.shape[:2], ORDER + 1, ORDER + 1))
+    for lag in range(ORDER + 1):
+        out[..., 0, lag] = out[..., lag, 0] = np.einsum("wct,wct->wc", now, _late(wrong, lag))
+    begin, end = wrong[..., ORDER - 1 :: -1], wrong[..., : -ORDER - 1 : -1]
+    ends = begin[..., :, None] * begin[..., None, :] - end[..., :, None] * end[..., None, :]
+    for lag in range(1, ORDER + 1):
+        later = out[..., lag - 1, lag - 1 : -1] + ends[..., lag - 1, lag - 1 :]
+        out[..., lag, lag:] = out[..., lag:, lag] = later
+    return out
 
 
 class Innovations(NamedTuple):
@@ -166,63 +170,94 @@ class Innovations(NamedTuple):
     """Whether the errors themselves count instead."""
 
 
-@partial(jax.jit, static_argnums=5)
-def derivatives(
+@partial(jax.jit, static_argnums=3)
+def spins(
+    chunk: Windows, parameters: Parameters, steps: int | Array, stride: int
+) -> tuple[Float[Array, "W T 4"], Float[Array, "4 W T 4"]]:
+    """Speeds of the rotors before each row, and their slopes by `MOTORS`.
+
+    Rotors are simulated row by row, so that a slope of their speeds costs as much as all else. It
+    takes four, and no more: along a direction it is a sum of these.
+    """
+
+    def speeds(motors: dict[str, Array]) -> Float[Array, "W T 4"]:
+        drone = replace(parameters, **motors)
+        return jax.vmap(lambda window: _speeds(window, drone, steps, stride))(chunk)
+
+    motors = {name: getattr(parameters, name) for name in MOTORS}
+    units = dict(zip(MOTORS, jnp.eye(len(MOTORS)), strict=True))
+    return jax.vmap(lambda unit: jax.jvp(speeds, (motors,), (unit,)), out_axes=(None, 0))(units)
+
+
+@partial(jax.jit, static_argnums=6)
+def slopes(
     chunk: Windows,
     parameters: Parameters,
+    speed: Float[Array, "W T 4"],
+    by_motor: Float[Array, "4 W T 4"],
     directions: Parameters,
-    new: Innovations,
     steps: int | Array,
     stride: int,
+) -> tuple[Float[Array, "W 6 T"], Float[Array, "d W 6 T"]]:
+    """Errors of `COLUMNS` in each window of a chunk, and their slopes along d directions.
+
+    Args:
+        chunk: the windows.
+        parameters: the drone.
+        speed: see `spins`.
+        by_motor: likewise.
+        directions: stacked; `AT_ONCE`, as one program serves all numbers of them.
+        steps: physics steps a command.
+        stride: commands to a row.
+    """
+
+    def wrong(drone: Parameters, speeds: Array) -> Float[Array, "W 6 T"]:
+        def one(window: Windows, speeds: Array) -> Float[Array, "6 T"]:
+            columns = _by_column(window, speeds, drone, steps, stride)
+            return jnp.stack([columns[column] for column in COLUMNS])
+
+        return jax.vmap(one)(chunk, speeds)
+
+    def along(direction: Parameters) -> tuple[Array, Array]:
+        parts = jnp.stack([getattr(direction, name) for name in MOTORS])
+        faster = jnp.tensordot(parts, by_motor, 1)
+        now, slope = jax.jvp(wrong, (parameters, speed), (direction, faster))
+        return now, jnp.where(jnp.isfinite(slope), slope, 0.0)
+
+    # Directions before windows, so that what all directions share is computed once for them.
+    return jax.vmap(along, out_axes=(None, 0))(directions)
+
+
+@jax.jit
+def derivatives(
+    wrong: Float[Array, "W 6 T"],
+    parts: Sequence[Float[Array, "d W 6 T"]],
+    new: Innovations,
 ) -> tuple[
-    Float[Array, "64 d"],
-    Float[Array, "64 d d"],
-    Float[Array, "64 d 6 P"],
-    Float[Array, "64 d"],
-    Float[Array, "64 6"],
+    Float[Array, "W D"],
+    Float[Array, "W D D"],
+    Float[Array, "W D 6 P"],
+    Float[Array, "W D"],
+    Float[Array, "W 6"],
 ]:
     """Derivatives of half the sum of squared innovations in each window of a chunk.
 
-    They are gradient, curvature, the slopes' products with the past errors, the sum of the
-    vertical errors' slopes, and last the squares of the innovations' sums.
+    They are gradient, curvature, the slopes' products with the past errors, and the sum of the
+    vertical errors' slopes, along the directions of all parts of `slopes`; and last the squares of
+    the innovations' sums.
 
     If `by_moment`, half the sum of squares of the errors themselves, over their own variance.
     """
     coefficients, deviation, share, by_moment = new
+    scale = deviation[None, :, None]
+    wrong, slopes = wrong / scale, jnp.concatenate(parts) / scale[None]
 
-    def speeds(motors: dict[str, Array]) -> Float[Array, "64 T 4"]:
-        drone = replace(parameters, **motors)
-        return jax.vmap(lambda window: _speeds(window, drone, steps, stride))(chunk)
-
-    def scaled(drone: Parameters, speeds: Array) -> Float[Array, "64 6 T"]:
-        def one(window: Windows, speeds: Array) -> Float[Array, "6 T"]:
-            wrong = _by_column(window, speeds, drone, steps, stride)
-            return jnp.stack([wrong[column] for column in COLUMNS]) / deviation[:, None]
-
-        return jax.vmap(one)(chunk, speeds)
-
-    # Rotors are simulated row by row, so that a slope of their speeds costs as much as all else. It
-    # takes four, and no more: along a direction it is a sum of these.
-    motors = {name: getattr(parameters, name) for name in MOTORS}
-    units = dict(zip(MOTORS, jnp.eye(len(MOTORS)), strict=True))
-    speed, by_motor = jax.vmap(
-        lambda unit: jax.jvp(speeds, (motors,), (unit,)), out_axes=(None, 0)
-    )(units)
-
-    def innovations(wrong: Float[Array, "64 6 T"]) -> Float[Array, "64 6 T-P"]:
+    def innovations(wrong: Float[Array, "W 6 T"]) -> Float[Array, "W 6 T-P"]:
         left = wrong[..., ORDER:]
         for lag in range(1, ORDER + 1):
             left = left - coefficients[None, :, lag - 1, None] * _late(wrong, lag)
         return left
 
-    def along(direction: Parameters) -> tuple[Array, Array]:
-        parts = jnp.stack([getattr(direction, name) for name in MOTORS])
-        faster = jnp.tensordot(parts, by_motor, 1)
-        wrong, slope = jax.jvp(scaled, (parameters, speed), (direction, faster))
-        return wrong, jnp.where(jnp.isfinite(slope), slope, 0.0)
-
-    # Directions before windows, so that what all directions share is computed once for them.
-    wrong, slopes = jax.vmap(along, out_axes=(None, 0))(directions)
     climbs = jnp.sum(slopes[:, :, COLUMNS.index(VERTICAL), ORDER:], axis=2)
     part = share[None, :, None]
     left, plain = wrong[..., ORDER:] * part, slopes[..., ORDER:] * part[None]

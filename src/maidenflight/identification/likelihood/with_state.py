@@ -6,7 +6,6 @@ can tell of it.
 
 import itertools
 from collections.abc import Collection, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace as replace_
 from functools import partial
 
@@ -16,6 +15,7 @@ from jaxtyping import Float
 from maidenflight.flights.log import Flight
 from maidenflight.identification.drone_file import GroupGain
 from maidenflight.identification.likelihood import information, other_ways, selection
+from maidenflight.identification.likelihood.compiling import start_compiling
 from maidenflight.identification.likelihood.estimator import Models, Question, answer_question
 from maidenflight.identification.likelihood.fit import balance, box_of, fit
 from maidenflight.identification.likelihood.flight_differences import differences
@@ -82,12 +82,11 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     if problem.over is not None:
         box_of(problem, problem.over)
     start, coarse = problem.start, _coarse(problem, settings)
-    # Programs depend on the flights' shapes alone, and to look at the motors takes one core.
-    with ThreadPoolExecutor(1) as pool:
-        compiled = pool.submit(coarse.compile, start)
-        motors = _motors(problem)
-        problem.reporter.stage(EXPECTING, 0, 1)
-        compiled.result()
+    # To look at the motors takes one core.
+    wait = start_compiling(problem.flights[0], settings.lead_in, start)
+    motors = _motors(problem)
+    problem.reporter.stage(EXPECTING, 0, 1)
+    wait()
     if motors:
         problem = replace_(problem, flights=[undo_filter_delay(one) for one in problem.flights])
         coarse = _coarse(problem, settings)

@@ -93,7 +93,7 @@ class Objective:
             discount: delta.
             weights: diagonal of W.
         """
-        self._windows = in_chunks(windows)
+        self._windows = jax.device_put(in_chunks(windows))
         self.size = len(windows.segment)
         self.segments = int(windows.segment.max()) + 1
         self._segment = windows.segment

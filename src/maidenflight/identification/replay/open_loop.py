@@ -6,6 +6,8 @@ delay line at the start are those that the recorded commands before it imply.
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from itertools import pairwise
 
 import jax
 import jax.numpy as jnp
@@ -105,7 +107,7 @@ def wrapped(angles: Float[Array, "..."]) -> Float[Array, "..."]:
 
 
 def in_chunks(windows: Windows, size: int = CHUNK) -> Windows:
-    """Windows by chunks of some size, on the device.
+    """Windows by chunks of some size.
 
     The last chunk is filled up with windows that stand for nothing new.
     """
@@ -113,7 +115,7 @@ def in_chunks(windows: Windows, size: int = CHUNK) -> Windows:
     chunks = -(-count // size)
     order = np.resize(np.arange(count), chunks * size)
     return jax.tree.map(
-        lambda array: jnp.asarray(array[order]).reshape(chunks, size, *array.shape[1:]), windows
+        lambda array: np.asarray(array)[order].reshape(chunks, size, *array.shape[1:]), windows
     )
 
 
@@ -133,13 +135,17 @@ def on_all_cores(
     """
     workers = min(cores.count(), chunks) if jax.default_backend() == "cpu" else 1
     ends = [chunks * worker // workers for worker in range(workers + 1)]
-    with ThreadPoolExecutor(workers) as pool:
+
+    def compute_part(first: int, end: int) -> list[np.ndarray]:
         # The copies to NumPy wait for the results, and let go of Python's lock meanwhile.
-        parts = list(
-            pool.map(
-                lambda first, end: [np.asarray(part) for part in compute(first, end)],
-                ends[:-1],
-                ends[1:],
-            )
-        )
+        return [np.asarray(part) for part in compute(first, end)]
+
+    others = [_pool().submit(compute_part, *part) for part in pairwise(ends[1:])]
+    parts = [compute_part(*ends[:2]), *(other.result() for other in others)]
     return [np.concatenate(pieces) for pieces in zip(*parts, strict=True)]
+
+
+@cache
+def _pool() -> ThreadPoolExecutor:
+    """Threads that stay: to begin and end them took as long as a tenth of what they compute."""
+    return ThreadPoolExecutor(cores.count())

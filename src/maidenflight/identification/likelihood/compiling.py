@@ -1,0 +1,93 @@
+"""Compiles what the likelihood of one row ahead needs, before it is needed."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from threading import Thread
+
+import jax
+import numpy as np
+
+from maidenflight import cores
+from maidenflight.flights.log import Flight
+from maidenflight.flights.windows import Windows
+from maidenflight.identification.likelihood import one_step_errors
+from maidenflight.identification.likelihood.observation import BY_MOMENT, MOTORS
+from maidenflight.identification.likelihood.one_step import CHUNK, JOINED, LENGTH, directions
+from maidenflight.identification.likelihood.one_step_errors import AT_ONCE, ORDER, Innovations
+from maidenflight.identification.signals.flight_signals import stride
+from maidenflight.parameters import Parameters
+
+
+def start_compiling(flight: Flight, lead_in: int, parameters: Parameters) -> Callable[[], None]:
+    """Begins to compile all programs that identification from flights like one needs.
+
+    They depend on its rate alone, so that others can be read meanwhile. Side by side they take half
+    as long as one after the other; what is compiled already is not compiled again.
+
+    Args:
+        flight: a flight with a state.
+        lead_in: rows of commands before a window; at least one.
+        parameters: any drone.
+
+    Returns:
+        A function that waits for the end.
+    """
+    left = iter(_programs(stride(flight), max(lead_in, 1), parameters))
+
+    def compile_next() -> None:
+        # What fails here fails again where it is needed, which says it.
+        with suppress(Exception):
+            for program in left:
+                program()
+
+    threads = [Thread(target=compile_next, daemon=True) for _ in range(cores.count())]
+    for thread in threads:
+        thread.start()
+
+    def wait() -> None:
+        for thread in threads:
+            thread.join()
+
+    return wait
+
+
+def _programs(every: int, before: int, parameters: Parameters) -> list[Callable[[], object]]:
+    """What runs each program once, the largest first.
+
+    Args:
+        every: rows of the log to a row of the windows.
+        before: rows of commands before a window.
+        parameters: any drone.
+    """
+
+    def zeros(*shape: int) -> np.ndarray:
+        return np.zeros(shape, np.float32)
+
+    chunk, drone = jax.device_put(
+        (
+            Windows(
+                position=zeros(CHUNK, 3),
+                velocity=zeros(CHUNK, 3),
+                quaternion=zeros(CHUNK, 4),
+                body_rates=zeros(CHUNK, 3),
+                command=zeros(CHUNK, every * (before + LENGTH), 4),
+                measured=zeros(CHUNK, LENGTH, 12),
+                segment=np.zeros(CHUNK, int),
+            ),
+            parameters,
+        )
+    )
+    motors = zeros(CHUNK, LENGTH, 4), zeros(len(MOTORS), CHUNK, LENGTH, 4)
+    speed, by_motor, wrong, part = jax.device_put(
+        (*motors, zeros(CHUNK, 6, LENGTH), zeros(AT_ONCE, CHUNK, 6, LENGTH))
+    )
+    new = Innovations(zeros(6, ORDER), zeros(6), zeros(6), False)
+    along = directions(drone, [BY_MOMENT[0]])[0]
+    return [
+        partial(one_step_errors.slopes, chunk, drone, speed, by_motor, along, 1, every),
+        partial(one_step_errors.errors_of_chunk, chunk, drone, 1, every),
+        partial(one_step_errors.spins, chunk, drone, 1, every),
+        partial(one_step_errors.derivatives, wrong, [part] * JOINED, new),
+        partial(one_step_errors.derivatives, wrong, [part] * 2 * JOINED, new),
+    ]
