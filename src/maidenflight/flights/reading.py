@@ -133,7 +133,7 @@ def read_flights(
         for flight in _read(paths, path.is_file(), reading, options, on_file)
     )
     if on_flight is not None:
-        read = _telling(read, on_flight)
+        read = _report_each(read, on_flight)
     flights, duration = sampled(read, most, lead_in)
     if reading.faulty and options.faulty == names.FAULTY_LOGS[0]:
         raise InputError(
@@ -167,7 +167,7 @@ def read_flights(
     return replace(selection, notes=(note, *selection.notes))
 
 
-def _telling(flights: Iterator[Flight], on_flight: Callable[[Flight], None]) -> Iterator[Flight]:
+def _report_each(flights: Iterator[Flight], on_flight: Callable[[Flight], None]) -> Iterator[Flight]:
     for flight in flights:
         on_flight(flight)
         yield flight
