@@ -3,7 +3,7 @@
 The estimates follow p' = v + w_r n, v' = a - d + w_v n and d' = -d + w_v n, all with the same
 white noise n (`sensors.walk_estimate`, without `turn_drift`); a is gravity times a tilt, which
 torques behind the motors' lag and the latency turn. A linear-quadratic regulator knows all of this
-and weighs error, body rate and torque; `sensors.turning` of the rates that it makes grows the
+and weighs error, body rate and torque; `sensors.walk_factor` of the rates that it makes grows the
 noise. The least error over the weights bounds linear controllers (paper/notes/training.md).
 
     python paper/drift_floor.py identified/authors/drone.toml

@@ -316,6 +316,10 @@ def _cell(row: dict[str, Any]) -> str:
     return f"| {' | '.join(map(str, cells))} |"
 
 
+def _drone(cells: str) -> str:
+    return cells.removeprefix("| ").split(" | ")[0]
+
+
 HEAD = """# Truth board
 
 What `identify` finds on public drones of which something was measured, beside the measured value,
@@ -350,7 +354,15 @@ def main() -> None:
         rows.sort(key=lambda row: every.index(str(row["drone"])))
         results.write(table, polars.DataFrame(rows, infer_schema_length=None).write_csv())
         print("\n".join(map(_cell, new)), flush=True)
-    PAGE.write_text(HEAD + "\n".join(map(_cell, rows)) + "\n")
+    cells = [_cell(row) for row in rows]
+    # Drones that the output folder does not know stay on the page as they are.
+    cells += [
+        line
+        for line in PAGE.read_text().splitlines()
+        if _drone(line) in every and _drone(line) not in map(_drone, cells)
+    ]
+    cells.sort(key=lambda line: every.index(_drone(line)))
+    PAGE.write_text(HEAD + "\n".join(cells) + "\n")
     if options.lag:
         lags = polars.DataFrame(lag_rows(options.data))
         results.write(options.output / "lags.csv", lags.write_csv())

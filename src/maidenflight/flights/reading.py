@@ -167,7 +167,9 @@ def read_flights(
     return replace(selection, notes=(note, *selection.notes))
 
 
-def _report_each(flights: Iterator[Flight], on_flight: Callable[[Flight], None]) -> Iterator[Flight]:
+def _report_each(
+    flights: Iterator[Flight], on_flight: Callable[[Flight], None]
+) -> Iterator[Flight]:
     for flight in flights:
         on_flight(flight)
         yield flight

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from maidenflight.flights.log import Flight
 from maidenflight.parameters import Parameters, levers
-from maidenflight.simulator.physics.sensors import TURN_LEAD, turning
+from maidenflight.simulator.physics.sensors import TURN_LEAD, walk_factor
 
 ROWS = 8
 """Rows over which noise is measured, at most: 0.08 s at 100 Hz, in which a policy reacts. Over
@@ -121,7 +121,7 @@ def correct_walks(noise: dict[str, float], flights: Sequence[Flight]) -> dict[st
     if against_tilt(flights) <= _CONTRADICTED * noise["position_walk"]:
         return {**noise, **dict.fromkeys(WALKS, 0.0)}
     rates = np.concatenate([flight.body_rates for flight in flights])
-    further = float(np.sqrt(np.mean(turning(rates) ** 2)))
+    further = float(np.sqrt(np.mean(walk_factor(rates) ** 2)))
     across = {name: noise[name] / further for name in ("position_walk", "velocity_walk")}
     return {**noise, **across}
 

@@ -83,7 +83,7 @@ def drifts(parameters: Parameters) -> bool:
     return any(bool(np.any(np.asarray(walk) > 0)) for walk in walks)
 
 
-def turning(body_rates: Float[Any, "... 3"]) -> Float[Any, "..."]:
+def walk_factor(body_rates: Float[Any, "... 3"]) -> Float[Any, "..."]:
     """Returns how much further horizontal estimates walk while the drone turns.
 
     Args:
@@ -94,7 +94,7 @@ def turning(body_rates: Float[Any, "... 3"]) -> Float[Any, "..."]:
     return (1.0 + (body_rates[..., 0] ** 2 + body_rates[..., 1] ** 2) / TURNING**2) ** 0.5
 
 
-def leaning(state: State) -> tuple[Float[Any, ""], Float[Any, ""]]:
+def lean_rates(state: State) -> tuple[Float[Any, ""], Float[Any, ""]]:
     """Returns how fast the body's z axis moves along world x and y [1/s].
 
     Source: R (omega x z).
@@ -132,7 +132,7 @@ def walk_estimate(
     Source: ours; sizes and spectrum from the authors' flights (docs/identification.md). Crazyflie
     firmware, mm_flow.c: earlier versions take 1.25 times the gyro's rate off (`omegaFactor`).
     """
-    further, tilt = turning(state.body_rates), (*leaning(state), 0.0)
+    further, tilt = walk_factor(state.body_rates), (*lean_rates(state), 0.0)
     decay, root = jnp.exp(-elapsed / DRIFT_TIME), jnp.sqrt(elapsed)
     across, height = parameters.position_walk, parameters.height_walk
     # By entries: of vectors put together XLA's own choice makes loops that take three times as long
@@ -167,7 +167,7 @@ def estimate_after_turn(
     """
     moved = [
         ((now + then) * (0.5 * elapsed) + (now - then) * TURN_LEAD) * parameters.turn_drift
-        for now, then in zip(leaning(after), leaning(before), strict=True)
+        for now, then in zip(lean_rates(after), lean_rates(before), strict=True)
     ]
     moved = like(after.position, [*moved, 0.0 * after.position[2]])
     return after._replace(
@@ -188,7 +188,7 @@ def add_drift(
 
     Source: see `walk_estimate` and `TURN_LEAD`.
     """
-    ahead = like(state.position, [*leaning(state), 0.0]) * (parameters.turn_drift * TURN_LEAD)
+    ahead = like(state.position, [*lean_rates(state), 0.0]) * (parameters.turn_drift * TURN_LEAD)
     return estimate._replace(
         position=estimate.position + drift[:3] + ahead,
         velocity=estimate.velocity + drift[3:] + ahead / DRIFT_TIME,
