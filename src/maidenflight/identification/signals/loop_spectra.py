@@ -167,8 +167,8 @@ class _Model:
         self.spectra, self.delay, self.closed = spectra, delay, closed
         z = spectra.s / _CENTRE
         self.basis = np.stack([z ** (power - 1) for power in _POWERS])
-        self.count = np.bincount(spectra.band)
-        self.lines, self.twice = self.count * spectra.averages, 2 * spectra.averages
+        self.lines = np.bincount(spectra.band) * spectra.averages
+        self.twice = 2 * spectra.averages
         # What no parameter changes, once: an evaluation is a hundred microseconds.
         self.delayed, self.answered = np.exp(-spectra.s * delay), -spectra.s * _ANSWER
         self.unit = 1.0
@@ -205,7 +205,8 @@ class _Model:
         cross, drive, motion, twice = spectra.cross, spectra.drive, spectra.motion, self.twice
         slower = 1 / (1 + s * lag)
         response = (np.exp(x[1]) * slower) * self.delayed
-        disturbance = self.means(motion - 2 * _shared(response, cross) + _power(response) * drive)
+        residual = motion - 2 * _shared(response, cross) + _power(response) * drive
+        disturbance = spectra.means(residual)
         value = float(self.lines @ np.log(disturbance))
         # Conjugate slope with respect to G: the value moves by Re(conj(slope) dG).
         by_response = (response * drive - cross) * (twice / disturbance)[spectra.band]
@@ -213,7 +214,7 @@ class _Model:
         if self.closed:
             delayed_basis = self.basis * np.exp(self.answered * x[-1])
             answer = self.unit * x[2:-1] ** 2 @ delayed_basis
-            setpoint = self.means(
+            setpoint = spectra.means(
                 drive + 2 * _shared(answer.conj(), cross) + _power(answer) * motion
             )
             loop = 1 + response * answer
@@ -232,10 +233,6 @@ class _Model:
             ]
         by_lag = np.vdot(by_response, response * slower * s).real * -lag
         return value, np.array([by_lag, np.vdot(by_response, response).real, *controller_slopes])
-
-    def means(self, power: Float[np.ndarray, "F"]) -> Float[np.ndarray, "B"]:
-        """Returns the mean of a power in each band."""
-        return np.bincount(self.spectra.band, power) / self.count
 
     def slope_by_delay(self, x: Float[np.ndarray, "d"]) -> float:
         """Returns by how much the loss rises with the delay [nats/s], the parameters fixed."""
