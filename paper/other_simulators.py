@@ -24,7 +24,7 @@ import maidenflight as mf
 from maidenflight import compiler, policy_file, results
 from maidenflight.experiments.drones import choose_prediction, find_reality, possible_drones
 from maidenflight.experiments.flight_times import predict_flight_times
-from maidenflight.flying.scenario import Start
+from maidenflight.flying.scenario import Start, start_of
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.realities.reality import AnyReality
 from maidenflight.simulator.tasks.failures import ZERO_SHOT
@@ -36,12 +36,8 @@ from maidenflight.verbs.train import Train
 TASKS, CONTROLS, UPDATES, SEEDS = ("circle", "figure_eight"), ("pwm", "attitude_rate"), (40, 120), 5
 DURATION_S, PREDICTED, ACTUAL, WITHIN = 10.0, 8, 1, 0.25
 """Longest flight [s]; flights of a policy, predicted and flown; the error of a ratio to count."""
-START = Start(
-    *(
-        np.array(one, np.float32)  # type: ignore[arg-type]
-        for one in ((0.02 / np.sqrt(3.0),) * 3, (0.0,) * 3, (0.0,) * 3, (0.0,) * 3, 0.0)
-    )
-)
+STILL = (0.0, 0.0, 0.0)
+START = start_of((0.02 / np.sqrt(3.0),) * 3, STILL, STILL, STILL, 0.0, 0.0, 1e6)
 """As `transfer` begins: at rest, within 2 cm of the reference's start along each axis."""
 
 
