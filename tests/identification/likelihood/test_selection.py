@@ -20,7 +20,7 @@ from maidenflight.identification.methods import Likelihood
 from maidenflight.identification.outcome.estimates import SURE_NATS
 from maidenflight.identification.outcome.progress import CHOICE, INTERVALS, STAGES
 from maidenflight.identification.search.gauss_newton import NormalEquations
-from maidenflight.parameters import COMPONENTS, replace
+from maidenflight.parameters import COMPONENTS, component, replace
 
 FEW = {name: GROUPS[name] for name in ("flapping_moment", "spin_down_ratio", "rotor_momentum")}
 choose: Any = selection.choose
@@ -58,6 +58,21 @@ def test_what_was_planted_is_chosen_and_what_buys_nothing_is_not(found):
     for step in identified.gains:
         assert (step.log_likelihood_gain > 0.05) == step.is_in_model
         assert 0 < step.standard_error < 0.02
+
+
+@pytest.mark.slow
+def test_a_curved_thrust_does_not_pass_for_inertia(monkeypatch):
+    start = planted.drone(1.75, 0.07, 0.012)
+    curved = {"thrust_linear": 0.3, "inertia": np.float32([1.2, 1.2, 0.8]) * start.inertia}
+    flights = planted.logs(replace(start, **curved), 48)
+    offered = {"inertia": GROUPS["inertia"], **selection.OF_CLEAR_LOGS}
+    monkeypatch.setattr(selection, "groups", lambda flights, has_measured_lag: offered)
+    identified = identify(flights, Likelihood(trials=1), start=start, over="auto")
+    for name in ("thrust_linear", "inertia_x", "inertia_y"):
+        truth = float(component(replace(start, **curved), name))
+        low, high = identified.estimates[name].interval
+        assert low < truth < high
+        assert identified.estimates[name].value == pytest.approx(truth, rel=0.05)
 
 
 @pytest.mark.slow
@@ -281,7 +296,8 @@ def test_drag_is_looked_for_only_where_the_drone_moves():
         )
     )
     assert not {"drag", "flapping_moment"} & set(selection.groups([still], has_measured_lag=False))
-    assert selection.groups([moving], has_measured_lag=False) == GROUPS
+    every = {**GROUPS, **selection.OF_CLEAR_LOGS}
+    assert selection.groups([moving], has_measured_lag=False) == every
     assert selection.groups([moving], has_measured_lag=True) == selection.WITH_KNOWN_LAG
 
 

@@ -89,7 +89,7 @@ def doubt_of_states(
     names, unit = fit_result.box.names, fit_result.optimum
     errors = np.zeros(len(names))
     if not measured:
-        contradicted = what_is_lacking(fit_result) > _CONTRADICTED
+        contradicted = "thrust_linear" in names or what_is_lacking(fit_result) > _CONTRADICTED
         share = _LIKE if contradicted else 0.0
         # Thrust has its own error, and trims are of a flight.
         errors = share * np.abs(fit_result.box.values(unit))

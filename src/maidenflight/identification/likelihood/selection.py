@@ -30,9 +30,15 @@ GROUPS: dict[str, tuple[str, ...]] = {
 }
 """What may be added, a group at a time: its name, and the parameters in it.
 
-Not among them are damping of the rates and the thrust curve: a little misfit of the sensors' lag
-passes for damping one step ahead, and policies that crashed within a second are then predicted to
-fly (docs/identification.md). Name them to identify them."""
+Not among them is damping of the rates: a little misfit of the sensors' lag passes for it one step
+ahead, and policies that crashed within a second are then predicted to fly (docs/identification.md).
+Name it to identify it."""
+OF_CLEAR_LOGS: dict[str, tuple[str, ...]] = {
+    "thrust_linear": ("thrust_linear",),
+    "inertia_z": ("inertia_z",),
+}
+"""Groups besides, where commands act from row to row and held-out flights gain by them: a curved
+thrust and gyroscopic coupling pass for inertia otherwise. They have no plausible range."""
 WITH_KNOWN_LAG: dict[str, tuple[str, ...]] = {
     **{name: parts for name, parts in GROUPS.items() if name not in ("motor_coasting", "drag")},
     "drag": ("drag_x", "drag_y", "drag_z"),
@@ -67,7 +73,7 @@ def groups(flights: Sequence[Flight], has_measured_lag: bool) -> dict[str, tuple
     level = {*GROUPS["drag"], *GROUPS["flapping_moment"]}
     still = level if square[0] + square[1] < MOVING**2 else set()
     still |= {"drag_z"} if square[2] < MOVING**2 else set()
-    parameter_groups = WITH_KNOWN_LAG if has_measured_lag else GROUPS
+    parameter_groups = WITH_KNOWN_LAG if has_measured_lag else {**GROUPS, **OF_CLEAR_LOGS}
     remaining = {
         group: tuple(name for name in names if name not in still)
         for group, names in parameter_groups.items()

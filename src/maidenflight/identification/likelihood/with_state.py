@@ -100,7 +100,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         question = _question(problem, settings, (coarse, fine), measured, unidentifiable)
         fit_result = answer_question(problem, settings, question)
         box, draws = fit_result.best.box, fit_result.samples
-        searched = [name for name in box.names if name not in measured]
+        searched = [name for name in box.names if name in expected and name not in measured]
         groups = _groups(problem, measured)
         needed = _surely_needed(fit_result.gains, groups)
         wide = _too_wide(draws, [name for name in searched if name not in needed], expected, groups)
