@@ -24,7 +24,7 @@ import maidenflight as mf
 from maidenflight import compiler, policy_file, results
 from maidenflight.experiments.drones import choose_prediction, find_reality, possible_drones
 from maidenflight.experiments.flight_times import predict_flight_times
-from maidenflight.flying.scenario import Start, start_of
+from maidenflight.flying.scenario import start_of
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.realities.reality import AnyReality
 from maidenflight.simulator.tasks.failures import ZERO_SHOT
