@@ -83,7 +83,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         box_of(problem, problem.over)
     start, coarse = problem.start, _coarse(problem, settings)
     # To look at the motors takes one core.
-    wait = start_compiling(problem.flights[0], settings.lead_in, start)
+    wait = start_compiling(problem.flights[0], settings.lead_in)
     motors = _motors(problem)
     problem.reporter.stage(EXPECTING, 0, 1)
     wait()
