@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
+from operator import itemgetter
 from threading import Thread
 from typing import Any, NamedTuple
 
@@ -177,7 +178,7 @@ def train(
         if path is not None:
             checkpoints.save(path, state, fingerprint, stages)
         report(state, number)
-    return tuple(_one_of(state.best, number) for number in range(len(keys)))
+    return tuple(tree.map(itemgetter(number), state.best) for number in range(len(keys)))
 
 
 def _method_of(settings: Settings) -> Method:
@@ -201,7 +202,8 @@ def _begin(
         begin = method.begin if stages else partial(_begun, method.begin)
         learners = begin(env, settings, drones, keys)
         if spec.initial is not None:
-            learners = learners._replace(policy=_repeated(spec.initial, len(keys)))
+            copies = [spec.initial] * len(keys)
+            learners = learners._replace(policy=tree.map(lambda *same: np.stack(same), *copies))
         every = stages or (settings.updates,)
         count = len(checkpoints.ends(every, settings.evaluations, spec.initial is not None))
         worst = Evaluation(*[np.full(len(keys), np.float32(-np.inf))] * len(Evaluation._fields))
@@ -252,14 +254,6 @@ def _advanced(state: _State, learners: Any, scores: Evaluation) -> _State:
         scores=tree.map(written, state.scores, scores),
         scored=np.int32(state.scored + 1),
     )
-
-
-def _one_of(stacked: Policy, number: int) -> Policy:
-    return tree.map(lambda leaf: leaf[number], stacked)
-
-
-def _repeated(policy: Policy, count: int) -> Policy:
-    return tree.map(lambda leaf: np.repeat(np.asarray(leaf)[None], count, axis=0), policy)
 
 
 def _compiling_scores(

@@ -144,10 +144,7 @@ class _Stage(Progress):
 
 
 def _compile_ahead(stages: Stages, reality: str) -> None:
-    """Compiles training, by an update for any drone, and its policies' flights, while others run.
-
-    Flights are recorded and a drone is identified meanwhile, which leaves a core free at times.
-    """
+    """Compiles training, by an update for any drone, and flights, while others are recorded."""
     train, transfer = stages.train, stages.transfer
     controller, learner = core.control.pwm(), train.learner_settings
     policies = core.train(

@@ -302,7 +302,8 @@ def test_programs_for_flights_alike_are_begun_once_whoever_asks(flights, monkeyp
     monkeypatch.setattr(compiling, "_programs", lambda *sizes: [lambda: begun.append(sizes)] * 2)
     compiling._start_threads.cache_clear()
     for flight, lead_in in ((0, LEAD_IN), (1, LEAD_IN), (1, 5), (0, 5)):
-        compiling.start_compiling(flights[flight], lead_in)()
+        for thread in compiling.start_compiling(flights[flight], lead_in):
+            thread.join()
     compiling._start_threads.cache_clear()
     assert begun == [(1, LEAD_IN)] * 2 + [(1, 5)] * 2
 
@@ -311,7 +312,8 @@ def test_after_compiling_all_programs_nothing_is_compiled_for_other_parameters_o
     noisy, flights
 ):
     compiling._start_threads.cache_clear()
-    compiling.start_compiling(flights[0], LEAD_IN)()
+    for thread in compiling.start_compiling(flights[0], LEAD_IN):
+        thread.join()
     programs = (
         one_step_errors.derivatives,
         one_step_errors.slopes,

@@ -19,7 +19,7 @@ from maidenflight.identification.signals.flight_signals import stride
 from maidenflight.parameters import crazyflie
 
 
-def start_compiling(flight: Flight, lead_in: int) -> Callable[[], None]:
+def start_compiling(flight: Flight, lead_in: int) -> list[Thread]:
     """Begins to compile all programs that identification from flights like one needs.
 
     They depend on its rate alone, so that others can be read meanwhile. Side by side they take half
@@ -30,20 +30,14 @@ def start_compiling(flight: Flight, lead_in: int) -> Callable[[], None]:
         lead_in: rows of commands before a window; at least one.
 
     Returns:
-        A function that waits for the end.
+        Threads, all of which have ended once all is compiled.
     """
-    threads = _start_threads(stride(flight), max(lead_in, 1))
-
-    def wait() -> None:
-        for thread in threads:
-            thread.join()
-
-    return wait
+    return _start_threads(stride(flight), max(lead_in, 1))
 
 
 @lru_cache(1)
 def _start_threads(every: int, before: int) -> list[Thread]:
-    """Returns threads that compile: begun by the verb as it reads, awaited by the estimator."""
+    """Returns threads that the verb begins as it reads, and the estimator waits for."""
     left = iter(_programs(every, before))
 
     def compile_next() -> None:
