@@ -239,19 +239,17 @@ def _advanced(state: _State, learners: Any, scores: Evaluation) -> _State:
     """The state after one more evaluation; of each policy the better one counts."""
     # By NumPy: JAX would compile a program for each operation and shape.
     scores, policy = tree.map(np.asarray, (scores, learners.policy))
-    better = scores.beats(state.best_score)
 
-    def chosen(new: np.ndarray, old: np.ndarray) -> np.ndarray:
-        return np.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
+    def chosen(where: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
+        return np.where(where.reshape(-1, *[1] * (old.ndim - 1)), new, old)
 
-    def written(rows: np.ndarray, now: np.ndarray) -> np.ndarray:
-        return np.where((np.arange(len(rows)) == state.scored)[:, None], now, rows)
-
+    better = partial(chosen, scores.beats(state.best_score))
+    now = partial(chosen, np.arange(len(state.scores.survival)) == state.scored)
     return _State(
         learners,
-        best=tree.map(chosen, policy, state.best),
-        best_score=tree.map(chosen, scores, state.best_score),
-        scores=tree.map(written, state.scores, scores),
+        best=tree.map(better, policy, state.best),
+        best_score=tree.map(better, scores, state.best_score),
+        scores=tree.map(now, scores, state.scores),
         scored=np.int32(state.scored + 1),
     )
 
