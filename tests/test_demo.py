@@ -4,13 +4,15 @@ import json
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from maidenflight import run_folder, terminal
+from maidenflight.flying import engine
 from maidenflight.identification import drone_file, identify, methods
-from maidenflight.training import defaults
+from maidenflight.training import analytic_gradient, defaults, evaluation
 from maidenflight.verb import Progress, Result
 from maidenflight.verbs.demo import Demo, Stages
 from maidenflight.verbs.identify import Identify
@@ -25,7 +27,7 @@ LESS = Stages(
     Record(flights=2, duration=4.0),
     Identify(logs=Path("."), trials=1, evaluations=15),
     Train(randomize=0.1, accept_bounds=True),
-    Transfer(policies=(".",), accept_bounds=True, trials=2, duration=0.5),
+    Transfer(policies=(".",), accept_bounds=True, trials=2, duration=0.5, against=()),
 )
 pytestmark = pytest.mark.slow
 
@@ -42,6 +44,9 @@ class Heard(Progress):
 
 
 HEARD = Heard()
+MOST_PROGRAMS = {analytic_gradient.learn: 1, evaluation.evaluate_together: 1, engine._simulate: 2}
+"""That demos compile: of flights the recorded ones' and the policies'."""
+COMPILED: dict[Any, int] = {}
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +60,10 @@ def runs(
         patch.setattr(methods, "Likelihood", coarse)
         patch.setitem(defaults.SETTINGS, "pwm", QUICK)
         folders = [tmp_path_factory.mktemp(name) / "run" for name in ("one", "two")]
-        yield [(folder, Demo(seed=3).compute(folder, HEARD, LESS)) for folder in folders]
+        COMPILED.update((one, -one._cache_size()) for one in MOST_PROGRAMS)  # type: ignore[attr-defined]
+        results = [(folder, Demo(seed=3).compute(folder, HEARD, LESS)) for folder in folders]
+        COMPILED.update((one, size + one._cache_size()) for one, size in COMPILED.items())
+        yield results
 
 
 def test_every_stage_runs_in_order_and_leaves_its_results(
@@ -105,6 +113,12 @@ def test_the_same_seed_gives_the_same_bytes(runs: list[tuple[Path, Result]]) -> 
     assert set(different) <= {"demo.json", "report.html"}, (
         "only these two tell how long the stages took"
     )
+
+
+def test_programs_that_are_compiled_ahead_are_those_that_the_verbs_run(
+    runs: list[tuple[Path, Result]],
+) -> None:
+    assert {one: max(COMPILED[one], most) for one, most in MOST_PROGRAMS.items()} == MOST_PROGRAMS
 
 
 def test_results_name_no_place_and_no_time(runs: list[tuple[Path, Result]]) -> None:

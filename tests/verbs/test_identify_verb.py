@@ -59,8 +59,10 @@ def test_how_logs_were_read_stands_in_the_drone_file_s_record(
     assert not {"commands", "battery_law", "ignore"} & set(made)
 
 
-@pytest.mark.parametrize(("objective", "expected"), [("likelihood", [(120, 100)]), ("replay", [])])
-def test_the_first_flight_with_a_state_has_its_programs_compiled_while_others_are_read(
+@pytest.mark.parametrize(
+    ("objective", "expected"), [("likelihood", [(120, 100), (130, 100)]), ("replay", [])]
+)
+def test_flights_with_a_state_have_their_programs_compiled_while_others_are_read(
     objective: str, expected: list[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     begun: list[tuple[int, int]] = []
@@ -73,7 +75,7 @@ def test_the_first_flight_with_a_state_has_its_programs_compiled_while_others_ar
             on_flight(flight)
         return Flights((), (), ())
 
-    def start(flight: Any, lead_in: int, drone: Any) -> None:
+    def start(flight: Any, lead_in: int) -> None:
         begun.append((len(flight), lead_in))
 
     likelihood = "maidenflight.identification.likelihood"

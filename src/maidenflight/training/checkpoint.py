@@ -185,8 +185,7 @@ def restored(
         if [(leaf.shape, leaf.dtype) for leaf in stored.leaves] == [
             (shape.shape, shape.dtype) for shape in shapes
         ]:
-            leaves = [jax.numpy.asarray(leaf) for leaf in stored.leaves]
-            return tree.unflatten(structure, leaves), stored.stages
+            return tree.unflatten(structure, stored.leaves), stored.stages
     raise InputError(
         f"{path}: a checkpoint of another training{_difference(stored.fingerprint, expected)}. "
         "Give the settings, seed and drone that it was started with, or another folder."

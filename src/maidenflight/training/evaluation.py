@@ -4,10 +4,11 @@ With noise and randomization, as in the paper.
 """
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from maidenflight import compiler
@@ -21,20 +22,20 @@ from maidenflight.training.devices import over_devices
 class Evaluation(NamedTuple):
     """Means over episodes."""
 
-    episode_return: Float[Array, ""]
+    episode_return: Float[Any, ""]
     """Sum of rewards until failure or the time limit."""
-    survival: Float[Array, ""]
+    survival: Float[Any, ""]
     """Share of episodes that reach the time limit."""
-    position_error: Float[Array, ""]
+    position_error: Float[Any, ""]
     """Distance from the set-point [m], over all steps before failure."""
 
-    def beats(self, other: "Evaluation") -> Bool[Array, ""]:
+    def beats(self, other: "Evaluation") -> Bool[Any, ""]:
         """Returns whether it is better: by survival, to the nearest twentieth, then by return.
 
         By return alone a drone that crashes at once, and so collects little cost, could beat one
         that flies.
         """
-        mine, others = (jnp.round(20 * score.survival) for score in (self, other))
+        mine, others = (np.round(20 * score.survival) for score in (self, other))
         return (mine > others) | ((mine == others) & (self.episode_return > other.episode_return))
 
 

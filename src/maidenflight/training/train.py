@@ -10,11 +10,11 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
+from operator import itemgetter
 from threading import Thread
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import tree
 from jax.stages import Wrapped
@@ -87,7 +87,7 @@ class _State(NamedTuple):
     best_score: Evaluation
     scores: Evaluation
     """E x P, all evaluations of all stages; not a number where they are still to come."""
-    scored: Array
+    scored: np.int32
     """Number of evaluations so far."""
 
 
@@ -143,9 +143,9 @@ def train(
     )
     ends = checkpoints.ends(stages, settings.evaluations, from_zero)
     if to_come := len(ends) - len(state.scores.survival):
-        more = jnp.full((to_come, len(keys)), jnp.nan)
+        more = np.full((to_come, len(keys)), np.float32(np.nan))
         state = state._replace(
-            scores=Evaluation(*(jnp.concatenate([rows, more]) for rows in state.scores))
+            scores=Evaluation(*(np.concatenate([rows, more]) for rows in state.scores))
         )
 
     def report(state: _State, number: int) -> None:
@@ -178,7 +178,7 @@ def train(
         if path is not None:
             checkpoints.save(path, state, fingerprint, stages)
         report(state, number)
-    return tuple(_one_of(state.best, number) for number in range(len(keys)))
+    return tuple(tree.map(itemgetter(number), state.best) for number in range(len(keys)))
 
 
 def _method_of(settings: Settings) -> Method:
@@ -202,12 +202,13 @@ def _begin(
         begin = method.begin if stages else partial(_begun, method.begin)
         learners = begin(env, settings, drones, keys)
         if spec.initial is not None:
-            learners = learners._replace(policy=_repeated(spec.initial, len(keys)))
+            copies = [spec.initial] * len(keys)
+            learners = learners._replace(policy=tree.map(lambda *same: np.stack(same), *copies))
         every = stages or (settings.updates,)
         count = len(checkpoints.ends(every, settings.evaluations, spec.initial is not None))
-        nothing = Evaluation(*(jnp.full((count, len(keys)), jnp.nan) for _ in Evaluation._fields))
-        worst = Evaluation(*(jnp.full(len(keys), -jnp.inf) for _ in Evaluation._fields))
-        return _State(learners, learners.policy, worst, nothing, jnp.zeros((), jnp.int32))
+        worst = Evaluation(*[np.full(len(keys), np.float32(-np.inf))] * len(Evaluation._fields))
+        nothing = tree.map(lambda one: np.full((count, *one.shape), np.float32(np.nan)), worst)
+        return _State(learners, learners.policy, worst, nothing, np.int32(0))
 
     with ThreadPoolExecutor(1) as executor:
         earlier = None if checkpoint is None or checkpoint.restart else checkpoint.path
@@ -236,26 +237,21 @@ def _begun(
 
 def _advanced(state: _State, learners: Any, scores: Evaluation) -> _State:
     """The state after one more evaluation; of each policy the better one counts."""
-    better = scores.beats(state.best_score)
+    # By NumPy: JAX would compile a program for each operation and shape.
+    scores, policy = tree.map(np.asarray, (scores, learners.policy))
 
-    def chosen(new: Array, old: Array) -> Array:
-        return jnp.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
+    def chosen(where: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
+        return np.where(where.reshape(-1, *[1] * (old.ndim - 1)), new, old)
 
+    better = partial(chosen, scores.beats(state.best_score))
+    now = partial(chosen, np.arange(len(state.scores.survival)) == state.scored)
     return _State(
         learners,
-        best=tree.map(chosen, learners.policy, state.best),
-        best_score=tree.map(chosen, scores, state.best_score),
-        scores=tree.map(lambda rows, now: rows.at[state.scored].set(now), state.scores, scores),
-        scored=state.scored + 1,
+        best=tree.map(better, policy, state.best),
+        best_score=tree.map(better, scores, state.best_score),
+        scores=tree.map(now, scores, state.scores),
+        scored=np.int32(state.scored + 1),
     )
-
-
-def _one_of(stacked: Policy, number: int) -> Policy:
-    return tree.map(lambda leaf: leaf[number], stacked)
-
-
-def _repeated(policy: Policy, count: int) -> Policy:
-    return tree.map(lambda leaf: jnp.repeat(jnp.asarray(leaf)[None], count, axis=0), policy)
 
 
 def _compiling_scores(

@@ -35,7 +35,7 @@ class Stages:
         updates=600,
         learner={"evaluations": 6},
     )
-    transfer: Transfer = Transfer(policies=(".",), accept_bounds=True)
+    transfer: Transfer = Transfer(policies=(".",), accept_bounds=True, against=())
 
 
 class Demo(Verb):
@@ -63,7 +63,8 @@ class Demo(Verb):
         Identification and training see only the recorded flights; the truth is read again only for
         the summary.
         """
-        Thread(target=_compile_training, args=(stages.train,), daemon=True).start()
+        reality = f"virtual:{self.seed}"
+        Thread(target=_compile_ahead, args=(stages, reality), daemon=True).start()
         seconds: dict[str, float] = {}
         stage_results: dict[str, Result] = {}
 
@@ -78,7 +79,6 @@ class Demo(Verb):
             return dataclasses.replace(verb, seed=self.seed, **settings)
 
         recorded, drone = run_folder.RECORDED[0], output / run_folder.DRONE
-        reality = f"virtual:{self.seed}"
         record = configure(stages.record, reality=reality)
         flights = f"{record.flights or 4} flights of {record.duration:g} s"
         run(record, recorded, f"{flights} on a virtual drone (simulated), by the firmware's PID")
@@ -143,10 +143,11 @@ class _Stage(Progress):
         self._progress.log(line, always)
 
 
-def _compile_training(train: Train) -> None:
-    """Compiles training, by an update for any drone, while flights are recorded."""
+def _compile_ahead(stages: Stages, reality: str) -> None:
+    """Compiles training, by an update for any drone, and flights, while others are recorded."""
+    train, transfer = stages.train, stages.transfer
     controller, learner = core.control.pwm(), train.learner_settings
-    core.train(
+    policies = core.train(
         core.find_task("circle"),
         controller,
         core.drones.distribution_of(DRONE, train.randomize or 0.0, controller),
@@ -154,6 +155,8 @@ def _compile_training(train: Train) -> None:
         dataclasses.replace(learner, updates=1, evaluations=1),  # type: ignore[call-arg]
         policy=train.spec,
     )
+    drone = core.drones.find_reality(reality, transfer.accept_bounds)
+    core.transfer(policies, drone, transfer.trials, duration=transfer.duration)
 
 
 def _summarize_flights(table: "core.DataFrame") -> list[Table | str]:

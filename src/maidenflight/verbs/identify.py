@@ -134,7 +134,7 @@ class Identify(Verb):
                     f"not identifiable from these flights: {left_out}; plausible ranges stay"
                 )
 
-        flights = self.read(lambda done, of: show(*overall.read(done, of)), self._compiling())
+        flights = self.read(lambda done, of: show(*overall.read(done, of)), self._compile_early)
         identification = self.identify(flights, self.key, on_progress)
         is_word = isinstance(self.over, str)
         over = self.over if is_word else list(self.over or identification.estimates)
@@ -226,16 +226,10 @@ class Identify(Verb):
             on_progress=on_progress,
         )
 
-    def _compiling(self) -> "Callable[[core.Flight], None]":
-        """Returns what has the first flight's programs compiled while others are read."""
-        first = [True]
-
-        def see(flight: "core.Flight") -> None:
-            if first and flight.has_state and self.objective == "likelihood":
-                first.clear()
-                core.start_compiling(flight, self.lead_in, self.first.parameters)
-
-        return see
+    def _compile_early(self, flight: "core.Flight") -> None:
+        """Has the programs for a flight compiled while others are read."""
+        if flight.has_state and self.objective == "likelihood":
+            core.start_compiling(flight, self.lead_in)
 
     def _describe(
         self, flights: "core.Flights", identification: "core.Identification"

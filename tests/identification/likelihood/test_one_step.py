@@ -11,8 +11,7 @@ from scipy.stats import norm
 import planted
 from maidenflight import cores
 from maidenflight.flights.windows import LEAD_IN, Windows, windows
-from maidenflight.identification.likelihood import one_step_errors
-from maidenflight.identification.likelihood.compiling import start_compiling
+from maidenflight.identification.likelihood import compiling, one_step_errors
 from maidenflight.identification.likelihood.observation import BALANCED, noise_model
 from maidenflight.identification.likelihood.one_step import LEAST_NOISE, LENGTH, OneStep
 from maidenflight.identification.likelihood.one_step_errors import COLUMNS, ORDER, TURNING, errors
@@ -298,10 +297,23 @@ def test_constant_torques_that_balance_mean_errors_are_the_planted_ones(noisy_wi
     assert np.all(np.abs(rest) < 0.02 * np.abs(objective.sums(turned)[:, TURNING].sum(axis=0)))
 
 
+def test_programs_for_flights_alike_are_begun_once_whoever_asks(flights, monkeypatch):
+    begun = []
+    monkeypatch.setattr(compiling, "_programs", lambda *sizes: [lambda: begun.append(sizes)] * 2)
+    compiling._start_threads.cache_clear()
+    for flight, lead_in in ((0, LEAD_IN), (1, LEAD_IN), (1, 5), (0, 5)):
+        for thread in compiling.start_compiling(flights[flight], lead_in):
+            thread.join()
+    compiling._start_threads.cache_clear()
+    assert begun == [(1, LEAD_IN)] * 2 + [(1, 5)] * 2
+
+
 def test_after_compiling_all_programs_nothing_is_compiled_for_other_parameters_or_steps(
     noisy, flights
 ):
-    start_compiling(flights[0], LEAD_IN, TRUTH)()
+    compiling._start_threads.cache_clear()
+    for thread in compiling.start_compiling(flights[0], LEAD_IN):
+        thread.join()
     programs = (
         one_step_errors.derivatives,
         one_step_errors.slopes,

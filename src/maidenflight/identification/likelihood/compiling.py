@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
+from functools import lru_cache, partial
 from threading import Thread
 
 import jax
@@ -16,24 +16,29 @@ from maidenflight.identification.likelihood.observation import BY_MOMENT, MOTORS
 from maidenflight.identification.likelihood.one_step import CHUNK, JOINED, LENGTH, directions
 from maidenflight.identification.likelihood.one_step_errors import AT_ONCE, ORDER, Innovations
 from maidenflight.identification.signals.flight_signals import stride
-from maidenflight.parameters import Parameters
+from maidenflight.parameters import crazyflie
 
 
-def start_compiling(flight: Flight, lead_in: int, parameters: Parameters) -> Callable[[], None]:
+def start_compiling(flight: Flight, lead_in: int) -> list[Thread]:
     """Begins to compile all programs that identification from flights like one needs.
 
     They depend on its rate alone, so that others can be read meanwhile. Side by side they take half
-    as long as one after the other; what is compiled already is not compiled again.
+    as long as one after the other; what the latest call has begun is not begun again.
 
     Args:
         flight: a flight with a state.
         lead_in: rows of commands before a window; at least one.
-        parameters: any drone.
 
     Returns:
-        A function that waits for the end.
+        Threads, all of which have ended once all is compiled.
     """
-    left = iter(_programs(stride(flight), max(lead_in, 1), parameters))
+    return _start_threads(stride(flight), max(lead_in, 1))
+
+
+@lru_cache(1)
+def _start_threads(every: int, before: int) -> list[Thread]:
+    """Returns threads that the verb begins as it reads, and the estimator waits for."""
+    left = iter(_programs(every, before))
 
     def compile_next() -> None:
         # What fails here fails again where it is needed, which says it.
@@ -44,21 +49,15 @@ def start_compiling(flight: Flight, lead_in: int, parameters: Parameters) -> Cal
     threads = [Thread(target=compile_next, daemon=True) for _ in range(cores.count())]
     for thread in threads:
         thread.start()
-
-    def wait() -> None:
-        for thread in threads:
-            thread.join()
-
-    return wait
+    return threads
 
 
-def _programs(every: int, before: int, parameters: Parameters) -> list[Callable[[], object]]:
+def _programs(every: int, before: int) -> list[Callable[[], object]]:
     """What runs each program once, the largest first.
 
     Args:
         every: rows of the log to a row of the windows.
         before: rows of commands before a window.
-        parameters: any drone.
     """
 
     def zeros(*shape: int) -> np.ndarray:
@@ -75,7 +74,7 @@ def _programs(every: int, before: int, parameters: Parameters) -> list[Callable[
                 measured=zeros(CHUNK, LENGTH, 12),
                 segment=np.zeros(CHUNK, int),
             ),
-            parameters,
+            crazyflie(),
         )
     )
     motors = zeros(CHUNK, LENGTH, 4), zeros(len(MOTORS), CHUNK, LENGTH, 4)

@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from maidenflight.flights.log import Flight
 from maidenflight.parameters import Parameters, levers
-from maidenflight.simulator.physics.sensors import TURN_LEAD, walk_factor
+from maidenflight.simulator.physics.dynamics import State
+from maidenflight.simulator.physics.sensors import lean_rates, walk_factor, way_of_turn
 
 ROWS = 8
 """Rows over which noise is measured, at most: 0.08 s at 100 Hz, in which a policy reacts. Over
@@ -134,7 +135,7 @@ def drift_by_turns(flights: Sequence[Flight]) -> float:
     Args:
         flights: checked flights with a state.
 
-    Source: see `sensors.walk_estimate` and `sensors.add_drift`.
+    Source: see `sensors.way_of_turn`.
     """
     across = total = 0.0
     for flight in flights:
@@ -146,12 +147,12 @@ def drift_by_turns(flights: Sequence[Flight]) -> float:
             values[::every].astype(float)
             for values in (flight.position, flight.velocity, flight.body_rates, flight.attitude)
         )
-        p, q, _ = rates.T
-        lean = Rotation.from_euler("ZYX", attitude[:, ::-1]).apply(np.stack([q, -p, 0 * p], axis=1))
+        quaternion = Rotation.from_euler("ZYX", attitude[:, ::-1]).as_quat()
+        states = State(place.T, speed.T, quaternion.T, rates.T, np.empty(0))  # type: ignore[arg-type]
+        lean = np.stack(lean_rates(states), axis=1)
         step = np.diff(place, axis=0) - period * (speed[1:] + speed[:-1]) / 2
         # Over three rows, in which the gyro's noise is a third of that between two.
-        ahead = TURN_LEAD * (lean[3:] - lean[:-3]) / 3
-        turn = (period * (lean[2:-1] + lean[1:-2]) / 2 + ahead)[:, :2]
+        turn = way_of_turn(lean[2:-1], lean[1:-2], (lean[3:] - lean[:-3]) / 3, period)
         turn -= turn.mean(axis=0)
         across += float(np.sum(turn * step[1:-1, :2]))
         total += float(np.sum(turn**2))

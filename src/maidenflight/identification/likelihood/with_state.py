@@ -83,10 +83,11 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         box_of(problem, problem.over)
     start, coarse = problem.start, _coarse(problem, settings)
     # To look at the motors takes one core.
-    wait = start_compiling(problem.flights[0], settings.lead_in, start)
+    threads = start_compiling(problem.flights[0], settings.lead_in)
     motors = _motors(problem)
     problem.reporter.stage(EXPECTING, 0, 1)
-    wait()
+    for thread in threads:
+        thread.join()
     if motors:
         problem = replace_(problem, flights=[undo_filter_delay(one) for one in problem.flights])
         coarse = _coarse(problem, settings)

@@ -94,13 +94,27 @@ def walk_factor(body_rates: Float[Any, "... 3"]) -> Float[Any, "..."]:
     return (1.0 + (body_rates[..., 0] ** 2 + body_rates[..., 1] ** 2) / TURNING**2) ** 0.5
 
 
-def lean_rates(state: State) -> tuple[Float[Any, ""], Float[Any, ""]]:
+def lean_rates(state: State) -> tuple[Float[Any, "..."], Float[Any, "..."]]:
     """Returns how fast the body's z axis moves along world x and y [1/s].
 
     Source: R (omega x z).
     """
     (x, y, _), (p, q, _) = rotations.axes(state.quaternion), state.body_rates
     return x[0] * q - y[0] * p, x[1] * q - y[1] * p
+
+
+def way_of_turn(now: Any, then: Any, change: Any, elapsed: Any) -> Any:
+    """Returns how far a turn moves an estimate, over `turn_drift` [rad].
+
+    Args:
+        now: lean rate at the end [1/s].
+        then: lean rate at the beginning [1/s].
+        change: of the lean rate between the two [1/s].
+        elapsed: time between the two [s].
+
+    Source: see `walk_estimate` and `TURN_LEAD`.
+    """
+    return (now + then) * (0.5 * elapsed) + change * TURN_LEAD
 
 
 def walk_estimate(
@@ -163,10 +177,10 @@ def estimate_after_turn(
         elapsed: time between the two [s].
         parameters: uses `turn_drift`.
 
-    Source: see `walk_estimate` and `TURN_LEAD`.
+    Source: see `way_of_turn`.
     """
     moved = [
-        ((now + then) * (0.5 * elapsed) + (now - then) * TURN_LEAD) * parameters.turn_drift
+        way_of_turn(now, then, now - then, elapsed) * parameters.turn_drift
         for now, then in zip(lean_rates(after), lean_rates(before), strict=True)
     ]
     moved = like(after.position, [*moved, 0.0 * after.position[2]])
