@@ -192,6 +192,18 @@ def test_a_virtual_drone_at_500_hz_comes_back(found: Identification) -> None:
         assert value == pytest.approx(float(component(truth, name)), rel=error), name
 
 
+def test_a_lag_of_the_gyro_is_that_of_both_ways(excited: list[Flight]) -> None:
+    start = replace(
+        crazyflie(), mass=DRONE.parameters.mass, motor_time_constant=0.02, spin_down_ratio=2.0
+    )
+    found = identify(excited, ONCE, start=start)
+    assert float(found.parameters.spin_down_ratio) == 1.0
+    truth = as_identified(found)
+    for name, error in {"thrust_to_weight": 0.03, "motor_time_constant": 0.1}.items():
+        value = float(component(found.parameters, name))
+        assert value == pytest.approx(float(component(truth, name)), rel=error), name
+
+
 def test_inertia_about_z_keeps_the_starts_ratio(found: Identification) -> None:
     start, inertia = crazyflie().inertia, found.parameters.inertia
     mean = 0.5 * (inertia[0] / start[0] + inertia[1] / start[1])

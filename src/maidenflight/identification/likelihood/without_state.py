@@ -225,9 +225,9 @@ def _force_given_lag(
             return _without(problem, settings, model, answer, removed_ranges)
     resampled = problem.generator.integers(len(known.lag), size=RESAMPLES)
     measured_delays = {LAG: known.lag[resampled], "latency": known.latency[resampled]}
-    drone = replace(
-        start, **{name: np.float32(np.median(measured_delays[name])) for name in DELAYS}
-    )
+    # That lag is the mean of speeding up and slowing down, whose ratio none of them tells.
+    middle = {name: np.float32(np.median(draws)) for name, draws in measured_delays.items()}
+    drone = replace(start, spin_down_ratio=np.float32(1.0), **middle)
     rest = tuple(name for name in names if name not in DELAYS)
     again = _ask_sensor(problem, settings, model, rest, {}, drone, measured_delays)
     usual = known.usual_latency

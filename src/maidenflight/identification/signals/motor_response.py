@@ -46,8 +46,9 @@ SHORTEST, _LONGEST, _MOST = 3.0, 10.0, 16
 """Length of a stretch at least and at most [s], and stretches beyond which they are longer."""
 _COHERENT = 0.7
 """Coherence of commands and measured speeds below which the reading is broken."""
-_CLEAR = 5.0
-"""How much stronger than what their samples fold commands must be."""
+_CLEAR, _QUICK = 5.0, 0.005
+"""How much stronger than what their samples fold commands must be, in rows beyond that period [s]:
+quicker ones fold from above 185 Hz, behind the filters of any rate controller."""
 LIKE, OWN = 0.05, 0.03
 """Least errors of the joined lag and of a stretch's, shares: no motor is quite of first order."""
 _NARROWER = 0.7
@@ -292,7 +293,8 @@ def _stretches(flight: Flight, drone: Parameters, longest: float) -> Iterator[_S
             continue
         for signal, one, delay in _signals(part, drone):
             rotors = signal == _ROTORS
-            if one.coherence < _COHERENT if rotors else not (zero_order_hold or one.clear > _CLEAR):
+            clear = zero_order_hold or part.period <= _QUICK or one.clear > _CLEAR
+            if one.coherence < _COHERENT if rotors else not clear:
                 continue
             profile = lag_by_delay(one, LATENCIES + delay, closed=not rotors)
             if profile is not None:
