@@ -63,13 +63,14 @@ def test_what_was_planted_is_chosen_and_what_buys_nothing_is_not(found):
 @pytest.mark.slow
 def test_a_curved_thrust_does_not_pass_for_inertia(monkeypatch):
     start = planted.drone(1.75, 0.07, 0.012)
-    curved = {"thrust_linear": 0.3, "inertia": np.float32([1.2, 1.2, 0.8]) * start.inertia}
-    flights = planted.logs(replace(start, **curved), 48)
+    inertia = (np.array([1.2, 1.2, 0.8]) * start.inertia).astype(np.float32)
+    curved = replace(start, thrust_linear=0.3, inertia=inertia)
+    flights = planted.logs(curved, 48)
     offered = {"inertia": GROUPS["inertia"], **selection.OF_CLEAR_LOGS}
     monkeypatch.setattr(selection, "groups", lambda flights, has_measured_lag: offered)
     identified = identify(flights, Likelihood(trials=1), start=start, over="auto")
     for name in ("thrust_linear", "inertia_x", "inertia_y"):
-        truth = float(component(replace(start, **curved), name))
+        truth = float(component(curved, name))
         low, high = identified.estimates[name].interval
         assert low < truth < high
         assert identified.estimates[name].value == pytest.approx(truth, rel=0.05)

@@ -46,9 +46,9 @@ SHORTEST, _LONGEST, _MOST = 3.0, 10.0, 16
 """Length of a stretch at least and at most [s], and stretches beyond which they are longer."""
 _COHERENT = 0.7
 """Coherence of commands and measured speeds below which the reading is broken."""
-_CLEAR, _QUICK = 5.0, 0.005
+_CLEAR, _QUICK = 5.0, 0.0051
 """How much stronger than what their samples fold commands must be, in rows beyond that period [s]:
-quicker ones fold from above 185 Hz, behind the filters of any rate controller."""
+quicker ones fold from above 180 Hz, behind the filters of any rate controller."""
 LIKE, OWN = 0.05, 0.03
 """Least errors of the joined lag and of a stretch's, shares: no motor is quite of first order."""
 _NARROWER = 0.7
