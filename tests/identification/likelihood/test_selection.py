@@ -66,7 +66,7 @@ def test_a_curved_thrust_does_not_pass_for_inertia(monkeypatch):
     inertia = (np.array([1.2, 1.2, 0.8]) * start.inertia).astype(np.float32)
     curved = replace(start, thrust_linear=0.3, inertia=inertia)
     flights = planted.logs(curved, 48)
-    offered = {"inertia": GROUPS["inertia"], **selection.OF_CLEAR_LOGS}
+    offered = {"inertia": GROUPS["inertia"], **selection.OF_HELD_COMMANDS}
     monkeypatch.setattr(selection, "groups", lambda flights, has_measured_lag: offered)
     identified = identify(flights, Likelihood(trials=1), start=start, over="auto")
     for name in ("thrust_linear", "inertia_x", "inertia_y"):
@@ -297,7 +297,9 @@ def test_drag_is_looked_for_only_where_the_drone_moves():
         )
     )
     assert not {"drag", "flapping_moment"} & set(selection.groups([still], has_measured_lag=False))
-    every = {**GROUPS, **selection.OF_CLEAR_LOGS}
+    sampled = dataclasses.replace(moving, zero_order_hold=False)
+    assert selection.groups([sampled], has_measured_lag=False) == GROUPS
+    every = GROUPS | selection.OF_HELD_COMMANDS
     assert selection.groups([moving], has_measured_lag=False) == every
     assert selection.groups([moving], has_measured_lag=True) == selection.WITH_KNOWN_LAG
 

@@ -33,11 +33,11 @@ GROUPS: dict[str, tuple[str, ...]] = {
 Not among them is damping of the rates: a little misfit of the sensors' lag passes for it one step
 ahead, and policies that crashed within a second are then predicted to fly (docs/identification.md).
 Name it to identify it."""
-OF_CLEAR_LOGS: dict[str, tuple[str, ...]] = {
+OF_HELD_COMMANDS: dict[str, tuple[str, ...]] = {
     "thrust_linear": ("thrust_linear",),
     "inertia_z": ("inertia_z",),
 }
-"""Groups besides, where commands act from row to row and held-out flights gain by them: a curved
+"""Groups besides, where each command acts until the next row and no signal shows the lag: a curved
 thrust and gyroscopic coupling pass for inertia otherwise. They have no plausible range."""
 WITH_KNOWN_LAG: dict[str, tuple[str, ...]] = {
     **{name: parts for name, parts in GROUPS.items() if name not in ("motor_coasting", "drag")},
@@ -73,7 +73,9 @@ def groups(flights: Sequence[Flight], has_measured_lag: bool) -> dict[str, tuple
     level = {*GROUPS["drag"], *GROUPS["flapping_moment"]}
     still = level if square[0] + square[1] < MOVING**2 else set()
     still |= {"drag_z"} if square[2] < MOVING**2 else set()
-    parameter_groups = WITH_KNOWN_LAG if has_measured_lag else {**GROUPS, **OF_CLEAR_LOGS}
+    parameter_groups = WITH_KNOWN_LAG if has_measured_lag else GROUPS
+    if not has_measured_lag and all(flight.zero_order_hold for flight in flights):
+        parameter_groups = parameter_groups | OF_HELD_COMMANDS
     remaining = {
         group: tuple(name for name in names if name not in still)
         for group, names in parameter_groups.items()
