@@ -37,7 +37,8 @@ TASKS, CONTROLS, UPDATES, SEEDS = ("circle", "figure_eight"), ("pwm", "attitude_
 DURATION_S, PREDICTED, ACTUAL, WITHIN = 10.0, 8, 1, 0.25
 """Longest flight [s]; flights of a policy, predicted and flown; the error of a ratio to count."""
 STILL = (0.0, 0.0, 0.0)
-START = start_of((0.02 / np.sqrt(3.0),) * 3, STILL, STILL, STILL, 0.0, 0.0, 1e6)
+# A t distribution of four degrees has twice the variance of its scale.
+START = start_of((0.02 / np.sqrt(6.0),) * 3, STILL, STILL, STILL, 0.0, 0.0)
 """As `transfer` begins: at rest, within 2 cm of the reference's start along each axis."""
 
 

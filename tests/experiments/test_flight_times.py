@@ -34,7 +34,7 @@ from maidenflight.simulator.tasks import failures, tasks
 from maidenflight.simulator.tasks.look_ahead import NONE, LookAhead
 
 KEY = jax.random.key(0)
-STILL = jax.tree.map(np.zeros_like, PUBLISHED_START)._replace(degrees=np.float32(3.5))
+STILL = jax.tree.map(np.zeros_like, PUBLISHED_START)
 RATES = {"pwm": 100, "attitude_rate": 50, "attitude": 25}
 SHORT = {"trials": 3, "duration": 3.0}
 """Arguments that share one compilation."""
