@@ -28,6 +28,7 @@ from maidenflight.identification.likelihood.sensor_errors import SensorErrors
 from maidenflight.identification.methods import Likelihood
 from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.identification.outcome.posterior import inverse
+from maidenflight.identification.signals.flight_signals import is_zero_order_hold
 from maidenflight.identification.signals.lag import DELAYS
 from maidenflight.identification.signals.motor_response import ARRIVAL
 
@@ -63,11 +64,6 @@ thrust and motors follow other laws, lag and inertia come out 1 to 5 % off."""
 _FILTERED = 0.002
 """Standard error of its latency [s]: the gyro may be filtered or not (a Crazyflie's is, 2.8 ms
 late), and a simulator adds a step of its own."""
-
-
-def is_zero_order_hold(flights: Sequence[Flight]) -> bool:
-    """Returns whether each logged command acted until the next."""
-    return all(flight.zero_order_hold for flight in flights)
 
 
 def ways_of_states(flights: Sequence[Flight], settings: Likelihood, names: Sequence[str]) -> Ways:

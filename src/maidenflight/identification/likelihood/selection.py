@@ -11,7 +11,7 @@ from maidenflight.flights.windows import SHORTEST_LEAD_IN
 from maidenflight.identification.drone_file import GroupGain
 from maidenflight.identification.likelihood import one_step
 from maidenflight.identification.likelihood.observation import BY_MOMENT, ObservationModel
-from maidenflight.identification.signals.flight_signals import stride
+from maidenflight.identification.signals.flight_signals import is_zero_order_hold, stride
 from maidenflight.parameters import Parameters
 
 FIRST = ("thrust_to_weight", "motor_time_constant", "latency")
@@ -74,7 +74,7 @@ def groups(flights: Sequence[Flight], has_measured_lag: bool) -> dict[str, tuple
     still = level if square[0] + square[1] < MOVING**2 else set()
     still |= {"drag_z"} if square[2] < MOVING**2 else set()
     parameter_groups = WITH_KNOWN_LAG if has_measured_lag else GROUPS
-    if not has_measured_lag and all(flight.zero_order_hold for flight in flights):
+    if not has_measured_lag and is_zero_order_hold(flights):
         parameter_groups = parameter_groups | OF_HELD_COMMANDS
     remaining = {
         group: tuple(name for name in names if name not in still)

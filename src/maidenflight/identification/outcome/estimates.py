@@ -27,6 +27,7 @@ from maidenflight.identification.outcome import posterior
 from maidenflight.identification.outcome.bounds import at_bounds, cut_off
 from maidenflight.identification.outcome.plausible import ExpectedInterval
 from maidenflight.identification.search.box import Box
+from maidenflight.identification.signals.flight_signals import is_zero_order_hold
 from maidenflight.identification.signals.motor_response import DelayEstimate
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import Parameters, replace
@@ -256,7 +257,7 @@ def note_worse_than_start(value: float, start_value: float, objective: str) -> l
 
 def doubts(noise: Mapping[str, float], flights: Sequence[Flight]) -> list[str]:
     """Returns what makes the result doubtful although its intervals are narrow."""
-    if all(flight.zero_order_hold for flight in flights):
+    if is_zero_order_hold(flights):
         return []
     notes, period = [], flights[0].period
     if period > USUAL_PERIOD:

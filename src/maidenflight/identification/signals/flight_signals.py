@@ -3,6 +3,7 @@
 Delays of the sensors' low-pass filters are undone, so that signals and commands have one clock.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +18,11 @@ STEP = 0.01
 def stride(flight: Flight) -> int:
     """Returns rows of a step."""
     return max(1, round(STEP / flight.period))
+
+
+def is_zero_order_hold(flights: Sequence[Flight]) -> bool:
+    """Returns whether each logged command acted until the next."""
+    return all(flight.zero_order_hold for flight in flights)
 
 
 def means(values: Float[np.ndarray, "N c"], rows: int) -> Float[np.ndarray, "M c"]:

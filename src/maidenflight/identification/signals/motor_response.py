@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from maidenflight.flights.log import Flight, by_log
+from maidenflight.identification.signals.flight_signals import is_zero_order_hold
 from maidenflight.identification.signals.loop_spectra import (
     LagByDelay,
     Spectra,
@@ -259,7 +260,7 @@ def _before(flights: Sequence[Flight]) -> Float[np.ndarray, "D"]:
 
     Mostly as `USUAL`, but logs of samples may have read commands a row apart from the gyro.
     """
-    zero_order_hold = all(flight.zero_order_hold for flight in flights)
+    zero_order_hold = is_zero_order_hold(flights)
     size = np.hypot(
         USUAL_DEVIATION, 0.0 if zero_order_hold else min(flights[0].period, 0.01) / np.sqrt(12)
     )
@@ -278,7 +279,7 @@ def _usual(
     low, high = np.interp([0.025, 0.975], np.cumsum(before), np.maximum(LATENCIES, 0.0))
     least, most = np.quantile(latency, [0.025, 0.975])
     narrower = most - least < _NARROWER * (high - low)
-    if narrower and all(one.zero_order_hold for one in flights):
+    if narrower and is_zero_order_hold(flights):
         return None
     return float(min(low, least)), float(max(high, most))
 
