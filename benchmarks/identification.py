@@ -135,7 +135,7 @@ def bayesian_search(objective: Objective, evaluations: int, seed: int) -> Search
 def gradient_search(objective: Objective, seed: int, derivatives: float) -> Search:
     """One start; `derivatives` is what derivatives on all windows cost, in evaluations."""
     clock, began = Clock(objective), time.perf_counter()
-    kinks = gradient.kinks(BOX, float(objective.time_step))
+    kinks = gradient.kinks(BOX, objective.period)
     _, losses = gradient.minimise(
         clock.loss, clock.equations, objective.size, kinks, 60, np.random.default_rng(seed)
     )

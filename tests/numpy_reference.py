@@ -6,6 +6,7 @@ eq:motor-force, eq:motor-torque, eq:motor-dynamics. Quaternions here are (w, x, 
 list of r, v, q, omega, nu.
 """
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -85,35 +86,36 @@ def rk4(state, target, c, dt):
     return new
 
 
-def delayed_speeds(commands, latency, dt, steps, c, slice_=1e-5):
-    """Rotor speed commands sqrt(u) that arrive in each physics step, averaged over fine slices of
-    it.
+def delayed_speeds(commands, latency, dt, steps, c):
+    """Rotor speed commands sqrt(u) that act in each physics step, and its length [s].
+
+    Half of a command's steps end when a command arrives.
 
     Args:
-        commands: thrust commands u, each held for `steps` physics steps of `dt`; hover before the
-            first.
-        latency: delay [s], a multiple of `slice_`.
-        dt: physics step [s].
+        commands: thrust commands u, each held for `steps` physics steps; hover before the first.
+        latency: delay [s].
+        dt: mean physics step [s].
         steps: physics steps a command.
         c: constants.
-        slice_: how finely the delayed command is sampled [s].
     """
-    arriving = []
-    for step in range(steps * len(commands)):
-        middles = step * dt + slice_ * (np.arange(round(dt / slice_)) + 0.5) - latency
-        given = np.floor(middles / (steps * dt)).astype(int)
-        speeds = np.where(
-            given[:, None] < 0, np.sqrt(1 / c["k_F"]), np.sqrt(commands[np.maximum(given, 0)])
-        )
-        arriving.append(speeds.mean(axis=0))
-    return np.array(arriving)
+    period, half = steps * dt, steps // 2
+    speeds, lengths = [], []
+    for number in range(len(commands)):
+        arrival = latency % period
+        ends = [*np.linspace(0, arrival, half + 1), *np.linspace(arrival, period, half + 1)[1:]]
+        for begin, end in pairwise(ends):
+            given = int(np.floor((number * period + (begin + end) / 2 - latency) / period))
+            thrust = 1 / c["k_F"] if given < 0 else commands[given]
+            speeds.append(np.sqrt(thrust) * np.ones(4))
+            lengths.append(end - begin)
+    return np.array(speeds), np.array(lengths)
 
 
-def fly(integrate, state, speeds, dt, c):
+def fly(integrate, state, speeds, lengths, c):
     """States after each physics step under these rotor speed commands: a list of arrays r, v, q,
     omega, nu."""
     flown = []
-    for target in speeds:
+    for target, dt in zip(speeds, lengths, strict=True):
         state = integrate(state, target, c, dt)
         flown.append(state)
     return [np.array(column) for column in zip(*flown, strict=True)]

@@ -55,7 +55,7 @@ def runs(
 ) -> Iterator[list[tuple[Path, Result]]]:
     """Two demos of a seed, each with its folder."""
     assert identify.Likelihood is methods.Likelihood
-    coarse = partial(methods.Likelihood, physics_step=0.005, coarse_physics_step=0.005)
+    coarse = partial(methods.Likelihood, physics_step=0.005)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(methods, "Likelihood", coarse)
         patch.setitem(defaults.SETTINGS, "pwm", QUICK)

@@ -291,7 +291,7 @@ def quick_identification(identify: Any, flights: Any, settings: Any = None, **na
     given = settings or mf.Likelihood()
     less = dataclasses.replace(given, evaluations=15, trials=1)
     if isinstance(less, mf.Likelihood):
-        less = dataclasses.replace(less, physics_step=0.005, coarse_physics_step=0.005)
+        less = dataclasses.replace(less, physics_step=0.005)
     return identify(flights, less, **{**named, "over": ["thrust_to_weight", "latency"]})
 
 
@@ -517,7 +517,7 @@ def test_an_observation_model_is_one_class_that_the_estimator_fits() -> None:
         flights.append(dataclasses.replace(flight, rotor_speed=speeds))
     problem, model = Problem.of(flights), names["RotorSpeedErrors"].of(flights)
     lags = ("motor_time_constant", "spin_down_ratio", "motor_coasting", "latency")
-    question = Question(Models(model, model, model), lags, problem.start)
+    question = Question(Models(model, model), lags, problem.start)
     posterior = answer_question(problem, mf.Likelihood(), question)
     assert set(posterior.samples) == set(lags)
     for name, error in {

@@ -25,7 +25,7 @@ from maidenflight.identification.outcome.posterior import DESIGN
 from maidenflight.identification.outcome.problem import AUTO
 from maidenflight.identification.outcome.progress import FITTING, Progress
 from maidenflight.identification.search.box import PAPER_BOUNDS, physical_bounds
-from maidenflight.parameters import QUANTITIES, check, crazyflie, noiseless, replace
+from maidenflight.parameters import QUANTITIES, check, crazyflie, noiseless, replace, x_frame
 from maidenflight.verbs.identify import Identify
 
 FEW = Replay("bayesian", trials=1, evaluations=12)
@@ -233,6 +233,13 @@ def test_an_optimum_inside_its_bounds_gives_no_note(quick):
 def test_what_cannot_be_searched_is_refused_in_words(flights, over, bounds, words):
     with pytest.raises(InputError, match=words):
         identify(flights, Replay(), over=over, bounds={**PAPER_BOUNDS, **bounds})
+
+
+def test_a_start_with_another_drones_inertia_is_refused(flights):
+    """A Crazyflie's, of 2 kg and with arms of 0.25 m."""
+    heavy = replace(crazyflie(), mass=2.0, **x_frame(0.25))
+    with pytest.raises(InputError, match=r"inertia about x, 1\.33e-05 kg m2.*about 0\.025 kg m2"):
+        identify(flights, start=heavy)
 
 
 def test_too_little_flight_is_refused():

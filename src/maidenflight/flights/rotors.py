@@ -52,7 +52,7 @@ def rotors(flight: Flight, drone: Parameters) -> Rotors:
     rows = max(_FEWEST, 1 << (len(last_command) - 1).bit_length())
     padded = np.pad(last_command, ((0, rows - len(last_command)), (0, 0)), "edge")
     begin = np.sqrt(last_command[: max(1, round(BEGIN_S / flight.period))].clip(0.0)).mean(axis=0)
-    steps = max(1, round(flight.period / STEP_S))
+    steps = 2 * max(1, round(flight.period / (2 * STEP_S)))
     motors = replace(drone, time_step=np.float32(flight.period / steps))
     speeds = _followed(padded, begin, jax.device_put(motors), steps)
     parts = (np.asarray(part, np.float64)[: len(last_command)] for part in speeds)
@@ -65,15 +65,17 @@ def _followed(
 ) -> tuple[Float[Array, "N 4"], Float[Array, "N 4"]]:
     commands = actuators.rotor_speed_command(command)[::-1]
     unit = replace(drone, thrust_to_weight=jnp.ones(()))
-    full = drone.mass * drone.gravity / 4
+    full, numbers = drone.mass * drone.gravity / 4, jnp.arange(steps)
 
-    def turn(speed: Array, delayed: Array) -> tuple[Array, Array]:
-        after = speed + drone.time_step * dynamics.spin_up(speed, delayed, drone)
-        return after, dynamics.rotor_forces((speed + after) / 2, unit)
+    def turn(speed: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
+        command, time_step = now
+        motors = replace(drone, time_step=time_step)
+        after = speed + time_step * dynamics.spin_up(speed, command, motors)
+        return after, time_step * dynamics.rotor_forces((speed + after) / 2, unit)
 
     def spin(speed: Array, newest: Array) -> tuple[Array, tuple[Array, Array]]:
         line = latency.DelayLine(commands, newest)
-        last, forces = lax.scan(turn, speed, latency.delayed(line, drone, steps))
-        return last, (last, forces.mean(axis=0) / full)
+        last, impulses = lax.scan(turn, speed, latency.in_step(line, drone, steps, numbers))
+        return last, (last, impulses.sum(axis=0) / (full * steps * drone.time_step))
 
     return lax.scan(spin, begin, jnp.arange(commands.shape[0])[::-1])[1]

@@ -11,7 +11,7 @@ import numpy as np
 from jax import lax, tree
 from jaxtyping import Array, Bool, Float, Int
 
-from maidenflight.parameters import Parameters
+from maidenflight.parameters import Parameters, replace
 from maidenflight.simulator.environment import Environment, EnvState, observe, remember
 from maidenflight.simulator.physics import (
     actuators,
@@ -261,13 +261,14 @@ def spin(
     Args:
         speed: of the rotors at the newest command.
         line: rotor speed commands.
-        steps: physics steps in the period.
+        steps: physics steps in the period; as an argument of the program at least two.
         parameters: the drone.
     """
 
     def turn(number: Array, speed: Array) -> Array:
-        delayed = latency.in_step(line, parameters, steps, number)
-        return speed + parameters.time_step * dynamics.spin_up(speed, delayed, parameters)
+        command, time_step = latency.in_step(line, parameters, steps, number)
+        motors = replace(parameters, time_step=time_step)
+        return speed + time_step * dynamics.spin_up(speed, command, motors)
 
     return lax.fori_loop(0, steps, turn, speed)
 
@@ -290,15 +291,17 @@ def drive(
         parameters: the drone.
         floor: height at which the drone stands [m], if there is a floor; the ground is at height 0.
     """
-    delayed = latency.delayed(line, parameters, steps)
+    command, length = latency.in_step(line, parameters, steps, jnp.arange(steps))
 
-    def advance(state: State, speed: Float[Array, "4"]) -> tuple[State, None]:
+    def advance(state: State, now: tuple[Array, Array]) -> tuple[State, None]:
+        command, time_step = now
+        here = replace(parameters, time_step=time_step)
         if floor is None:
-            return integrator(state, speed, parameters), None
-        after = integrator(state, speed, ground.near_ground(parameters, state.position[2]))
+            return integrator(state, command, here), None
+        after = integrator(state, command, ground.near_ground(here, state.position[2]))
         return ground.floor_reaction(after, floor), None
 
-    return lax.scan(advance, state, delayed)[0]
+    return lax.scan(advance, state, (command, length), length=steps)[0]
 
 
 def drive_entries(
@@ -311,20 +314,21 @@ def drive_entries(
     """Integrates the physics over one command period, of a state of `Entries` and without a floor.
 
     Faster than `drive` for many states of one drone, and one program serves any number of steps.
-    Each step makes its delayed command anew: those of all states and steps, with derivatives, would
-    be larger than all the rest.
+    Each step finds its command anew: those of all states and steps, with derivatives, would be
+    larger than all the rest.
 
     Args:
         integrator: as of `drive`.
         state: the drone at the newest command, as `vectors.entries` gives it.
         line: as of `drive`; of `Entries` it is faster.
-        steps: as of `drive`, or an argument of the program.
+        steps: as of `spin`.
         parameters: the drone.
     """
     drone = vectors.entries(parameters)
 
     def advance(number: Array, state: State) -> State:
-        command = vectors.Entries(latency.in_step(line, parameters, steps, number))
-        return integrator(state, command, drone)  # type: ignore[arg-type]
+        command, time_step = latency.in_step(line, parameters, steps, number)
+        here = replace(drone, time_step=time_step)
+        return integrator(state, vectors.Entries(command), here)  # type: ignore[arg-type]
 
     return lax.fori_loop(0, steps, advance, state)

@@ -60,7 +60,7 @@ def answer(names: tuple[str, ...], trials: int = 1, **known: Any) -> Answer:
     source: Any = None
     problem = Problem(flights, source, START, None, {}, np.random.default_rng(3), Reporter(None))
     model = Lines(0)
-    question = Question(Models(model, model, model), names, START, **known)
+    question = Question(Models(model, model), names, START, **known)
     return answer_question(problem, Likelihood(trials=trials), question)
 
 

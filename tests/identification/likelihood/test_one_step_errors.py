@@ -144,8 +144,10 @@ def test_rows_of_several_commands_are_foreseen_as_rows_of_one_are(flights):
     """A command that is written down five times, a fifth as long each, is the same command."""
     one = Windows(*(array[0] for array in cut(planted.with_noise(flights, seed=1))))
     often = one._replace(command=np.repeat(one.command, 5, axis=0))
-    plain = jax.jit(partial(errors, steps=5))(one, replace(TRUTH, time_step=0.002))
-    strided = jax.jit(partial(errors, steps=1, stride=5))(often, replace(TRUTH, time_step=0.002))
+    # A latency by which all steps are of one length.
+    drone = replace(TRUTH, latency=0.005, time_step=0.001)
+    plain = jax.jit(partial(errors, steps=10))(one, drone)
+    strided = jax.jit(partial(errors, steps=2, stride=5))(often, drone)
     np.testing.assert_allclose(np.asarray(strided), np.asarray(plain), atol=2e-6)
 
 

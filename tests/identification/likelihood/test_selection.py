@@ -34,7 +34,7 @@ def found():
     """Chosen from 100 s of flight of a drone with noisy motors and sensors, and the steps as they
     were told."""
     truth = replace(planted.drone(1.75, 0.07, 0.012), actuator_noise=0.019, **PLANTED, **TRIM)
-    flights = planted.with_noise(planted.logs(truth, 48), seed=1)
+    flights = planted.with_noise(planted.logs(truth, 48, seed=1), seed=1)
     told = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(selection, "GROUPS", FEW)

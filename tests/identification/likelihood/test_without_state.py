@@ -15,6 +15,7 @@ from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights
 from maidenflight.identification import drone_file
 from maidenflight.identification.identify import identify, of_one_kind
+from maidenflight.identification.likelihood import without_state
 from maidenflight.identification.likelihood.inertial_errors import AccelerometerErrors, GyroErrors
 from maidenflight.identification.likelihood.sensor_signals import signals
 from maidenflight.identification.methods import Likelihood, Replay
@@ -192,7 +193,11 @@ def test_a_virtual_drone_at_500_hz_comes_back(found: Identification) -> None:
         assert value == pytest.approx(float(component(truth, name)), rel=error), name
 
 
-def test_a_lag_of_the_gyro_is_that_of_both_ways(excited: list[Flight]) -> None:
+def test_a_lag_of_the_gyro_is_that_of_both_ways(
+    excited: list[Flight], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where the accelerometer does not tell their ratio."""
+    monkeypatch.setattr(without_state, "FORCE_GROUPS", {})
     start = replace(
         crazyflie(), mass=DRONE.parameters.mass, motor_time_constant=0.02, spin_down_ratio=2.0
     )

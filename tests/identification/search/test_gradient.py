@@ -57,7 +57,7 @@ def search(objective, seed, box=BOX):
     def equations(unit, every):
         return in_unit_cube(objective.normal_equations(at(unit), NAMES, every), box, unit)
 
-    kinks = gradient.kinks(box, float(objective.time_step))
+    kinks = gradient.kinks(box, objective.period)
     return gradient.minimise(
         lambda unit: objective(at(unit)),
         equations,
@@ -174,7 +174,7 @@ def test_a_step_ends_behind_the_next_kink_and_does_not_go_back_across_one_it_cam
     assert gradient.cell(kinks, behind, behind)[0] == pytest.approx(0.1, abs=1e-5)
 
 
-def test_kinks_lie_at_latencies_of_whole_physics_steps():
+def test_kinks_lie_at_latencies_of_whole_command_periods():
     found = gradient.kinks(Box(("thrust_to_weight", "latency"), (1.5, 0.002), (2.5, 0.012)), 0.005)
     assert len(found[0]) == 0
     np.testing.assert_allclose(found[1], [0.3, 0.8])

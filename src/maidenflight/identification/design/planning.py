@@ -339,10 +339,9 @@ def _information(
     bounds = physical_bounds(drone.parameters)
     priors = prior_ranges(drone.parameters, {name: bounds[name] for name in names})
     widths = np.array([priors[name][1] - priors[name][0] for name in names])
-    settings = Likelihood()
     if all(one.accelerometer is not None or one.rotor_speed is not None for one in flights):
         flights = [undo_filter_delay(flight) for flight in flights]
-    objective = one_step.one_step_objective(flights, settings, settings.coarse_physics_step)
+    objective = one_step.one_step_objective(flights, Likelihood())
     _, _, curvatures = objective.derivatives(drone.parameters, names)
     pieces = objective.segments // len(flights)
     sums = curvatures.reshape(len(flights), pieces, len(names), len(names)).sum(axis=1)

@@ -84,9 +84,9 @@ def _programs(every: int, before: int) -> list[Callable[[], object]]:
     new = Innovations(zeros(6, ORDER), zeros(6), zeros(6), False)
     along = directions(drone, [BY_MOMENT[0]])[0]
     return [
-        partial(one_step_errors.slopes, chunk, drone, speed, by_motor, along, 1, every),
-        partial(one_step_errors.errors_of_chunk, chunk, drone, 1, every),
-        partial(one_step_errors.spins, chunk, drone, 1, every),
+        partial(one_step_errors.slopes, chunk, drone, speed, by_motor, along, 2, every),
+        partial(one_step_errors.errors_of_chunk, chunk, drone, 2, every),
+        partial(one_step_errors.spins, chunk, drone, 2, every),
         partial(one_step_errors.derivatives, wrong, [part] * JOINED, new),
         partial(one_step_errors.derivatives, wrong, [part] * 2 * JOINED, new),
     ]

@@ -33,14 +33,12 @@ from maidenflight.parameters import replace as replace_values
 
 
 class Models(NamedTuple):
-    """One observation model of some flights, from the quickest to the most exact."""
+    """An observation model of some flights, and a quicker one."""
 
     pilot: ObservationModel
     """On which a random start comes near the optimum."""
-    coarse: ObservationModel
+    whole: ObservationModel
     """On which every trial ends."""
-    fine: ObservationModel
-    """On which the best trial goes on."""
 
 
 Ways = Mapping[str, tuple[ObservationModel, Sequence[str]]]
@@ -195,22 +193,13 @@ def _trials(
     first: Parameters,
 ) -> tuple[list[Fit], int]:
     """The end of each trial, and which is best."""
-    pilot, coarse, fine = question.models
     most, tell, trials = settings.evaluations, problem.reporter.stage, settings.trials
-    # The last steps are the fine model's, whose optimum is farther away than this.
-    close, count = (0.0, trials) if fine is coarse else (selection.ROUGH, trials + 1)
-    tell(FITTING, 0, count)
-    fit_result = [fit(problem, most, [coarse], names, first, question.samples, close=close)]
+    tell(FITTING, 0, trials)
+    fit_result = [fit(problem, most, [question.models.whole], names, first, question.samples)]
     for trial in range(1, trials):
-        tell(FITTING, trial, count)
-        models, start = [pilot, coarse], question.start
+        tell(FITTING, trial, trials)
+        models, start = question.models, question.start
         fit_result.append(
-            fit(problem, most, models, names, start, question.samples, at_random=True, close=close)
+            fit(problem, most, models, names, start, question.samples, at_random=True)
         )
-    best = int(np.argmin([one.value for one in fit_result]))
-    if fine is not coarse:
-        tell(FITTING, trials, count)
-        fit_result[best] = fit(
-            problem, most, [fine], names, fit_result[best].drone, question.samples
-        )
-    return fit_result, best
+    return fit_result, int(np.argmin([one.value for one in fit_result]))

@@ -27,8 +27,8 @@ from maidenflight.identification.outcome.plausible import (
     is_identifiable,
 )
 from maidenflight.identification.outcome.posterior import between_segment_sd
-from maidenflight.identification.signals.lag import LAG
-from maidenflight.identification.signals.motor_response import ARRIVAL
+from maidenflight.identification.signals.lag import DELAYS, LAG
+from maidenflight.identification.signals.motor_response import DELAY_ERROR
 from maidenflight.parameters import Parameters, component
 
 _SEEN = 2.0
@@ -89,7 +89,7 @@ def expected_intervals(
         likely = visible & [name not in directions for name in names]
         scores, curvatures = scores[:, likely], curvatures[:, likely][:, :, likely]
         spread = between_segment_sd(scores * model.rows, curvatures * model.rows)
-        least = np.array([ARRIVAL if name == "latency" else 0.0 for name in names])[likely]
+        least = np.array([DELAY_ERROR if name in DELAYS else 0.0 for name in names])[likely]
         spread = np.hypot(spread / np.sqrt(NEXT_FLIGHT), least)
         deviations[likely] = np.hypot(deviations[likely], spread)
     result = {}

@@ -43,7 +43,7 @@ from maidenflight.identification.likelihood.one_step_errors import (
     Innovations,
 )
 from maidenflight.identification.methods import Likelihood
-from maidenflight.identification.replay.open_loop import in_chunks, on_all_cores
+from maidenflight.identification.replay.open_loop import in_chunks, on_all_cores, physics_steps
 from maidenflight.identification.signals.flight_signals import stride
 from maidenflight.parameters import Parameters, component, replace
 
@@ -311,18 +311,15 @@ def log_likelihood(
         InputError: too little flight.
     """
     settings = Likelihood() if settings is None else settings
-    return -one_step_objective(flights, settings, settings.physics_step)(drone)
+    return -one_step_objective(flights, settings)(drone)
 
 
-def one_step_objective(
-    flights: Sequence[Flight], settings: Likelihood, step: float, every: int = 1
-) -> OneStep:
-    """Returns the objective on each `every`-th window, in physics steps of about `step` seconds.
+def one_step_objective(flights: Sequence[Flight], settings: Likelihood, every: int = 1) -> OneStep:
+    """Returns the objective on each `every`-th window.
 
     Args:
         flights: checked flights of one rate.
-        settings: uses `lead_in`.
-        step: nominal physics step [s].
+        settings: uses `lead_in` and `physics_step`.
         every: windows from one that counts to the next.
 
     Raises:
@@ -336,9 +333,8 @@ def one_step_objective(
         lead_in=settings.lead_in,
         stride=rows,
     )
-    return OneStep(
-        type(cut)(*(array[::every] for array in cut)), period, max(1, round(period / step)), rows
-    )
+    steps, _ = physics_steps(period, settings.physics_step)
+    return OneStep(type(cut)(*(array[::every] for array in cut)), period, steps, rows)
 
 
 def directions(drone: Parameters, names: Sequence[str]) -> list[Parameters]:

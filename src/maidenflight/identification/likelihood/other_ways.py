@@ -30,7 +30,7 @@ from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.identification.outcome.posterior import inverse
 from maidenflight.identification.signals.flight_signals import is_zero_order_hold
 from maidenflight.identification.signals.lag import DELAYS
-from maidenflight.identification.signals.motor_response import ARRIVAL
+from maidenflight.identification.signals.motor_response import DELAY_ERROR
 
 _SPARSER = 2
 """Rows to one, where it is tried what a sparser log would change."""
@@ -61,6 +61,8 @@ drone; chance has it once in a thousand times."""
 _LIKE = 0.03
 """Least standard error of a drone that flights contradict, a share: of drones in crazyflow, whose
 thrust and motors follow other laws, lag and inertia come out 1 to 5 % off."""
+_EXACT = 0.003
+"""The same of a drone that they do not contradict: physics steps are exact to so much."""
 _FILTERED = 0.002
 """Standard error of its latency [s]: the gyro may be filtered or not (a Crazyflie's is, 2.8 ms
 late), and a simulator adds a step of its own."""
@@ -71,8 +73,7 @@ def ways_of_states(flights: Sequence[Flight], settings: Likelihood, names: Seque
     if is_zero_order_hold(flights):
         return {}
     sparse = [thinned(one, _SPARSER) for one in flights]
-    model = one_step_objective(sparse, settings, _SPARSER * settings.physics_step)
-    return {SPARSER: (model, names)}
+    return {SPARSER: (one_step_objective(sparse, settings), names)}
 
 
 def doubt_of_states(
@@ -86,11 +87,13 @@ def doubt_of_states(
     errors = np.zeros(len(names))
     if not measured:
         contradicted = "thrust_linear" in names or what_is_lacking(fit_result) > _CONTRADICTED
-        share = _LIKE if contradicted else 0.0
+        share = _LIKE if contradicted else _EXACT
         # Thrust has its own error, and trims are of a flight.
         errors = share * np.abs(fit_result.box.values(unit))
         errors[[name == HOVERING or name.startswith("torque_bias") for name in names]] = 0.0
-        errors[[name == "latency" for name in names]] = _FILTERED if contradicted else ARRIVAL
+        errors = np.maximum(errors, [DELAY_ERROR * (name in DELAYS) for name in names])
+        if contradicted:
+            errors[[name == "latency" for name in names]] = _FILTERED
     difference = [other.optimum - unit for other in others.values()]
     return np.diag(
         np.sum(np.square(difference), axis=0) + (errors / fit_result.box.slope(unit)) ** 2

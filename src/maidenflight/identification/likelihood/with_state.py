@@ -17,7 +17,7 @@ from maidenflight.identification.drone_file import GroupGain
 from maidenflight.identification.likelihood import information, other_ways, selection
 from maidenflight.identification.likelihood.compiling import start_compiling
 from maidenflight.identification.likelihood.estimator import Models, Question, answer_question
-from maidenflight.identification.likelihood.fit import balance, box_of, fit
+from maidenflight.identification.likelihood.fit import balance, box_of
 from maidenflight.identification.likelihood.flight_differences import differences
 from maidenflight.identification.likelihood.laplace import Others
 from maidenflight.identification.likelihood.noise_levels import (
@@ -25,7 +25,7 @@ from maidenflight.identification.likelihood.noise_levels import (
     drift_by_turns,
     noise_levels,
 )
-from maidenflight.identification.likelihood.observation import BALANCED, ObservationModel
+from maidenflight.identification.likelihood.observation import BALANCED
 from maidenflight.identification.likelihood.one_step import LENGTH, OneStep, one_step_objective
 from maidenflight.identification.likelihood.one_step_errors import ORDER
 from maidenflight.identification.likelihood.selection import Parts
@@ -63,14 +63,6 @@ from maidenflight.parameters import Parameters, check, replace
 
 Samples = Mapping[str, Float[np.ndarray, "N"]]
 """Of a posterior, by parameter, SI units."""
-_TURNING = (*selection.FIRST, "spin_down_ratio", "inertia_x", "inertia_y")
-"""What decides, together, how fast the drone answers a command."""
-_LATENCIES = (0.002, 0.02)
-"""Latencies from which an optimum is looked for too [s]."""
-_MIN_STEP = 0.005
-"""Difference from the start's latency above which that is another place to begin [s]."""
-_CLEARLY = 0.1
-"""Log-likelihood gain of a row [nats] above which another optimum is clearly better."""
 
 
 def identified(problem: Problem, settings: Likelihood) -> Identification:
@@ -81,7 +73,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     """
     if problem.over is not None:
         box_of(problem, problem.over)
-    start, coarse = problem.start, _coarse(problem, settings)
+    start, model = problem.start, one_step_objective(problem.flights, settings)
     # To look at the motors takes one core.
     threads = start_compiling(problem.flights[0], settings.lead_in)
     motors = _motors(problem)
@@ -90,15 +82,14 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         thread.join()
     if motors:
         problem = replace_(problem, flights=[undo_filter_delay(one) for one in problem.flights])
-        coarse = _coarse(problem, settings)
-    flights, measured = problem.flights, _measured(problem, coarse, motors)
-    fine = one_step_objective(flights, settings, settings.physics_step)
-    expected = _expected_intervals(problem, coarse, measured)
+        model = one_step_objective(problem.flights, settings)
+    flights, measured = problem.flights, _measured(problem, model, motors)
+    expected = _expected_intervals(problem, model, measured)
     problem.reporter.expected(expected)
     unidentifiable = {name: one.prior for name, one in expected.items() if not one.identifiable}
     decided = set[str]()
     while True:
-        question = _question(problem, settings, (coarse, fine), measured, unidentifiable)
+        question = _question(problem, settings, model, measured, unidentifiable)
         fit_result = answer_question(problem, settings, question)
         box, draws = fit_result.best.box, fit_result.samples
         searched = [name for name in box.names if name in expected and name not in measured]
@@ -106,7 +97,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         needed = _surely_needed(fit_result.gains, groups)
         wide = _too_wide(draws, [name for name in searched if name not in needed], expected, groups)
         identifiable = _find_identifiable(
-            problem, coarse, measured, fit_result.best.drone, unidentifiable.keys() - decided
+            problem, model, measured, fit_result.best.drone, unidentifiable.keys() - decided
         )
         decided |= {*wide, *identifiable}
         if not wide and not identifiable:
@@ -118,7 +109,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         }
     drone = fit_result.best.drone
     drone = replace(drone, turn_drift=np.float32(drift_by_turns(flights)))
-    left = fine.products_about_means(drone)
+    left = model.products_about_means(drone)
     noise = noise_levels(left, drone, stride(flights[0]) * flights[0].period)
     noise = correct_walks(noise, flights)
     drone = replace(drone, **{name: np.float32(value) for name, value in noise.items()})
@@ -144,9 +135,9 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         value=fit_result.best.value,
         # A likelihood of one row ahead may fall by the thrust and torques that carry and trim the
         # flights, where rows sample a faster loop: the start has them too.
-        start_value=fine(balance(fine, start, box_of(problem, BALANCED))),
+        start_value=model(balance(model, start, box_of(problem, BALANCED))),
         source=problem.source,
-        windows=int(fine.rows) // (LENGTH - ORDER),
+        windows=int(model.rows) // (LENGTH - ORDER),
         evaluations=sum(len(values) for _, values in fit_result.runs),
         search=evaluations_table(box, fit_result.runs),
         posterior=draws,
@@ -154,9 +145,9 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         gains=fit_result.gains,
         noise=noise,
         notes=(
-            *notes_on(estimates, fine.segments),
+            *notes_on(estimates, model.segments),
             *doubts(noise, flights),
-            *map(str, differences(flights, coarse, drone, motors)),
+            *map(str, differences(flights, model, drone, motors)),
             *lag.notes(delay_estimates, motors),
         ),
         delay_estimates=delay_estimates,
@@ -172,18 +163,13 @@ def expected_intervals(problem: Problem, settings: Likelihood) -> dict[str, Expe
     motors = _motors(problem)
     if motors:
         problem = replace_(problem, flights=[undo_filter_delay(one) for one in problem.flights])
-    coarse = _coarse(problem, settings)
-    return _expected_intervals(problem, coarse, _measured(problem, coarse, motors), is_truth=True)
-
-
-def _coarse(problem: Problem, settings: Likelihood) -> OneStep:
-    """The objective by which parameters are chosen."""
-    return one_step_objective(problem.flights, settings, settings.coarse_physics_step)
+    model = one_step_objective(problem.flights, settings)
+    return _expected_intervals(problem, model, _measured(problem, model, motors), is_truth=True)
 
 
 def _find_identifiable(
     problem: Problem,
-    coarse: OneStep,
+    model: OneStep,
     measured: Samples,
     drone: Parameters,
     names: Collection[str],
@@ -192,13 +178,13 @@ def _find_identifiable(
 
     About a start that is far away noise seems large, and hides them.
     """
-    expected = _expected_intervals(problem, coarse, measured, drone) if names else {}
+    expected = _expected_intervals(problem, model, measured, drone) if names else {}
     return {name: one for name, one in expected.items() if one.identifiable and name in names}
 
 
 def _expected_intervals(
     problem: Problem,
-    coarse: OneStep,
+    model: OneStep,
     measured: Samples,
     drone: Parameters | None = None,
     *,
@@ -214,7 +200,7 @@ def _expected_intervals(
         )
     priors = prior_ranges(problem.start, box_of(problem, names).limits)
     fit_result = information.expected_intervals(
-        *(coarse, problem.start if drone is None else drone, names, priors),
+        *(model, problem.start if drone is None else drone, names, priors),
         measured,
         is_truth=is_truth,
     )
@@ -284,7 +270,7 @@ def _too_wide(
 def _question(
     problem: Problem,
     settings: Likelihood,
-    models: tuple[OneStep, OneStep],
+    model: OneStep,
     measured: Samples,
     unidentifiable: Ranges,
 ) -> Question:
@@ -293,24 +279,19 @@ def _question(
     Raises:
         InputError: no requested parameter is identifiable.
     """
-    (coarse, fine), start, parts = models, problem.start, None
     request = problem.over or tuple(dict.fromkeys([*selection.ALWAYS, *measured]))
     names = tuple(name for name in request if name not in unidentifiable)
-    if problem.over is None:
-        parts = _parts(problem.flights, settings)
-        if not measured:
-            start = _optimum_near(problem, settings, parts.sample, unidentifiable)
-    else:
+    if problem.over is not None:
         must_tell(names, unidentifiable)
     left = {
         group: tuple(name for name in names if name not in unidentifiable)
         for group, names in _groups(problem, measured).items()
     }
     return Question(
-        Models(_pilot(problem.flights, settings, coarse), coarse, fine),
+        Models(_pilot(problem.flights, settings, model), model),
         names,
-        start,
-        parts,
+        problem.start,
+        _parts(problem.flights, settings) if problem.over is None else None,
         {group: names for group, names in left.items() if names},
         measured,
         partial(Others.from_ranges, unidentifiable, generator=problem.generator),
@@ -332,7 +313,7 @@ def _motors(problem: Problem) -> MotorResponse | None:
     return estimate_motor_response(problem.flights, problem.generator, problem.start, report_stage)
 
 
-def _measured(problem: Problem, coarse: OneStep, motors: MotorResponse | None) -> Samples:
+def _measured(problem: Problem, model: OneStep, motors: MotorResponse | None) -> Samples:
     """Samples of the parameters that are not searched for but seen, those of thrust apart.
 
     Lag and gain of a loop belong together: an inertia found by the likelihood beside that lag has
@@ -341,7 +322,7 @@ def _measured(problem: Problem, coarse: OneStep, motors: MotorResponse | None) -
     if motors is None:
         return {}
     delays = dict(zip(DELAYS, (motors.lag, motors.latency), strict=True))
-    thrust = coarse.balance(problem.start)[HOVERING] if motors.inertia_per_thrust else 0.0
+    thrust = model.balance(problem.start)[HOVERING] if motors.inertia_per_thrust else 0.0
     return delays | {name: thrust * samples for name, samples in motors.inertia_per_thrust.items()}
 
 
@@ -349,41 +330,9 @@ def _parts(flights: Sequence[Flight], settings: Likelihood) -> Parts:
     """The objectives on flights to fit and to judge by."""
     fitting_flights, held_out_flights = selection.split(flights)
     training, held_out = (
-        one_step_objective(part, settings, settings.coarse_physics_step)
-        for part in (fitting_flights, held_out_flights)
+        one_step_objective(part, settings) for part in (fitting_flights, held_out_flights)
     )
     return Parts(training, held_out, _pilot(fitting_flights, settings, training))
-
-
-def _optimum_near(
-    problem: Problem,
-    settings: Likelihood,
-    sample: ObservationModel,
-    unidentifiable: Collection[str],
-) -> Parameters:
-    """The start, or the start with another lag and latency if these lead to a better optimum.
-
-    Without noise the likelihood has an optimum for each latency of about a row, of which the start
-    may be beside the wrong one: all that turns the drone then makes up for it.
-    """
-    names = tuple(name for name in _TURNING if name not in unidentifiable)
-    best, least = problem.start, np.inf
-    for latency in (None, *_LATENCIES):
-        if latency is None:
-            begin = problem.start
-        elif abs(latency - float(problem.start.latency)) > _MIN_STEP:
-            begin = replace(problem.start, latency=np.float32(latency))
-        else:
-            continue
-        fit_result = fit(problem, settings.evaluations, [sample], names, begin, {}, close=_CLEARLY)
-        value = float(fit_result.values.min())
-        if value < least - _CLEARLY:
-            fixed_delays = {
-                name: getattr(fit_result.drone, name) for name in DELAYS if name in names
-            }
-            least = value
-            best = problem.start if latency is None else replace(problem.start, **fixed_delays)
-    return best
 
 
 def _pilot(flights: Sequence[Flight], settings: Likelihood, whole: OneStep) -> OneStep:
@@ -391,4 +340,4 @@ def _pilot(flights: Sequence[Flight], settings: Likelihood, whole: OneStep) -> O
     every = whole.size // settings.pilot_windows
     if every < 2:
         return whole
-    return one_step_objective(flights, settings, settings.coarse_physics_step, every)
+    return one_step_objective(flights, settings, every)

@@ -270,7 +270,7 @@ def _ask_sensor(
 ) -> Answer:
     """What a sensor tells of some parameters, given samples of others."""
     question = Question(
-        Models(model, model, model),
+        Models(model, model),
         names,
         start,
         parts=model.parts() if groups else None,

@@ -97,12 +97,13 @@ class Objective:
         self.size = len(windows.segment)
         self.segments = int(windows.segment.max()) + 1
         self._segment = windows.segment
-        self.steps, self.time_step = physics_steps(period)
+        self.period = period
+        self.steps, self._time_step = physics_steps(period)
         self._settings = (jnp.asarray(weights), jnp.float32(discount))
 
     def per_window(self, parameters: Parameters) -> Float[np.ndarray, "W"]:
         """Loss of each window."""
-        parameters = jax.tree.map(jnp.asarray, replace(parameters, time_step=self.time_step))
+        parameters = jax.tree.map(jnp.asarray, replace(parameters, time_step=self._time_step))
 
         def losses(first: int, end: int) -> tuple[Array]:
             return (
@@ -140,7 +141,7 @@ class Objective:
         Source: Holland and Welsch 1977, Robust regression using iteratively reweighted
         least-squares.
         """
-        parameters = jax.tree.map(jnp.asarray, replace(parameters, time_step=self.time_step))
+        parameters = jax.tree.map(jnp.asarray, replace(parameters, time_step=self._time_step))
 
         def sums(first: int, end: int) -> tuple[Array, ...]:
             share = Share(self.size, every, first, end)

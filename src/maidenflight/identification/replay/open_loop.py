@@ -25,15 +25,20 @@ from maidenflight.simulator.physics.latency import DelayLine
 from maidenflight.simulator.physics.vectors import entries
 
 PHYSICS_STEP = 0.005
-"""Nominal physics step [s]: the paper simulates at 200 Hz."""
+"""Mean physics step [s]: the paper simulates at 200 Hz."""
 CHUNK = 256
 """Windows simulated side by side; their state fits a core's cache, which is 2 to 3 times faster
 than one large batch."""
 
 
-def physics_steps(period: float) -> tuple[int, np.float32]:
-    """Physics steps a row, and how long each is [s], for rows that are `period` seconds apart."""
-    steps = max(1, round(period / PHYSICS_STEP))
+def physics_steps(period: float, step: float = PHYSICS_STEP) -> tuple[int, np.float32]:
+    """Physics steps a command, an even number, and their mean length [s].
+
+    Args:
+        period: between two commands [s].
+        step: about how long a physics step is [s].
+    """
+    steps = 2 * max(1, round(period / (2 * step)))
     return steps, np.float32(period / steps)
 
 

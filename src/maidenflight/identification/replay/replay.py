@@ -92,7 +92,7 @@ def _searched(problem: Problem, settings: Replay, box: Box, objective: Objective
     def equations(unit: np.ndarray, every: int) -> NormalEquations:
         return in_unit_cube(objective.normal_equations(at(unit), box.names, every), box, unit)
 
-    kinks, most = gradient.kinks(box, float(objective.time_step)), settings.evaluations
+    kinks, most = gradient.kinks(box, objective.period), settings.evaluations
     runs: list[Run] = []
     for trial in range(settings.trials):
         planned = sum(len(losses) for _, losses in runs)

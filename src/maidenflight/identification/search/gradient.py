@@ -43,20 +43,19 @@ _BEHIND = 1e-6
 """Distance behind a kink at which a step across it ends."""
 
 
-def kinks(box: Box, time_step: float) -> list[Float[np.ndarray, "k"]]:
+def kinks(box: Box, period: float) -> list[Float[np.ndarray, "k"]]:
     """Coordinates in the unit cube at which the objective's slope jumps, for each dimension.
 
-    They are latencies of whole physics steps: a command acts on a step by its mean over it, which
-    is linear in the latency until the command arrives in another step.
+    They are latencies of whole command periods, where a command arrives in another row.
     """
     descent = []
     for name, low, high in zip(box.names, box.lower, box.upper, strict=True):
-        steps = (
-            np.arange(np.ceil(low / time_step), np.floor(high / time_step) + 1)
+        rows = (
+            np.arange(np.ceil(low / period), np.floor(high / period) + 1)
             if name == "latency"
             else np.empty(0)
         )
-        descent.append((steps * time_step - low) / (high - low))
+        descent.append((rows * period - low) / (high - low))
     return descent
 
 

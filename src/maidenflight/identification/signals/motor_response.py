@@ -38,9 +38,9 @@ LAG_BOUNDS = (0.01, 0.25)
 USUAL, USUAL_DEVIATION = 0.002, 0.0014
 """Latency of commands on board and its standard deviation [s]: within a period of loop and of ESC,
 2 ms +- 1 ms, and as much again for the gyro's own filter (`other_ways.FILTER`)."""
-ARRIVAL = 3e-4
-"""Standard error with which any latency is known [s]: a command arrives within a
-physics step of 1 ms (1 / sqrt(12))."""
+DELAY_ERROR = 3e-4
+"""Standard error with which any lag and latency are known [s]: a gyro's filter of 2.8 ms, which
+passes for latency, makes a lag of 30 ms 0.3 ms longer."""
 _UNUSUAL = 0.03
 """Share of drones of which nothing of the kind is known."""
 SHORTEST, _LONGEST, _MOST = 3.0, 10.0, 16
@@ -142,7 +142,7 @@ class _Joined(NamedTuple):
         """Returns samples of places in `LATENCIES`, and of lag and latency [s]."""
         place = generator.choice(len(self.weight), DRAWS, p=self.weight)
         total = self.log_total[place] + self.error[place] * generator.normal(size=DRAWS)
-        jitter = ARRIVAL * generator.normal(size=DRAWS)
+        jitter = DELAY_ERROR * generator.normal(size=DRAWS)
         latency = np.maximum(LATENCIES[place] + jitter, 0.0)
         lag = np.maximum(np.exp(total) - latency, LAG_BOUNDS[0] / 2)
         return place, lag, latency

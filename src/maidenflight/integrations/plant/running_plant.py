@@ -158,7 +158,7 @@ def step(
     normal, uniform = drawn[:_NORMALS], drawn[_NORMALS:]
     powered, wanted = _power(plant, before.actuators, pwm, parameters, normal[:4])
     commands = latency.push(before.delay_line, actuators.rotor_speed_command(wanted))
-    arriving = latency.delayed(latency.DelayLine(commands), parameters, 1)[0]
+    arriving, _ = latency.in_step(latency.DelayLine(commands), parameters, 1, 0)
     near = ground.near_ground(parameters, before.state.position[2])
     advanced = plant.integrator(before.state, arriving, near)
     state = ground.floor_reaction(advanced, STANDING_HEIGHT_M)

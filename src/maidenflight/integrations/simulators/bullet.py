@@ -164,12 +164,12 @@ class _World:
         values = constants.tolist()
         mass, ix, iy, iz = values[:4]
         drag, self.flapping = values[4:7], values[7:9]
-        self.damping, gravity, step = values[9:12]
+        self.damping, gravity, self.time_step = values[9:12]
         self.wind = values[12:15]
         self.places = [[x, y, 0.0] for x, y in zip(values[15:19], values[19:23], strict=True)]
         self.drag = [mass * share for share in drag]
         self.bullet.setGravity(0.0, 0.0, -gravity, **self.client)
-        self.bullet.setTimeStep(step, **self.client)
+        self.bullet.setTimeStep(self.time_step, **self.client)
         damping = {"linearDamping": linear_damping, "angularDamping": angular_damping}
         self.bullet.changeDynamics(
             self.body, -1, mass=mass, localInertiaDiagonal=(ix, iy, iz), **damping, **self.client
@@ -185,7 +185,12 @@ class _World:
         )
 
     def step(self, push: list[float]) -> None:
-        """Returns one step under the forces and torque of `_motors`, drag, flapping and damping."""
+        """Takes one step under the forces and torque of `_motors`, drag, flapping and damping.
+
+        A step of no time, where a command arrives with another, is none.
+        """
+        if self.time_step == 0.0:
+            return
         bullet, frame = self.bullet, self.bullet.LINK_FRAME
         forces, further = push[:4], push[4:]
         for force, place in zip(forces, self.places, strict=True):

@@ -252,11 +252,11 @@ def spin_up(
 def _rate_of_change(
     before: Float[Array, "4"], after: Float[Array, "4"], parameters: Parameters
 ) -> Float[Array, "4"]:
-    """The rotors' mean rate of change over a step [1/s], from its ends.
+    """The rotors' mean rate of change over a step [1/s], from its ends; of no time at all, zero.
 
     Evaluating the motors' formula again would cost a third of the speed.
     """
-    return (after - before) * (1.0 / parameters.time_step)
+    return (after - before) * (1.0 / jnp.maximum(parameters.time_step, 1e-9))
 
 
 def derivative(state: State, command: Float[Array, "4"], parameters: Parameters) -> State:

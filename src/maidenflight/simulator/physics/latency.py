@@ -1,9 +1,8 @@
 """Latency as a delay line, continuous and differentiable in the delay.
 
-Commands pass a zero-order hold of one command period. Over a physics step the motor sees the exact
-mean of the delayed command, so that a delay between two steps, or between two commands, is
-interpolated: with an index into a buffer every objective would be constant in the latency between
-steps.
+Commands pass a zero-order hold of one command period. A physics step ends where a command arrives,
+so that its length tells a delay between two commands: with an index into a buffer every objective
+would be constant in the latency between steps.
 """
 
 from dataclasses import dataclass, field
@@ -73,54 +72,52 @@ def in_front(commands: Float[Array, "slots 4"], number: int) -> Float[Array, "sl
     return each(partial(jnp.roll, shift=number, axis=0), commands)
 
 
-def delayed(line: DelayLine, parameters: Parameters, steps: int) -> Float[Array, "steps 4"]:
-    """Returns the mean of the delayed command in each physics step of the newest command's period.
-
-    Args:
-        line: the commands.
-        parameters: uses `latency` Delta [s] and `time_step` dt [s].
-        steps: physics steps a command period.
-    """
-    return in_step(line, parameters, steps, jnp.arange(steps))
-
-
 def in_step(
     line: DelayLine,
     parameters: Parameters,
     steps: int | Int[Array, ""],
-    number: Int[Array, "..."],
-) -> Float[Array, "... 4"]:
-    """Returns mean of the delayed command in physics step `number` of the newest command's period.
+    number: Int[Array, "..."] | int,
+) -> tuple[Float[Array, "... 4"], Float[Array, "..."]]:
+    """Returns the command that acts in a step of the newest command's period, and how long it does.
 
-    Step i sees the commands of the time from (i dt - Delta) to ((i + 1) dt - Delta), where the
-    newest command (slot 0) starts at 0 and slot j holds from -j h to (1 - j) h, h = steps dt. A
-    step is no longer than a command, so it sees two at most. The last slot also stands for
-    everything older.
+    The newest command (slot 0) starts at 0 and slot j holds from -j h to (1 - j) h, h = steps dt.
+    Two commands act in the period, the newer one from (Delta mod h) on. Each has half of the steps,
+    so that none sees both: motors that slow down slower than they speed up do not follow the mean
+    of two commands. A single step sees that mean. The last slot also stands for everything older.
 
     Args:
-        line: as of `delayed`.
-        parameters: as of `delayed`.
-        steps: as of `delayed`, or an argument of the program.
-        number: i; or several.
+        line: the commands.
+        parameters: uses `latency` Delta [s] and `time_step` dt [s], the mean length of a step.
+        steps: physics steps a command period. As an argument of the program at least two.
+        number: of the step in the period; or several.
+
+    Returns:
+        The rotor speed command, and how long the step is [s].
     """
     size = _length(line.commands)
-    oldest = jnp.asarray(size - 1 if line.ring else size - 1 - line.newest, jnp.float32)
-    opens = number.astype(jnp.float32) - parameters.latency / parameters.time_step
-    steps = jnp.asarray(steps, jnp.float32)
-    slot = jnp.clip(jnp.ceil(-opens / steps), 0.0, oldest)
-    older = jnp.clip((1.0 - slot) * steps - opens, 0.0, 1.0)
-    older = jnp.where(slot == 0, 0.0, older)
-    # An index and not a sum over all slots: the line of a 500 Hz controller has 29.
-    index = slot.astype(jnp.int32)
-    before, after = line.newest + index, line.newest + jnp.maximum(index - 1, 0)
-    if line.ring:
-        before, after = (jnp.where(one < size, one, one - size) for one in (before, after))
+    oldest = size - 1 if line.ring else size - 1 - line.newest
+    count = jnp.asarray(steps, jnp.float32)
+    periods = parameters.latency / (parameters.time_step * count)
+    whole = jnp.floor(lax.stop_gradient(periods))
+    share = periods - whole
 
-    def mean(commands: Array) -> Array:
-        share = older.reshape(*older.shape, *[1] * (commands.ndim - 1))
-        return share * commands[before] + (1.0 - share) * commands[after]
+    def at(slot: Array) -> Float[Array, "... 4"]:
+        place = line.newest + jnp.clip(slot.astype(jnp.int32), 0, oldest)
+        if line.ring:
+            place = jnp.where(place < size, place, place - size)
+        return each(lambda commands: commands[place], line.commands)
 
-    return each(mean, line.commands)
+    if isinstance(steps, int) and steps == 1:
+        slot = jnp.broadcast_to(whole, jnp.shape(number))
+        mean = each(
+            lambda older, newer: share * older + (1.0 - share) * newer, at(slot + 1.0), at(slot)
+        )
+        return mean, jnp.broadcast_to(parameters.time_step, jnp.shape(number))
+    first = steps // 2
+    is_older = number < first
+    parts = jnp.where(is_older, first, steps - first).astype(jnp.float32)
+    length = jnp.where(is_older, share, 1.0 - share) * count / parts * parameters.time_step
+    return at(jnp.where(is_older, whole + 1.0, whole)), length
 
 
 def _length(commands: Float[Array, "slots 4"]) -> int:
