@@ -166,7 +166,9 @@ def _fly_kind(
     """
     # The guard looks between two actions.
     structure = controller_for(policies[0].interface).acting_at(GUARD_RATE)
-    step = np.float32(control.time_step(structure, float(np.max(drones.time_step))))
+    # No step sees two commands if there are two (`latency.in_step`).
+    longest = min(float(np.max(drones.time_step)), 0.5 / structure.command_rate)
+    step = np.float32(control.time_step(structure, longest))
     late = bool(np.any(np.asarray(drones.estimator_delay) > 0))
     drones = tree.map(
         np.asarray, replace(drones, time_step=np.broadcast_to(step, np.shape(drones.mass)))

@@ -328,7 +328,7 @@ class Parameters:
         "dt [s]",
         0.005,
         (1e-5, 0.02),
-        "physics step",
+        "mean physics step",
         f"{_PAPER}, sec. Simulation Environment: 200 Hz",
     )
 
