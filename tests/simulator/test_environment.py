@@ -105,11 +105,13 @@ def deviation(flown, expected):
 
 @pytest.mark.parametrize("delay", [0.0, 0.013, 0.018])
 @pytest.mark.parametrize(
-    ("integrator", "tolerance"), [(dynamics.euler, 1e-12), (dynamics.rk4, 1e-7)]
+    ("integrator", "tolerance"), [(dynamics.euler, 1e-12), (dynamics.rk4, 1e-8)]
 )
 def test_driving_in_float64_is_the_papers_equations(integrator, tolerance, delay):
     """Between the stages of RK4 a quaternion's length is not one, where two ways to turn a vector
-    differ by some 1e-8."""
+    differ by some 1e-9; by more in the one step of a command without delay, which is twice as long.
+    """
+    tolerance *= 4 if delay == 0.0 and integrator is dynamics.rk4 else 1
     first, commands, expected = reference_flight(integrator, delay)
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
         exact = {

@@ -43,9 +43,10 @@ from maidenflight.identification.likelihood.one_step_errors import (
     Innovations,
 )
 from maidenflight.identification.methods import Likelihood
-from maidenflight.identification.replay.open_loop import in_chunks, on_all_cores, physics_steps
+from maidenflight.identification.replay.open_loop import in_chunks, on_all_cores
 from maidenflight.identification.signals.flight_signals import stride
 from maidenflight.parameters import Parameters, component, replace
+from maidenflight.simulator.physics import latency
 
 LENGTH = 100
 """Rows of a window; its first rows only start the noise model, so that windows that are short waste
@@ -333,7 +334,7 @@ def one_step_objective(flights: Sequence[Flight], settings: Likelihood, every: i
         lead_in=settings.lead_in,
         stride=rows,
     )
-    steps, _ = physics_steps(period, settings.physics_step)
+    steps, _ = latency.physics_steps(period, settings.physics_step)
     return OneStep(type(cut)(*(array[::every] for array in cut)), period, steps, rows)
 
 

@@ -17,14 +17,15 @@ from maidenflight.flights.windows import Windows
 from maidenflight.identification.methods import DISCOUNT
 from maidenflight.identification.replay.open_loop import (
     CHUNK,
+    PHYSICS_STEP,
     in_chunks,
     on_all_cores,
-    physics_steps,
     simulate,
     wrapped,
 )
 from maidenflight.identification.search.gauss_newton import NormalEquations
 from maidenflight.parameters import Parameters, component, replace
+from maidenflight.simulator.physics import latency
 
 WEIGHTS = np.array([100.0] * 3 + [10.0] * 3 + [1.0] * 6, np.float32)
 """Diagonal of W: position [1/m], velocity [s/m], attitude [1/rad], body rates [s/rad]. The paper
@@ -98,7 +99,7 @@ class Objective:
         self.segments = int(windows.segment.max()) + 1
         self._segment = windows.segment
         self.period = period
-        self.steps, self._time_step = physics_steps(period)
+        self.steps, self._time_step = latency.physics_steps(period, PHYSICS_STEP)
         self._settings = (jnp.asarray(weights), jnp.float32(discount))
 
     def per_window(self, parameters: Parameters) -> Float[np.ndarray, "W"]:

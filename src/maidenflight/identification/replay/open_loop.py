@@ -31,17 +31,6 @@ CHUNK = 256
 than one large batch."""
 
 
-def physics_steps(period: float, step: float = PHYSICS_STEP) -> tuple[int, np.float32]:
-    """Physics steps a command, an even number, and their mean length [s].
-
-    Args:
-        period: between two commands [s].
-        step: about how long a physics step is [s].
-    """
-    steps = 2 * max(1, round(period / (2 * step)))
-    return steps, np.float32(period / steps)
-
-
 def simulate(window: Windows, parameters: Parameters, steps: int) -> Float[Array, "T 12"]:
     """Simulates one window.
 

@@ -32,12 +32,12 @@ from maidenflight.identification.outcome.problem import generator_of
 from maidenflight.identification.replay.open_loop import (
     PHYSICS_STEP,
     in_chunks,
-    physics_steps,
     simulate,
 )
 from maidenflight.identification.signals.flight_signals import stride
 from maidenflight.parameters import Parameters, replace
 from maidenflight.run_folder import ERROR_UNITS
+from maidenflight.simulator.physics import latency
 
 HORIZONS = (0.02, 0.05, 0.1)
 """Default times ahead at which errors are measured [s]. Open loop a quadrotor tumbles within some
@@ -251,7 +251,7 @@ def predict(
     Returns:
         Position, velocity, attitude and body rates in the T rows after each start.
     """
-    steps, time_step = physics_steps(period)
+    steps, time_step = latency.physics_steps(period, PHYSICS_STEP)
     drone = jax.tree.map(jnp.asarray, replace(parameters, time_step=time_step))
     simulated = np.asarray(_simulate(in_chunks(window_set), drone, steps))
     return simulated.reshape(-1, *simulated.shape[2:])[: len(window_set.segment)]

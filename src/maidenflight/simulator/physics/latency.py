@@ -45,6 +45,17 @@ def slots(command_period: float) -> int:
     return int(np.ceil(SLOWEST / (0.9 * command_period) - 1e-6)) + 1
 
 
+def physics_steps(period: float, step: float) -> tuple[int, np.float32]:
+    """Returns physics steps a command, an even number (see `in_step`), and their mean length [s].
+
+    Args:
+        period: between two commands [s].
+        step: about how long a physics step is [s].
+    """
+    steps = 2 * max(1, round(period / (2 * step)))
+    return steps, np.float32(period / steps)
+
+
 def push(commands: Float[Array, "slots 4"], newest: Float[Array, "4"]) -> Float[Array, "slots 4"]:
     """Puts the newest command in front and drops the oldest."""
     return jnp.concatenate([newest[None], commands[:-1]])
