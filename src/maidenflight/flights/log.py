@@ -108,6 +108,8 @@ class Flight:
     """By which the low-pass filter of the accelerometer makes it late [s]."""
     gyro_delay: float = GYRO_DELAY
     """By which the low-pass filter of the gyro makes it late [s]."""
+    gyro_delay_known: bool = True
+    """Whether the log or its firmware says so; else it may be none, or twice as long."""
     lead: int = 0
     """Rows at the beginning that are there for their commands only, in a stretch of a longer
     flight; see `sampling`."""
@@ -245,6 +247,7 @@ def to_csv(flight: Flight, record: Mapping[str, Any] | None = None) -> str:
             for key, usual in {"full_scale_counts": COUNTS, **_DELAYS}.items()
             if (value := getattr(flight, key)) != usual
         ),
+        *([] if flight.gyro_delay_known else ["# gyro_delay_known: no"]),
         *([] if flight.by_battery_law else ["# by_battery_law: no"]),
         *([f"# assumed_law: {flight.assumed_law}"] if flight.assumed_law else []),
         results.record_line(record),
@@ -336,6 +339,7 @@ def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
             key: _number_in_head(table, key, usual, possible, delay)
             for key, usual in _DELAYS.items()
         },
+        gyro_delay_known=table.head.get("gyro_delay_known", "yes") != "no",
         by_battery_law=table.head.get("by_battery_law", "yes") != "no",
         assumed_law=table.head.get("assumed_law"),
         battery=column["battery"],

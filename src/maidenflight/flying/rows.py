@@ -7,7 +7,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from maidenflight.flights.log import Flight
+from maidenflight.flights.log import GYRO_DELAY, Flight
 from maidenflight.parameters import Parameters
 from maidenflight.simulator.physics import battery
 from maidenflight.simulator.physics.battery import Supply
@@ -96,7 +96,8 @@ class SimulatedFlight:
         The command is computed from the motor ratio by the law of the supply, as for a real log.
         """
         logged: Any = jax.tree.map(np.asarray, self.rows)
-        supply = self.supply
+        supply, drone = self.supply, self.drone
+        delay = GYRO_DELAY if drone is None else float(drone.gyro_time_constant)
         command = battery.thrust_command(logged.ratio, logged.battery[:, None], supply)
         return Flight(
             name=name,
@@ -106,6 +107,8 @@ class SimulatedFlight:
             full_scale_counts=supply.full_scale_counts,
             zero_order_hold=self.zero_order_hold,
             simulated=self.reality,
+            gyro_delay=delay,
+            gyro_delay_known=drone is not None,
             true_position=_at_rows(logged.true_position, logged.true_velocity, 1 / self.rate),
         )
 

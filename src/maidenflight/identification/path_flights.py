@@ -150,7 +150,8 @@ def _with_signals(simulated: SimulatedFlight, original: Flight, every: int, key:
         sections = scipy.signal.butter(2, _GYRO_HZ, fs=RATE, output="sos")
         # Noise of the simulated gyro has gone through its filter already.
         change = scipy.signal.sosfilt(sections, true - true[0], axis=0) + true[0] - true
-        log = dataclasses.replace(log, body_rates=(log.body_rates + change).astype(np.float32))
+        late = (log.body_rates + change).astype(np.float32)
+        log = dataclasses.replace(log, body_rates=late, gyro_delay=GYRO_DELAY)
     speeds = original.rotor_speed
     if speeds is not None:
         own = np.asarray(simulated.rows.rotor_speed, np.float64)

@@ -131,12 +131,6 @@ def test_samples_of_a_noisy_loop_say_nothing() -> None:
     assert estimate_motor_response([noisy], np.random.default_rng(0), DRONE) is None
 
 
-def test_measured_speeds_are_asked_alone() -> None:
-    found = seen(flown(4, rotor_speed=True))
-    assert [look.signal for look in found.delay_estimates] == ["rotor speed"]
-    assert total(found)[1] == pytest.approx(0.05 + LATENCY, rel=0.06)
-
-
 def test_what_one_flight_shows_by_itself_is_wider() -> None:
     flights = [flown(seed, name=f"flight {seed}", seconds=6.0) for seed in range(3)]
     low, _, high = total(seen(*flights))

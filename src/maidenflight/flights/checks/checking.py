@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 
 from maidenflight.errors import InputError
 from maidenflight.flights.checks import airborne, resampling
+from maidenflight.flights.checks.speed_readings import mend_rotor_speeds
 from maidenflight.flights.log import GROUPS, OPTIONAL, Flight
 from maidenflight.simulator.physics.battery import LARGEST_COMMAND
 
@@ -80,7 +81,8 @@ def pieces(
     notes += runaway
     _refuse_wrong_units(flight)
     flight, unknown = _blanked(flight)
-    notes += unknown
+    flight, mended = mend_rotor_speeds(flight)
+    notes += [*unknown, *mended]
     usable = np.ones(len(flight), bool)
     for fault, rows in _faults(flight, cuts).items():
         new = rows & usable

@@ -41,7 +41,7 @@ class Signals:
     """Whether the motors are all commands, so that each holds until the next."""
     accelerometer_delay: float = 0.0
     """[s]; see `Flight`."""
-    gyro_delay: float = 0.0
+    gyro_delay: float | None = None
     """[s]."""
 
 
@@ -156,7 +156,8 @@ def flight(
         zero_order_hold=means,
         by_battery_law=False,
         accelerometer_delay=signals.accelerometer_delay,
-        gyro_delay=signals.gyro_delay,
+        gyro_delay=signals.gyro_delay or 0.0,
+        gyro_delay_known=signals.gyro_delay is not None,
         **groups,
     )
     return logged, at - at[0], [*notes, *rates.notes(name, needed, remedy)]

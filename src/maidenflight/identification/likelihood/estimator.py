@@ -5,15 +5,16 @@ fits in other ways show what it does not know of, and samples of the posterior s
 parameter may lie from there. Requested and known parameters are a `Question`.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from maidenflight.identification.drone_file import GroupGain
+from maidenflight.identification.drone_file import Estimate, GroupGain
 from maidenflight.identification.likelihood import selection
+from maidenflight.identification.likelihood.about_z import with_inertia_z
 from maidenflight.identification.likelihood.fit import Fit, box_of, fit
 from maidenflight.identification.likelihood.laplace import (
     NO_OTHERS,
@@ -25,9 +26,12 @@ from maidenflight.identification.likelihood.observation import ObservationModel
 from maidenflight.identification.likelihood.selection import Parts
 from maidenflight.identification.methods import Likelihood
 from maidenflight.identification.outcome.bounds import all_reached
+from maidenflight.identification.outcome.estimates import estimates_of
 from maidenflight.identification.outcome.plausible import Ranges
-from maidenflight.identification.outcome.problem import Problem
+from maidenflight.identification.outcome.posterior import interval
+from maidenflight.identification.outcome.problem import Problem, must_tell
 from maidenflight.identification.outcome.progress import FITTING, INTERVALS
+from maidenflight.identification.search.box import Box
 from maidenflight.parameters import Parameters, component
 from maidenflight.parameters import replace as replace_values
 
@@ -125,6 +129,62 @@ class Answer:
             posterior=replace(self.posterior, others=others),
             unidentifiable={**self.unidentifiable, **removed_ranges},
         )
+
+
+@dataclass(frozen=True)
+class Found:
+    """What answers found together: a drone with the inertia about z that belongs to it."""
+
+    drone: Parameters
+    draws: Mapping[str, Float[np.ndarray, "N"]]
+    """Samples of the posterior by parameter, SI units."""
+    estimates: Mapping[str, Estimate]
+    box: Box
+    """Of the estimates' parameters."""
+    runs: Sequence[tuple[np.ndarray, np.ndarray]]
+    """Points evaluated in each trial, in the box's unit cube, and their values."""
+    notes: tuple[str, ...]
+
+
+def join(problem: Problem, answers: Sequence[Answer], unidentifiable: Collection[str]) -> Found:
+    """Returns what answers about some flights found together.
+
+    Args:
+        problem: bounds of the search, and random numbers.
+        answers: the last has the drone of all.
+        unidentifiable: parameters that keep the start's value.
+
+    Raises:
+        InputError: no requested parameter is identifiable.
+    """
+    draws = {name: samples for one in answers for name, samples in one.samples.items()}
+    spread = {name: size for one in answers for name, size in one.posterior.spread.items()}
+    drone, draws, spread, notes = with_inertia_z(
+        problem.start, answers[-1].best.drone, draws, spread, problem.generator
+    )
+    names = tuple(name for name in draws if name not in unidentifiable)
+    must_tell(names, unidentifiable)
+    box = box_of(problem, names)
+    fits = [fit for one in answers for fit in sorted(one.fits, key=lambda fit: fit.value)]
+    runs = [_in_box(fit, box) for fit in fits]
+    optimum = box.unit_of(drone)
+    optima = np.array([points[int(np.argmin(values))] for points, values in runs])
+    optima[0] = optimum
+    samples = box.unit(np.stack([draws[name] for name in names], axis=1))
+    deviations = np.array([spread.get(name, 0.0) for name in names])
+    ends = interval(np.clip(samples, 0.0, 1.0))
+    estimates = estimates_of(box, optimum, optima, ends, deviations)
+    return Found(drone, draws, estimates, box, runs, notes)
+
+
+def _in_box(fit: Fit, box: Box) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]:
+    """Points of a search in a box of other parameters, those that it lacks as in its drone."""
+    points, own = np.tile(box.unit_of(fit.drone), (len(fit.points), 1)), fit.box.values(fit.points)
+    values = box.values(points)
+    for place, name in enumerate(box.names):
+        if name in fit.box.names:
+            values[:, place] = own[:, fit.box.names.index(name)]
+    return box.unit(values), fit.values
 
 
 def answer_question(problem: Problem, settings: Likelihood, question: Question) -> Answer:

@@ -22,11 +22,14 @@ from maidenflight.identification.search.gauss_newton import (
     in_unit_cube,
     inside,
 )
-from maidenflight.identification.signals.lag import LAG
+from maidenflight.identification.signals.lag import (
+    LAG,
+    SLOWING_DOWN,
+    slope_by_ratio,
+    speeding_up,
+)
 from maidenflight.parameters import Parameters, component, replace
 
-SLOWING_DOWN = "spin_down_ratio"
-"""Slowing down over speeding up."""
 _CLOSE = 0.02
 """Gain of the log likelihood of all flights [nats] below which a step is the last; a fifth of a
 standard error changes it by as much."""
@@ -122,7 +125,8 @@ def _with_measured_delays(
         return drone
     middle = {name: float(np.median(samples)) for name, samples in measured_delays.items()}
     if LAG in middle:
-        middle[LAG] *= 2 / (1 + float(drone.spin_down_ratio))
+        ratio = middle.get(SLOWING_DOWN, float(drone.spin_down_ratio))
+        middle[LAG] = speeding_up(middle[LAG], ratio)
     return replace(drone, **{name: np.float32(value) for name, value in middle.items()})
 
 
@@ -173,9 +177,11 @@ def _descended(
         if followers:
             along = np.eye(len(inner.names))
             if LAG in followers:
-                lag, ratio = float(drone.motor_time_constant), float(drone.spin_down_ratio)
-                slope = np.where(np.array(inner.names) == SLOWING_DOWN, -lag / (1 + ratio), 0.0)
-                along = np.concatenate([along, slope[None]])
+                slope = slope_by_ratio(
+                    float(drone.motor_time_constant), float(drone.spin_down_ratio)
+                )
+                chosen = np.array(inner.names) == SLOWING_DOWN
+                along = np.concatenate([along, np.where(chosen, slope, 0.0)[None]])
             if thrust:
                 climbs = thrust.climbs(drone, names)
                 follow = climbs[None, :-1] @ along / climbs[-1]

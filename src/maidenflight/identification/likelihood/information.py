@@ -15,7 +15,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
-from maidenflight.identification.likelihood.fit import SLOWING_DOWN
 from maidenflight.identification.likelihood.observation import ObservationModel
 from maidenflight.identification.outcome.plausible import (
     HOVERING,
@@ -27,7 +26,13 @@ from maidenflight.identification.outcome.plausible import (
     is_identifiable,
 )
 from maidenflight.identification.outcome.posterior import between_segment_sd
-from maidenflight.identification.signals.lag import DELAYS, LAG
+from maidenflight.identification.signals.lag import (
+    DELAYS,
+    LAG,
+    SLOWING_DOWN,
+    slope_by_ratio,
+    speeding_up,
+)
 from maidenflight.identification.signals.motor_response import DELAY_ERROR
 from maidenflight.parameters import Parameters, component
 
@@ -62,9 +67,10 @@ def expected_intervals(
             continue
         row = np.eye(len(names))[names.index(name)]
         ratio = float(start.spin_down_ratio)
-        share = 2 / (1 + ratio) if name == LAG else 1.0
-        if name == LAG and "spin_down_ratio" in names:
-            row[names.index("spin_down_ratio")] = float(start.motor_time_constant) / (1 + ratio)
+        share = speeding_up(1.0, ratio) if name == LAG else 1.0
+        if name == LAG and SLOWING_DOWN in names:
+            slope = slope_by_ratio(float(start.motor_time_constant), ratio)
+            row[names.index(SLOWING_DOWN)] = -slope
         directions[name] = row, float(np.var(share * samples))
     if HOVERING in names and model.means:
         climbs = model.means.climbs(start, names)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from maidenflight.identification.likelihood.fit import SLOWING_DOWN, Fit
+from maidenflight.identification.likelihood.fit import Fit
 from maidenflight.identification.outcome.plausible import (
     HOVERING,
     NEXT_FLIGHT,
@@ -22,7 +22,7 @@ from maidenflight.identification.outcome.posterior import (
     sandwich,
 )
 from maidenflight.identification.search.box import Box
-from maidenflight.identification.signals.lag import LAG
+from maidenflight.identification.signals.lag import LAG, SLOWING_DOWN, slope_by_ratio
 from maidenflight.parameters import Parameters, component
 
 _AT_BOUND = 0.01
@@ -194,13 +194,14 @@ def _fixed_mean_lag(
 ) -> Float[np.ndarray, "n n"]:
     """How parameters move in the unit cube where the ratio of slowing down moves.
 
-    The lag that is seen is the mean of speeding up and slowing down, T_m (1 + ratio) / 2. With
-    another ratio it stays the same, and T_m does not.
+    The lag that is seen is the mean of speeding up and slowing down. With another ratio it stays
+    the same, and that of speeding up does not.
     """
     unit_steps = np.eye(len(names))
     if LAG in measured_delays and LAG in names and SLOWING_DOWN in names:
         lag, ratio = names.index(LAG), names.index(SLOWING_DOWN)
-        change = -float(fit.drone.motor_time_constant) / (1 + float(fit.drone.spin_down_ratio))
+        drone = fit.drone
+        change = slope_by_ratio(float(drone.motor_time_constant), float(drone.spin_down_ratio))
         unit_steps[lag, ratio] = change * slope[ratio] / slope[lag]
     return unit_steps
 

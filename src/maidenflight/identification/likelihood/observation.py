@@ -25,7 +25,9 @@ BY_MOMENT = ("torque_bias_x", "torque_bias_y", "torque_bias_z")
 BALANCED = (HOVERING, *BY_MOMENT)
 """What a `Balance` finds."""
 DRAG = ("drag_x", "drag_y", "drag_z")
-"""Parameters that noise of the velocity passes for; see `damping_by_noise`."""
+"""Parameters that noise of the velocity passes for; see `of_noise`."""
+FLAPPING = ("flapping_moment_x", "flapping_moment_y")
+"""Parameters that noise of the velocity hides; likewise."""
 MOTORS = ("motor_time_constant", "spin_down_ratio", "motor_coasting", "latency")
 """Parameters on which the rotors' speeds depend, besides commands."""
 
@@ -48,23 +50,45 @@ def noise_model(products: Float[np.ndarray, "C P+1 P+1"]) -> NoiseModel:
     return NoiseModel(coefficients, np.sqrt(np.maximum(variance, 1e-16)))
 
 
-def damping_by_noise(slow: Float[np.ndarray, "3"], period: float) -> Float[np.ndarray, "3"]:
-    """Returns the log likelihood of a row that noise gains by each of `DRAG` [nats s].
+class OfNoise(NamedTuple):
+    """What white noise of the velocity does to the mean log likelihood of a row."""
 
-    A velocity that is measured too high falls by the next row, as if by drag. Innovations correlate
-    with the velocity before them by minus half the variance of what is noise. Disturbances add up,
-    so that their variance is found in the sums of many rows, where that of noise is not.
+    damping: Float[np.ndarray, "3"]
+    """What it gains by each of `DRAG` [nats s]: a velocity that is measured too high falls by the
+    next row, as if by drag."""
+    hidden: Float[np.ndarray, "2"]
+    """Curvature that is noise's by each of `FLAPPING`: a moment in proportion to a velocity that is
+    measured with noise comes out too small."""
+
+
+def of_noise(
+    products: Float[np.ndarray, "6 P+1 P+1"], noise: NoiseModel, drone: Parameters, period: float
+) -> OfNoise:
+    """Returns what white noise of the velocity does.
+
+    Noise is in the errors of two rows, with opposite signs, so that the mean of their product is
+    minus its variance; disturbances add up and are in one. Slopes are whitened as errors are.
 
     Args:
-        slow: variance of such sums over that of as many independent innovations, along world x, y
-            and z.
+        products: means of velocity and body rates' errors with their past.
+        noise: the autoregression of these errors.
+        drone: its inertia.
         period: between two rows [s].
 
-    Source: Nakamura 1990, Corrected score function for errors-in-variables models.
+    Source: Nakamura 1990, Corrected score function for errors-in-variables models; Fuller 1987,
+    Measurement error models, sec. 1.2.
     """
-    noise = np.clip(1.0 - slow, 0.0, 1.0)
-    across = (noise[0] + noise[1]) / 2
-    return 0.5 * period * np.array([across, across, noise[2]])
+    variance = np.maximum(-products[:3, 0, 1], 0.0)
+    variance[:2] = variance[:2].mean()
+    weights = np.concatenate([np.ones((6, 1)), -noise.coefficients], axis=1)
+    whole = np.sum(weights**2, axis=1)
+    shared = np.sum(weights[:, 1:] * weights[:, :-1], axis=1)
+    scale = variance[0] / noise.deviation[3:5] ** 2
+    slope = period / np.asarray(drone.inertia, np.float64)[:2]
+    return OfNoise(
+        period * variance * (whole - shared)[:3] / noise.deviation[:3] ** 2,
+        slope**2 * scale * whole[3:5],
+    )
 
 
 def without_past(
@@ -145,7 +169,8 @@ class ObservationModel(Protocol):
         square instead, and shares no curvature with others: what minimises that makes the mean
         error zero.
 
-        Value and slopes lack what noise gains by drag; see `damping_by_noise`.
+        Value and slopes lack what noise gains by drag, and loses by flapping; see
+        `of_noise`.
 
         Args:
             parameters: where.

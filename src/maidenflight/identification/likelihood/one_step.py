@@ -27,11 +27,12 @@ from maidenflight.identification.likelihood.observation import (
     BALANCED,
     BY_MOMENT,
     DRAG,
+    FLAPPING,
     Balance,
     NoiseModel,
     ObservationModel,
-    damping_by_noise,
     noise_model,
+    of_noise,
     without_past,
 )
 from maidenflight.identification.likelihood.one_step_errors import (
@@ -56,6 +57,8 @@ LEAST_NOISE = 0.002
 than any sensor's (BMI088: 0.014 deg/s/sqrt(Hz), 0.003 rad/s behind a filter of 80 Hz). Flights of a
 simulator have none; an autoregression then foretells what a wrong drone leaves, to the last digit,
 and neither the optimum nor the gain of a parameter means anything."""
+_MOST_NOISE = 0.9
+"""Share of a curvature that noise of the velocity may have."""
 CHUNK = 32
 """Windows differentiated side by side; along `AT_ONCE` directions they fit a core's cache."""
 JOINED = 2
@@ -230,28 +233,46 @@ class OneStep(ObservationModel):
         products = self._noisy_products(parameters)
         noise = noise_model(products.sum(axis=0) / self.rows)
         size, segments = len(names), self.segments
-        scores, climbs, slow = np.zeros((segments, size)), np.zeros(size), np.ones(6)
+        scores, climbs = np.zeros((segments, size)), np.zeros(size)
         curvatures = np.zeros((segments, size, size))
         for by_moment in (False, True):
             places = [at for at, name in enumerate(names) if (name in BY_MOMENT) == by_moment]
             if places:
                 some = [names[place] for place in places]
-                slope, curvature, climb, slow = self._along(
-                    parameters, some, products, noise, by_moment
-                )
+                slope, curvature, climb = self._along(parameters, some, products, noise, by_moment)
                 scores[:, places], climbs[places] = slope, climb
                 curvatures[np.ix_(range(segments), places, places)] = curvature
-        period = float(self._time_step) * self.steps * self.stride
-        damping = damping_by_noise(slow[:3], period)
-        for place, name in enumerate(names):
-            if name in DRAG:
-                scores[:, place] += self.rows_per_segment * damping[DRAG.index(name)]
         value = float(_minus_log_likelihood(noise.deviation, np.ones(6)))
-        value += float(damping @ np.asarray(parameters.drag, np.float64))
+        value += self._correct(parameters, names, products, noise, scores, curvatures)
         parts = value, scores / self.rows, curvatures / self.rows
         self._climbs = climbs
         self._latest = parameters, tuple(names), parts
         return parts
+
+    def _correct(
+        self,
+        parameters: Parameters,
+        names: Sequence[str],
+        products: Float[np.ndarray, "S 6 P+1 P+1"],
+        noise: NoiseModel,
+        scores: Float[np.ndarray, "S d"],
+        curvatures: Float[np.ndarray, "S d d"],
+    ) -> float:
+        """Takes what noise of the velocity does from slopes and curvatures; returns the value's."""
+        period = float(self._time_step) * self.steps * self.stride
+        damping, hidden = of_noise(products.sum(axis=0) / self.rows, noise, parameters, period)
+        flapping = np.asarray(parameters.flapping_moment, np.float64)
+        rows = self.rows_per_segment
+        for place, name in enumerate(names):
+            if name in DRAG:
+                scores[:, place] += rows * damping[DRAG.index(name)]
+            elif name in FLAPPING:
+                axis, own = FLAPPING.index(name), curvatures[:, place, place]
+                scores[:, place] -= rows * hidden[axis] * flapping[axis]
+                # Where hardly more than noise moves, enough is left to end the search.
+                own -= np.minimum(rows * hidden[axis], _MOST_NOISE * own)
+        drag = np.asarray(parameters.drag, np.float64)
+        return float(damping @ drag - 0.5 * hidden @ flapping**2)
 
     def _along(
         self,
@@ -264,12 +285,8 @@ class OneStep(ObservationModel):
         Float[np.ndarray, "S d"],
         Float[np.ndarray, "S d d"],
         Float[np.ndarray, "d"],
-        Float[np.ndarray, "6"],
     ]:
-        """Slope and curvature of each segment, and `climbs`, of parameters of one kind.
-
-        Last the variance of slow innovations over that of all.
-        """
+        """Slope and curvature of each segment, and `climbs`, of parameters of one kind."""
         drone, size = self._drone(parameters), len(names)
         parts, by = directions(drone, names), (self.steps, self.stride)
         whole = np.sqrt(products.sum(axis=0)[:, 0, 0] / self.rows)
@@ -288,14 +305,13 @@ class OneStep(ObservationModel):
         def compute(first: int, end: int) -> tuple[np.ndarray, ...]:
             return _stacked([of_chunk(chunk) for chunk in self._chunks[first:end]])
 
-        scores, curvatures, shared, climbs, slow = (
+        scores, curvatures, shared, climbs = (
             self._by_segment(part) for part in on_all_cores(compute, len(self._chunks))
         )
         if not by_moment:
             scores, curvatures = without_past(scores, curvatures, shared, products, noise)
         climbs = climbs.sum(axis=0)[:size] * noise.deviation[COLUMNS.index(VERTICAL)]
-        slow = slow.sum(axis=0) / self.rows
-        return scores[:, :size], curvatures[:, :size, :size], climbs, slow
+        return scores[:, :size], curvatures[:, :size, :size], climbs
 
 
 def log_likelihood(

@@ -238,13 +238,11 @@ def derivatives(
     Float[Array, "W D D"],
     Float[Array, "W D 6 P"],
     Float[Array, "W D"],
-    Float[Array, "W 6"],
 ]:
     """Derivatives of half the sum of squared innovations in each window of a chunk.
 
     They are gradient, curvature, the slopes' products with the past errors, and the sum of the
-    vertical errors' slopes, along the directions of all parts of `slopes`; and last the squares of
-    the innovations' sums.
+    vertical errors' slopes, along the directions of all parts of `slopes`.
 
     If `by_moment`, half the sum of squares of the errors themselves, over their own variance.
     """
@@ -267,4 +265,4 @@ def derivatives(
     curvature = jnp.einsum("dwct,ewct->wde", slopes, slopes)
     past = jnp.stack([_late(wrong, lag) for lag in range(1, ORDER + 1)], axis=2)
     shared = jnp.where(by_moment, 0.0, jnp.einsum("dwct,wcpt->wdcp", slopes, past))
-    return score.T, curvature, shared, climbs.T, jnp.sum(new_errors, axis=2) ** 2
+    return score.T, curvature, shared, climbs.T

@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.flights.log import Flight, thinned
+from maidenflight.identification.likelihood.about_z import ABOUT_Z
 from maidenflight.identification.likelihood.estimator import Ways
 from maidenflight.identification.likelihood.fit import Fit
 from maidenflight.identification.likelihood.observation import BY_MOMENT
@@ -34,9 +35,6 @@ from maidenflight.identification.signals.motor_response import DELAY_ERROR
 
 _SPARSER = 2
 """Rows to one, where it is tried what a sparser log would change."""
-ABOUT_Z = ("torque_to_thrust", "rotor_momentum", "torque_bias_z")
-"""Parameters that yaw shows, as shares of the inertia about z. Of what white noise differs by, all
-counts: no lag of its own tells of a controller's answers there."""
 WHITE, OWN_LAG, SPARSER = "white noise", "its own lag", "every second row"
 """Other ways of fitting."""
 _SHARES = {WHITE: 0.5, OWN_LAG: 0.5, SPARSER: 1.0}
@@ -144,6 +142,7 @@ def doubt_of_sensor(
     for way, other in others.items():
         difference = _SHARES[way] * (box.unit_of(other.drone) - unit)
         if way == WHITE:
+            # All of it counts about z: no lag of its own tells of a controller's answers there.
             about_z = np.array([name in ABOUT_Z for name in names])
             difference = np.where(about_z, 2.0 * difference, difference)
         if way == WHITE and OWN_LAG in others:

@@ -10,16 +10,16 @@ from dataclasses import replace as replace_
 from functools import partial
 
 import numpy as np
-from jaxtyping import Float
 
 from maidenflight.flights.log import Flight
 from maidenflight.identification.drone_file import GroupGain
 from maidenflight.identification.likelihood import information, other_ways, selection
 from maidenflight.identification.likelihood.compiling import start_compiling
-from maidenflight.identification.likelihood.estimator import Models, Question, answer_question
+from maidenflight.identification.likelihood.estimator import Models, Question, answer_question, join
 from maidenflight.identification.likelihood.fit import balance, box_of
 from maidenflight.identification.likelihood.flight_differences import differences
 from maidenflight.identification.likelihood.laplace import Others
+from maidenflight.identification.likelihood.measured import Measured, Samples, measure
 from maidenflight.identification.likelihood.noise_levels import (
     correct_walks,
     drift_by_turns,
@@ -36,7 +36,6 @@ from maidenflight.identification.outcome.estimates import (
     SURE_NATS,
     Identification,
     doubts,
-    estimates_of,
     evaluations_table,
     notes_on,
 )
@@ -54,15 +53,8 @@ from maidenflight.identification.outcome.progress import EXPECTING, MOTOR_LAG
 from maidenflight.identification.signals import lag
 from maidenflight.identification.signals.flight_signals import stride, undo_filter_delay
 from maidenflight.identification.signals.lag import DELAYS, LAG
-from maidenflight.identification.signals.motor_response import (
-    MotorResponse,
-    estimate_motor_response,
-    is_clear,
-)
+from maidenflight.identification.signals.motor_response import is_clear
 from maidenflight.parameters import Parameters, check, replace
-
-Samples = Mapping[str, Float[np.ndarray, "N"]]
-"""Of a posterior, by parameter, SI units."""
 
 
 def identified(problem: Problem, settings: Likelihood) -> Identification:
@@ -76,14 +68,15 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     start, model = problem.start, one_step_objective(problem.flights, settings)
     # To look at the motors takes one core.
     threads = start_compiling(problem.flights[0], settings.lead_in)
-    motors = _motors(problem)
+    signals = _by_signals(problem)
+    motors = signals.motors
     problem.reporter.stage(EXPECTING, 0, 1)
     for thread in threads:
         thread.join()
     if motors:
         problem = replace_(problem, flights=[undo_filter_delay(one) for one in problem.flights])
         model = one_step_objective(problem.flights, settings)
-    flights, measured = problem.flights, _measured(problem, model, motors)
+    flights, measured = problem.flights, _measured(problem, model, signals)
     expected = _expected_intervals(problem, model, measured)
     problem.reporter.expected(expected)
     unidentifiable = {name: one.prior for name, one in expected.items() if not one.identifiable}
@@ -91,8 +84,10 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     while True:
         question = _question(problem, settings, model, measured, unidentifiable)
         fit_result = answer_question(problem, settings, question)
-        box, draws = fit_result.best.box, fit_result.samples
-        searched = [name for name in box.names if name in expected and name not in measured]
+        draws = fit_result.samples
+        searched = [
+            name for name in fit_result.best.box.names if name in expected and name not in measured
+        ]
         groups = _groups(problem, measured)
         needed = _surely_needed(fit_result.gains, groups)
         wide = _too_wide(draws, [name for name in searched if name not in needed], expected, groups)
@@ -107,25 +102,21 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         unidentifiable = {
             name: one for name, one in unidentifiable.items() if name not in identifiable
         }
-    drone = fit_result.best.drone
-    drone = replace(drone, turn_drift=np.float32(drift_by_turns(flights)))
-    left = model.products_about_means(drone)
+    found = join(problem, [fit_result], unidentifiable)
+    drone = replace(found.drone, turn_drift=np.float32(drift_by_turns(flights)))
+    left = model.products_about_means(fit_result.best.drone)
     noise = noise_levels(left, drone, stride(flights[0]) * flights[0].period)
     noise = correct_walks(noise, flights)
     drone = replace(drone, **{name: np.float32(value) for name, value in noise.items()})
-    interval, spread = (
-        fit_result.posterior.interval,
-        np.array([*fit_result.posterior.spread.values()]),
-    )
-    estimates = estimates_of(box, fit_result.best.optimum, fit_result.optima, interval, spread)
-    estimates |= as_flights_differ(estimates, flights, drone)
-    if motors and LAG in box.names:
+    estimates = as_flights_differ(found.estimates, flights, drone)
+    estimates = {**found.estimates, **estimates}
+    if motors and LAG in estimates:
         estimates = mean_lag_estimates(estimates)
     if motors and motors.usual_latency and "latency" in estimates:
         # It belongs to the lag that is told, so that the drone has it, and not the start's.
         del estimates["latency"]
         unidentifiable["latency"] = motors.usual_latency
-    delay_estimates = lag.delay_estimates(motors, draws, unidentifiable, drone)
+    delay_estimates = lag.delay_estimates(motors, found.draws, unidentifiable, drone)
     return Identification(
         parameters=check(drone, "identified parameters"),
         estimates=estimates,
@@ -138,16 +129,17 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         start_value=model(balance(model, start, box_of(problem, BALANCED))),
         source=problem.source,
         windows=int(model.rows) // (LENGTH - ORDER),
-        evaluations=sum(len(values) for _, values in fit_result.runs),
-        search=evaluations_table(box, fit_result.runs),
-        posterior=draws,
-        advice=advise(estimates, unidentifiable, draws, motors),
+        evaluations=sum(len(values) for _, values in found.runs),
+        search=evaluations_table(found.box, found.runs),
+        posterior=found.draws,
+        advice=advise(estimates, unidentifiable, found.draws, motors),
         gains=fit_result.gains,
         noise=noise,
         notes=(
             *notes_on(estimates, model.segments),
             *doubts(noise, flights),
-            *map(str, differences(flights, model, drone, motors)),
+            *found.notes,
+            *map(str, differences(flights, model, fit_result.best.drone, motors)),
             *lag.notes(delay_estimates, motors),
         ),
         delay_estimates=delay_estimates,
@@ -160,11 +152,11 @@ def expected_intervals(problem: Problem, settings: Likelihood) -> dict[str, Expe
     Raises:
         InputError: too little flight, or a parameter that cannot be searched.
     """
-    motors = _motors(problem)
-    if motors:
+    signals = _by_signals(problem)
+    if signals.motors:
         problem = replace_(problem, flights=[undo_filter_delay(one) for one in problem.flights])
     model = one_step_objective(problem.flights, settings)
-    return _expected_intervals(problem, model, _measured(problem, model, motors), is_truth=True)
+    return _expected_intervals(problem, model, _measured(problem, model, signals), is_truth=True)
 
 
 def _find_identifiable(
@@ -193,7 +185,7 @@ def _expected_intervals(
     """What flights tell about a drone, or about the start."""
     names, parameter_groups = problem.over, problem.over
     if names is None or parameter_groups is None:
-        every = selection.WITH_KNOWN_LAG if measured else selection.GROUPS
+        every = selection.WITH_KNOWN_LAG if LAG in measured else selection.GROUPS
         names, parameter_groups = (
             tuple(dict.fromkeys([*selection.ALWAYS, *measured, *itertools.chain(*some.values())]))
             for some in (every, _groups(problem, measured))
@@ -207,7 +199,7 @@ def _expected_intervals(
     # What is not even looked for in such flights cannot be told by them either.
     # Of what signals show by themselves its own width decides, not the range about some start.
     known = {name: is_clear(samples) for name, samples in measured.items() if name not in DELAYS}
-    if measured:
+    if LAG in measured:
         known |= {LAG: is_clear(measured[LAG] + measured["latency"]), "latency": True}
     return {
         name: replace_(
@@ -220,7 +212,7 @@ def _expected_intervals(
 
 def _groups(problem: Problem, measured: Collection[str]) -> Mapping[str, Sequence[str]]:
     """Parameters that may be chosen."""
-    every = selection.groups(problem.flights, has_measured_lag=bool(measured))
+    every = selection.groups(problem.flights, has_measured_lag=LAG in measured)
     left = {
         group: tuple(name for name in names if name not in measured)
         for group, names in every.items()
@@ -296,34 +288,36 @@ def _question(
         measured,
         partial(Others.from_ranges, unidentifiable, generator=problem.generator),
         partial(other_ways.ways_of_states, problem.flights, settings),
-        partial(other_ways.doubt_of_states, measured=bool(measured)),
+        partial(other_ways.doubt_of_states, measured=LAG in measured),
     )
 
 
-def _motors(problem: Problem) -> MotorResponse | None:
-    """What logs show of the motors' lag, if it is requested."""
+def _by_signals(problem: Problem) -> Measured:
+    """What signals show by themselves, if the motors' lag and latency are requested."""
     names = selection.FIRST if problem.over is None else problem.over
     if not set(DELAYS) <= set(names):
-        return None
+        return Measured()
 
     def report_stage(done: int, of: int) -> None:
         problem.reporter.stage(MOTOR_LAG, done, of)
 
     report_stage(0, 0)
-    return estimate_motor_response(problem.flights, problem.generator, problem.start, report_stage)
+    return measure(problem, report_stage)
 
 
-def _measured(problem: Problem, model: OneStep, motors: MotorResponse | None) -> Samples:
+def _measured(problem: Problem, model: OneStep, signals: Measured) -> Samples:
     """Samples of the parameters that are not searched for but seen, those of thrust apart.
 
     Lag and gain of a loop belong together: an inertia found by the likelihood beside that lag has
-    two optima on short logs of brushless motors, a factor of two apart.
+    two optima on short logs of brushless motors, a factor of two apart. Measured speeds tell the
+    inertia better.
     """
-    if motors is None:
-        return {}
-    delays = dict(zip(DELAYS, (motors.lag, motors.latency), strict=True))
-    thrust = model.balance(problem.start)[HOVERING] if motors.inertia_per_thrust else 0.0
-    return delays | {name: thrust * samples for name, samples in motors.inertia_per_thrust.items()}
+    if signals.motors is None:
+        return signals.inertia
+    per_thrust = {} if signals.inertia else signals.motors.inertia_per_thrust
+    thrust = model.balance(problem.start)[HOVERING] if per_thrust else 0.0
+    by_loop = {name: thrust * samples for name, samples in per_thrust.items()}
+    return {**signals.delays, **by_loop, **signals.inertia}
 
 
 def _parts(flights: Sequence[Flight], settings: Likelihood) -> Parts:

@@ -20,22 +20,18 @@ from maidenflight.identification.likelihood.estimator import (
     Models,
     Question,
     answer_question,
+    join,
 )
-from maidenflight.identification.likelihood.fit import Fit, box_of
+from maidenflight.identification.likelihood.fit import box_of
 from maidenflight.identification.likelihood.inertial_errors import AccelerometerErrors, GyroErrors
 from maidenflight.identification.likelihood.laplace import Others
-from maidenflight.identification.likelihood.loop_inertia import (
-    inertia_of_loop,
-    inertia_of_speeds,
-    with_inertia_z,
-)
+from maidenflight.identification.likelihood.loop_inertia import inertia_of_loop
+from maidenflight.identification.likelihood.measured import Measured, Samples, measure
 from maidenflight.identification.likelihood.observation import MOTORS
 from maidenflight.identification.likelihood.sensor_errors import SensorErrors
 from maidenflight.identification.methods import Likelihood
-from maidenflight.identification.outcome import posterior
 from maidenflight.identification.outcome.estimates import (
     Identification,
-    estimates_of,
     evaluations_table,
     notes_on,
 )
@@ -47,15 +43,9 @@ from maidenflight.identification.outcome.plausible import (
     prior_ranges,
     unchanged,
 )
-from maidenflight.identification.outcome.posterior import RESAMPLES
-from maidenflight.identification.outcome.problem import Problem, must_tell
-from maidenflight.identification.search.box import Box
+from maidenflight.identification.outcome.problem import Problem
 from maidenflight.identification.signals import lag
-from maidenflight.identification.signals.lag import DELAYS, LAG
-from maidenflight.identification.signals.motor_response import (
-    MotorResponse,
-    estimate_motor_response,
-)
+from maidenflight.identification.signals.lag import DELAYS, LAG, SLOWING_DOWN
 from maidenflight.identification.signals.saturation import note_saturation, saturation
 from maidenflight.parameters import Parameters, check, component, replace
 
@@ -98,8 +88,6 @@ BOUNDS: Mapping[str, tuple[float, float]] = {
 _MOST = 20
 """Evaluations of a search at most."""
 
-Samples = Mapping[str, Float[np.ndarray, "N"]]
-
 
 def identified(problem: Problem, settings: Likelihood) -> Identification:
     """Finds the drone under which what accelerometer and gyro measured is most likely.
@@ -114,50 +102,36 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     _require_signals(problem.over)
     problem = replace_(problem, bounds={**BOUNDS, **problem.bounds})
     settings = replace_(settings, evaluations=min(settings.evaluations, _MOST))
-    motors = estimate_motor_response(problem.flights, problem.generator.spawn(1)[0], problem.start)
+    signals = measure(problem)
+    motors = signals.motors
     limit = saturation(problem.flights, float(problem.start.motor_time_constant))
-    force = _force(problem, settings, motors, limit)
-    torque = _torque(problem, settings, force, limit, motors)
+    force = _force(problem, settings, signals, limit)
+    torque = _torque(problem, settings, force, limit, signals)
     answer = [one for one in (force, torque) if one is not None]
     unidentifiable = {name: ends for one in answer for name, ends in one.unidentifiable.items()}
-    draws = {name: samples for one in answer for name, samples in one.samples.items()}
-    spread = {name: size for one in answer for name, size in one.posterior.spread.items()}
-    drone, draws, spread, notes = with_inertia_z(
-        problem.start, answer[-1].best.drone, draws, spread, unidentifiable
-    )
-    names = tuple(name for name in draws if name not in unidentifiable)
-    must_tell(names, unidentifiable)
-    box = box_of(problem, names)
-    optimum = box.unit_of(drone)
-    fits = [fit for one in answer for fit in sorted(one.fits, key=lambda fit: fit.value)]
-    runs = [_in_box(fit, box) for fit in fits]
-    optima = np.array([points[int(np.argmin(values))] for points, values in runs])
-    optima[0] = optimum
-    samples = box.unit(np.stack([draws[name] for name in names], axis=1))
-    deviations = np.array([spread.get(name, 0.0) for name in names])
-    estimates = estimates_of(box, optimum, optima, posterior.interval(samples), deviations)
+    found = join(problem, answer, unidentifiable)
     segments = answer[0].best.model.segments
     delay_estimates = lag.delay_estimates(
-        motors, answer[0].samples, answer[0].unidentifiable, drone
+        motors, answer[0].samples, answer[0].unidentifiable, found.drone
     )
     return Identification(
-        parameters=check(drone, "identified parameters"),
-        estimates=estimates,
+        parameters=check(found.drone, "identified parameters"),
+        estimates=found.estimates,
         unidentified=unidentifiable,
         objective="likelihood",
         value=sum(one.best.value for one in answer),
         start_value=sum(one.best.model(problem.start) for one in answer),
         source=problem.source,
         windows=segments,
-        evaluations=sum(len(values) for _, values in runs),
-        search=evaluations_table(box, runs),
-        posterior=draws,
-        advice=advise(estimates, unidentifiable, draws, motors),
+        evaluations=sum(len(values) for _, values in found.runs),
+        search=evaluations_table(found.box, found.runs),
+        posterior=found.draws,
+        advice=advise(found.estimates, unidentifiable, found.draws, motors),
         gains=tuple(gain for one in answer for gain in one.gains),
         notes=(
             *note_saturation(limit),
-            *notes_on(estimates, segments),
-            *notes,
+            *notes_on(found.estimates, segments),
+            *found.notes,
             *lag.notes(delay_estimates, motors),
         ),
         delay_estimates=delay_estimates,
@@ -190,26 +164,27 @@ def _names_of(
 
 
 def _force(
-    problem: Problem, settings: Likelihood, motors: MotorResponse | None, limit: float
+    problem: Problem, settings: Likelihood, signals: Measured, limit: float
 ) -> Answer | None:
     """Fits what the accelerometer shows better than it was known before."""
     if not _names_of(problem, FORCE, OF_ACCELEROMETER):
         return None
     model = AccelerometerErrors.of(problem.flights, _force_priors(problem), limit)
-    answer = _force_given_lag(problem, settings, model, motors)
+    answer = _force_given_lag(problem, settings, model, signals)
     removed_ranges, others = _unchanged(problem, answer)
     answer = _without(problem, settings, model, answer, removed_ranges)
     return replace_(answer, unidentifiable={**answer.unidentifiable, **others})
 
 
 def _force_given_lag(
-    problem: Problem, settings: Likelihood, model: AccelerometerErrors, motors: MotorResponse | None
+    problem: Problem, settings: Likelihood, model: AccelerometerErrors, signals: Measured
 ) -> Answer:
     """Fits what the accelerometer shows, given the lag of measured speeds or the gyro."""
     names, start = _names_of(problem, FORCE, OF_ACCELEROMETER), problem.start
     groups = FORCE_GROUPS if problem.over is None else {}
+    motors = signals.motors
     known = motors if motors and motors.is_identifiable and set(DELAYS) < set(names) else None
-    if known is None or any(one.rotor_speed is None for one in problem.flights):
+    if known is None or known.spin_down_ratio is None:
         answer = _ask_sensor(problem, settings, model, names, groups, start)
         plausible = _plausible(problem, tuple(answer.samples), model.priors)
         identifiable = _lag_is_identifiable(answer, plausible)
@@ -223,13 +198,12 @@ def _force_given_lag(
                 removed_names.append("thrust_linear")
             removed_ranges = {name: plausible[name] for name in removed_names}
             return _without(problem, settings, model, answer, removed_ranges)
-    resampled = problem.generator.integers(len(known.lag), size=RESAMPLES)
-    measured_delays = {LAG: known.lag[resampled], "latency": known.latency[resampled]}
-    # That lag is the mean of speeding up and slowing down, whose ratio none of them tells.
-    middle = {name: np.float32(np.median(draws)) for name, draws in measured_delays.items()}
-    drone = replace(start, spin_down_ratio=np.float32(1.0), **middle)
+    samples = signals.motor_samples(problem.generator)
+    middle = {name: np.float32(np.median(draws)) for name, draws in samples.items()}
+    # The lag is the mean of both ways where nothing tells their ratio.
+    drone = replace(start, **{SLOWING_DOWN: np.float32(1.0), **middle})
     rest = tuple(name for name in names if name not in DELAYS)
-    again = _ask_sensor(problem, settings, model, rest, {}, drone, measured_delays)
+    again = _ask_sensor(problem, settings, model, rest, {}, drone, samples)
     usual = known.usual_latency
     return again if usual is None else replace_(again, unidentifiable={"latency": usual})
 
@@ -344,7 +318,7 @@ def _torque(
     settings: Likelihood,
     force: Answer | None,
     limit: float,
-    motors: MotorResponse | None,
+    signals: Measured,
 ) -> Answer | None:
     """What the gyro tells, given what the accelerometer tells."""
     names = _names_of(problem, TORQUE, OF_GYRO)
@@ -365,21 +339,10 @@ def _torque(
         }
         return answer, removed_ranges
 
-    speeds = inertia_of_speeds(problem, drone)
-    answer, removed_ranges = ask(speeds)
+    answer, removed_ranges = ask(signals.inertia)
     # Measured speeds pass over what the loop would tell.
-    needs_loop = bool(removed_ranges) and not speeds
-    loop = inertia_of_loop(problem, motors, known, drone) if needs_loop else {}
+    needs_loop = bool(removed_ranges) and not signals.inertia
+    loop = inertia_of_loop(problem, signals.motors, known, drone) if needs_loop else {}
     if inertia := {name: samples for name, samples in loop.items() if name in removed_ranges}:
         answer, removed_ranges = ask(inertia)
     return answer.without(removed_ranges, problem.start, problem.generator)
-
-
-def _in_box(fit: Fit, box: Box) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]:
-    """Points of a search in a box of other parameters, those that it lacks as in its drone."""
-    points, own = np.tile(box.unit_of(fit.drone), (len(fit.points), 1)), fit.box.values(fit.points)
-    values = box.values(points)
-    for place, name in enumerate(box.names):
-        if name in fit.box.names:
-            values[:, place] = own[:, fit.box.names.index(name)]
-    return box.unit(values), fit.values

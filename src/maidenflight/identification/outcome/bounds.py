@@ -12,6 +12,7 @@ import numpy as np
 from maidenflight.errors import InputError
 from maidenflight.identification.drone_file import DroneFile, Estimate
 from maidenflight.identification.search.box import LOGARITHMIC
+from maidenflight.identification.signals.lag import SLOWING_DOWN, speeding_up
 from maidenflight.identification.signals.motor_response import LAG_BOUNDS
 from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, Quantity, component
 
@@ -116,8 +117,8 @@ def _cure(name: str, bound: float, estimates: Mapping[str, Estimate]) -> str:
         and np.isclose(bound, _measured_lags(estimates), rtol=1e-4).any()
     ):
         return (
-            "rotor speeds and accelerometer show no lag beyond; leave them out (--ignore "
-            "rotor_speed --ignore accelerometer)"
+            "gyro and rotor speeds show no lag beyond: check the logs' clocks and the order of "
+            "their motors (maidenflight log)"
         )
     wider = widened(name, bound, bounds)
     if wider == bounds:
@@ -168,9 +169,9 @@ def mean_lag_estimates(estimates: Mapping[str, Estimate]) -> dict[str, Estimate]
 
 def _measured_lags(estimates: Mapping[str, Estimate]) -> tuple[float, float]:
     """Lags of speeding up that are told where the mean of speeding up and slowing down is seen."""
-    ratio = estimates.get("spin_down_ratio")
-    share = 1.0 if ratio is None else 2 / (1 + ratio.value)
-    return share * LAG_BOUNDS[0], share * LAG_BOUNDS[1]
+    ratio = estimates.get(SLOWING_DOWN)
+    value = 1.0 if ratio is None else ratio.value
+    return speeding_up(LAG_BOUNDS[0], value), speeding_up(LAG_BOUNDS[1], value)
 
 
 def _quantity(name: str) -> Quantity:

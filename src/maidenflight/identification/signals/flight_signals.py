@@ -8,8 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
-from maidenflight.flights.log import Flight
+from maidenflight.flights.log import GRAVITY, Flight
 
 STEP = 0.01
 """Time over which signals are averaged [s]."""
@@ -32,10 +33,17 @@ def means(values: Float[np.ndarray, "N c"], rows: int) -> Float[np.ndarray, "M c
 
 
 def force_along_z(flight: Flight) -> Float[np.ndarray, "N"]:
-    """Returns specific force along z half a row later, the filter's delay undone [m/s2]."""
-    if flight.accelerometer is None:
-        raise ValueError(f"{flight.name} has no accelerometer")
+    """Returns specific force along z half a row later, the filter's delay undone [m/s2].
+
+    Of a log without an accelerometer it is what changes the velocity, and gravity.
+    """
     places = np.arange(len(flight))
+    if flight.accelerometer is None:
+        angles = flight.attitude[:, ::-1].astype(float)
+        upward = Rotation.from_euler("ZYX", angles).as_matrix()[..., 2]
+        velocity = flight.velocity.astype(float)
+        push = np.diff(velocity, axis=0, append=velocity[-1:]) / flight.period
+        return np.asarray(np.sum(upward * (push + np.array([0.0, 0.0, GRAVITY])), axis=1))
     later = places + 0.5 + flight.accelerometer_delay / flight.period
     return np.interp(later, places, flight.accelerometer[:, 2].astype(float))
 

@@ -1,6 +1,7 @@
 """Independent estimates of the motors' lag and latency together, and their disagreement."""
 
 from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,23 @@ LAG = "motor_time_constant"
 up and slow down."""
 DELAYS = (LAG, "latency")
 """The parameters that delay what commands do."""
+SLOWING_DOWN = "spin_down_ratio"
+"""Lag slowing down over that speeding up."""
+
+
+def mean_lag(speeding_up: Any, ratio: Any) -> Any:
+    """Returns the mean of the lags speeding up and slowing down [s], which signals show."""
+    return speeding_up * (1 + ratio) / 2
+
+
+def speeding_up(mean: Any, ratio: Any) -> Any:
+    """Returns the lag speeding up [s] of motors of a mean lag."""
+    return 2 * mean / (1 + ratio)
+
+
+def slope_by_ratio(speeding_up: float, ratio: float) -> float:
+    """Returns the change of the lag speeding up by the ratio [s], the mean lag fixed."""
+    return -speeding_up / (1 + ratio)
 
 
 def delay_estimates(
@@ -34,8 +52,8 @@ def delay_estimates(
     """
     if not set(DELAYS) <= set(draws):
         return ()
-    ratio = draws.get("spin_down_ratio", float(drone.spin_down_ratio))
-    total = draws[LAG] * (1 + ratio) / 2 + draws["latency"]
+    ratio = draws.get(SLOWING_DOWN, float(drone.spin_down_ratio))
+    total = mean_lag(draws[LAG], ratio) + draws["latency"]
     low, value, high = np.quantile(total, [0.025, 0.5, 0.975])
     origin = "plausible" if LAG in unidentifiable else "all together" if motors else "likelihood"
     return (

@@ -23,17 +23,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Float
 from numpy.polynomial import polynomial
 
-WINDOW = 4.0
-"""Length of a stretch that is transformed, with Hann's window and half overlap [s]."""
-LOWEST, HIGHEST = 1.5, 15.0
-"""Frequencies that count [Hz]: below, position and speed are controlled; above is vibration."""
-SLOW = 6.0
-"""Frequency up to which a command that is sampled must be clear of what its samples fold [Hz]."""
-BANDS = 8
-"""Parts of these frequencies in which set-points and disturbances have sizes of their own."""
+from maidenflight.identification.signals.spectra import HIGHEST, LOWEST, Spectra
+
 _POWERS = (0, -1, -2, 1)
 """Powers of s by which a controller acts on the rate."""
 _CENTRE = 2 * np.pi * 4.0
@@ -58,38 +52,6 @@ _REACH = 15.0
 """Loss over the least one beyond which further delays are not tried [nats]."""
 
 
-class Spectra(NamedTuple):
-    """Sums over stretches of the squares and products of a command and the motion, F lines."""
-
-    s: Complex[np.ndarray, "F"]
-    """Imaginary frequency [rad/s]."""
-    drive: Float[np.ndarray, "F"]
-    """Of the command's square, in units in which both signals are alike."""
-    motion: Float[np.ndarray, "F"]
-    """Of the motion's square."""
-    cross: Complex[np.ndarray, "F"]
-    """Of the motion with the command."""
-    band: Int[np.ndarray, "F"]
-    """Number of the band of each line."""
-    averages: float
-    """Independent stretches in these sums."""
-    clear: float
-    """Times by which the command is stronger than near half the log's rate, up to `SLOW`."""
-    scale: float
-    """Motion of that unit of the command, over the command."""
-
-    def means(self, power: Float[np.ndarray, "F"]) -> Float[np.ndarray, "B"]:
-        """Returns the mean of a power in each band."""
-        return np.bincount(self.band, power) / np.bincount(self.band)
-
-    @property
-    def coherence(self) -> float:
-        """Mean squared coherence of both signals in the bands; a command read late is no noise."""
-        cross = self.cross * np.exp(self.s * 0.03)
-        shared = self.means(np.real(cross)) ** 2 + self.means(np.imag(cross)) ** 2
-        return float(np.mean(shared / (self.means(self.drive) * self.means(self.motion) + 1e-30)))
-
-
 class LagByDelay(NamedTuple):
     """What spectra say of the lag for each of D delays."""
 
@@ -105,66 +67,15 @@ class LagByDelay(NamedTuple):
     """By how much that rises with the logarithm of the lag."""
 
 
-def spectra(
-    drive: Float[np.ndarray, "N c"],
-    motion: Float[np.ndarray, "N c"],
-    period: float,
-    *,
-    zero_order_hold: bool,
-    differentiate: bool,
-) -> Spectra:
-    """Returns the spectra of commands and of what follows them, sums over c such pairs.
-
-    Args:
-        drive: the commands.
-        motion: what follows each.
-        period: of a row [s].
-        zero_order_hold: whether a command acts until the next row, half a row later in the mean.
-        differentiate: whether the motion's derivative follows the command.
-    """
-    rows = min(round(WINDOW / period), len(drive))
-    frequencies = np.fft.rfftfreq(rows, period)
-    in_band = (frequencies >= LOWEST) & (frequencies <= HIGHEST)
-    s = 2j * np.pi * frequencies[in_band]
-    count = int(np.ceil((len(drive) - rows) / (rows / 2))) + 1
-    begins = np.unique(np.round(np.linspace(0, len(drive) - rows, count)).astype(int))
-    window = scipy.signal.windows.hann(rows, sym=False)
-
-    def lines(
-        values: Float[np.ndarray, "N c"], frequency_mask: np.ndarray
-    ) -> Complex[np.ndarray, "S F"]:
-        pieces = np.concatenate([values[begin : begin + rows].T for begin in begins])
-        pieces = pieces - pieces.mean(axis=1, keepdims=True)
-        # A straight line less, by its closed form: a general regression took half of all this.
-        line = np.arange(rows) - (rows - 1) / 2
-        pieces -= (pieces @ line / (line @ line))[:, None] * line
-        return np.fft.rfft(pieces * window)[:, frequency_mask]
-
-    u = lines(drive, in_band) * (np.exp(-s * period / 2) if zero_order_hold else 1.0)
-    y = lines(motion, in_band) * (s if differentiate else 1.0)
-    scale = np.sqrt(np.mean(np.abs(y) ** 2) / max(float(np.mean(np.abs(u) ** 2)), 1e-30))
-    u = u * scale
-    edges = np.geomspace(0.999 * LOWEST, 1.001 * HIGHEST, BANDS + 1)
-    _, band = np.unique(np.digitize(frequencies[in_band], edges), return_inverse=True)
-    drives, moves = (np.sum(np.abs(one) ** 2, axis=0) for one in (u, y))
-    averages = drive.shape[1] * len(drive) / rows
-    fast = frequencies > 0.7 * frequencies[-1]
-    noise = np.mean(np.abs(lines(drive, fast)) ** 2) * scale**2 * len(u) + 1e-30
-    slow = np.bincount(band, drives / noise)[: band[frequencies[in_band] < SLOW][-1]]
-    clear = slow / np.bincount(band)[: len(slow)]
-    cross = np.sum(y * u.conj(), axis=0)
-    return Spectra(s, drives, moves, cross, band, averages, float(clear.min()), float(scale))
-
-
 class _Model:
     """The likelihood of spectra for one delay, and its slope.
 
-    Parameters are the logarithms of lag and gain, then, in a closed loop, the roots of the
+    Parameters are the logarithms of lag and gain, then the roots of the
     controller's weights and its delay, in units of their usual sizes.
     """
 
-    def __init__(self, spectra: Spectra, delay: float, *, closed: bool) -> None:
-        self.spectra, self.delay, self.closed = spectra, delay, closed
+    def __init__(self, spectra: Spectra, delay: float) -> None:
+        self.spectra, self.delay = spectra, delay
         z = spectra.s / _CENTRE
         self.basis = np.stack([z ** (power - 1) for power in _POWERS])
         self.lines = np.bincount(spectra.band) * spectra.averages
@@ -183,8 +94,6 @@ class _Model:
             np.abs(shape) ** 2 * spectra.drive
         )
         x = np.array([np.log(lag), np.log(max(gain, 0.05))])
-        if not self.closed:
-            return x
         delayed_basis = self.basis * np.exp(-spectra.s * _ANSWER)
         matrix = np.einsum("if,jf,f->ij", delayed_basis.conj(), delayed_basis, spectra.motion).real
         ridge = 1e-9 * np.trace(matrix) * np.eye(len(matrix))
@@ -210,41 +119,36 @@ class _Model:
         value = float(self.lines @ np.log(disturbance))
         # Conjugate slope with respect to G: the value moves by Re(conj(slope) dG).
         by_response = (response * drive - cross) * (twice / disturbance)[spectra.band]
-        controller_slopes = list[float]()
-        if self.closed:
-            delayed_basis = self.basis * np.exp(self.answered * x[-1])
-            answer = self.unit * x[2:-1] ** 2 @ delayed_basis
-            setpoint = spectra.means(
-                drive + 2 * _shared(answer.conj(), cross) + _power(answer) * motion
-            )
-            loop = 1 + response * answer
-            penalty = (x[-1] - 1) * _ANSWER / _ANSWER_DEVIATION
-            jacobian = twice * float(np.log(np.abs(loop) + 1e-12).sum())
-            value += float(self.lines @ np.log(setpoint)) - jacobian + 0.5 * penalty**2
-            by_answer = (cross.conj() + answer * motion) * (twice / setpoint)[spectra.band]
-            inverse = twice / loop
-            by_answer -= (response * inverse).conj()
-            by_response -= (answer * inverse).conj()
-            by_weight = (delayed_basis @ by_answer.conj()).real
-            controller_slopes = [
-                *(2 * self.unit * x[2:-1] * by_weight),
-                np.vdot(by_answer, self.answered * answer).real
-                + penalty / _ANSWER_DEVIATION * _ANSWER,
-            ]
+        delayed_basis = self.basis * np.exp(self.answered * x[-1])
+        answer = self.unit * x[2:-1] ** 2 @ delayed_basis
+        setpoint = spectra.means(
+            drive + 2 * _shared(answer.conj(), cross) + _power(answer) * motion
+        )
+        loop = 1 + response * answer
+        penalty = (x[-1] - 1) * _ANSWER / _ANSWER_DEVIATION
+        jacobian = twice * float(np.log(np.abs(loop) + 1e-12).sum())
+        value += float(self.lines @ np.log(setpoint)) - jacobian + 0.5 * penalty**2
+        by_answer = (cross.conj() + answer * motion) * (twice / setpoint)[spectra.band]
+        inverse = twice / loop
+        by_answer -= (response * inverse).conj()
+        by_response -= (answer * inverse).conj()
+        by_weight = (delayed_basis @ by_answer.conj()).real
+        controller_slopes = [
+            *(2 * self.unit * x[2:-1] * by_weight),
+            np.vdot(by_answer, self.answered * answer).real + penalty / _ANSWER_DEVIATION * _ANSWER,
+        ]
         by_lag = np.vdot(by_response, response * slower * s).real * -lag
         return value, np.array([by_lag, np.vdot(by_response, response).real, *controller_slopes])
 
     def slope_by_delay(self, x: Float[np.ndarray, "d"]) -> float:
         """Returns by how much the loss rises with the delay [nats/s], the parameters fixed."""
         step = 1e-5
-        later = _Model(self.spectra, self.delay + step, closed=self.closed)
+        later = _Model(self.spectra, self.delay + step)
         later.unit = self.unit
         return (later(x)[0] - self(x)[0]) / step
 
     def is_stable(self, x: Float[np.ndarray, "d"]) -> bool:
         """Tests whether no oscillation of these frequencies grows, by Pade's approximation."""
-        if not self.closed:
-            return True
         lowest = min(_POWERS) - 1
         weights = np.zeros(max(_POWERS) - lowest)
         for weight, power in zip(self.unit * x[2:-1] ** 2, _POWERS, strict=True):
@@ -305,21 +209,18 @@ def _shared(one: Any, other: Any) -> Any:
     return one.real * other.real + one.imag * other.imag
 
 
-def lag_by_delay(
-    spectra: Spectra, delays: Float[np.ndarray, "D"], *, closed: bool
-) -> LagByDelay | None:
+def lag_by_delay(spectra: Spectra, delays: Float[np.ndarray, "D"]) -> LagByDelay | None:
     """Returns the lag for each delay; None where no loop that can fly explains the spectra.
 
     Args:
         spectra: spectra of a command and of what follows it.
         delays: from the command to the signal, the sensor's own included [s], over 24 ms.
-        closed: whether a controller answers the signal.
     """
     if min(spectra.drive.min(), spectra.motion.min()) <= 0.0:
         return None
     nodes, starts = delays[0] + _NODES, []
     for place in _FIRST:
-        model = _Model(spectra, float(nodes[place]), closed=closed)
+        model = _Model(spectra, float(nodes[place]))
         for lag in _STARTS:
             value, x = model.minimize(model.start(lag))
             if model.is_valid(value, x):
@@ -332,7 +233,7 @@ def lag_by_delay(
     for places in (range(first, len(nodes)), range(first - 1, -1, -1)):
         x = start
         for place in places:
-            model = _Model(spectra, float(nodes[place]), closed=closed)
+            model = _Model(spectra, float(nodes[place]))
             model.unit = unit
             value, optimum = model.minimize(x)
             if not np.isfinite(value) or value > least + _REACH:

@@ -1,14 +1,13 @@
-"""The motors' lag and latency from gyro and commands, or from measured rotor speeds.
+"""The motors' lag and latency from gyro and commands.
 
 Each stretch of flight tells, by roll and by pitch, which lag goes with which latency
 (`loop_spectra`); stretches are joined as random effects for each latency. docs/identification.md
 leads from there to the interval and has figures of drones whose rotor speeds were measured.
 
 The accelerometer is not used: of four motors together it hears drag, vibration and loads too,
-and from log to log of one brushed drone says 60 to 118 ms where rotor speeds say 80. Measured
-speeds are used alone, without a loop: nothing answers them. Samples of a faster loop hold noise
-from above half the log's rate; where it is as strong as what they hold of a few hertz, they are
-left out.
+and from log to log of one brushed drone says 60 to 118 ms where rotor speeds say 80. Samples of a
+faster loop hold noise from above half the log's rate; where it is as strong as what they hold of a
+few hertz, they are left out. Measured speeds show more; see `likelihood.speed_errors`.
 
 Source: DerSimonian and Laird 1986 (random effects); Miller and Dunson 2019, Robust Bayesian
 inference via coarsening (powers of likelihoods).
@@ -21,14 +20,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from maidenflight.flights.log import Flight, by_log
+from maidenflight.flights.log import GYRO_DELAY, Flight, by_log
 from maidenflight.identification.signals.flight_signals import is_zero_order_hold
-from maidenflight.identification.signals.loop_spectra import (
-    LagByDelay,
-    Spectra,
-    lag_by_delay,
-    spectra,
-)
+from maidenflight.identification.signals.loop_spectra import LagByDelay, lag_by_delay
+from maidenflight.identification.signals.spectra import Spectra, spectra
 from maidenflight.parameters import Parameters, levers
 
 LATENCIES = 1e-3 * np.arange(-4.0, 20.01, 0.25)
@@ -41,12 +36,12 @@ USUAL, USUAL_DEVIATION = 0.002, 0.0014
 DELAY_ERROR = 3e-4
 """Standard error with which any lag and latency are known [s]: a gyro's filter of 2.8 ms, which
 passes for latency, makes a lag of 30 ms 0.3 ms longer."""
+_UNKNOWN_FILTER = GYRO_DELAY / np.sqrt(3.0)
+"""Standard error of a gyro's delay that no log tells [s]: from none to twice a Crazyflie's."""
 _UNUSUAL = 0.03
 """Share of drones of which nothing of the kind is known."""
 SHORTEST, _LONGEST, _MOST = 3.0, 10.0, 16
 """Length of a stretch at least and at most [s], and stretches beyond which they are longer."""
-_COHERENT = 0.7
-"""Coherence of commands and measured speeds below which the reading is broken."""
 _CLEAR, _QUICK = 5.0, 0.0051
 """How much stronger than what their samples fold commands must be, in rows beyond that period [s]:
 quicker ones fold from above 180 Hz, behind the filters of any rate controller."""
@@ -59,10 +54,9 @@ _CLEARLY = 10.0
 DRAWS = 500
 """Samples of the posterior."""
 _GYRO = {"gyro x": "inertia_x", "gyro y": "inertia_y"}
-_ROTORS = "rotor speed"
 _OF_SPEEDS = 4e-4
-"""Standard deviation of the latency where speeds are measured [s]: 0.3 to 0.5 ms in three folders
-(paper/notes/identification.md)."""
+"""Standard deviation of the latency to expect where speeds will be measured [s]: 0.3 to 0.5 ms in
+three folders (paper/notes/identification.md)."""
 TWICE, SPEEDS = "fly as long again", "log rotor speeds"
 """What narrows the lag."""
 
@@ -96,6 +90,8 @@ class MotorResponse:
     inertia_per_thrust: Mapping[str, Float[np.ndarray, "N"]] = field(default_factory=dict)
     """Samples of inertia over thrust-to-weight ratio [kg m2], each with one of the lag, by
     parameter; none where no gyro tells it."""
+    spin_down_ratio: Float[np.ndarray, "N"] | None = None
+    """Samples of the lag slowing down over that speeding up; None where nothing shows it."""
 
     @property
     def is_identifiable(self) -> bool:
@@ -156,8 +152,8 @@ def estimate_motor_response(
 ) -> MotorResponse | None:
     """Returns what flights show of the motors; None where they are too short or show nothing.
 
-    None too of flights whose commands act from row to row, with neither accelerometer nor rotor
-    speed: a policy at the log's rate, which the likelihood of one row ahead models exactly.
+    None too of flights whose commands act from row to row, without an accelerometer: a policy at
+    the log's rate, which the likelihood of one row ahead models exactly.
 
     Args:
         flights: checked flights of one rate.
@@ -165,10 +161,7 @@ def estimate_motor_response(
         drone: where its rotors are.
         on_flight: called with (flights looked at, flights).
     """
-    if all(
-        one.zero_order_hold and one.accelerometer is None and one.rotor_speed is None
-        for one in flights
-    ):
+    if all(one.zero_order_hold and one.accelerometer is None for one in flights):
         return None
     groups, stretches = by_log(flights), list[_Stretch]()
     longest = max(_LONGEST, sum(one.duration for one in flights) / _MOST)
@@ -182,6 +175,9 @@ def estimate_motor_response(
     before = _before(flights)
     joined = _joined(stretches, before)
     place, lag, latency = joined.draw(generator)
+    if not all(one.gyro_delay_known for one in flights):
+        # What the filter delays passes for latency.
+        latency = np.maximum(latency + _UNKNOWN_FILTER * generator.normal(size=DRAWS), 0.0)
     names = dict.fromkeys(one.flight for one in stretches)
     left_out = [name for name in groups if name not in names]
     note = (
@@ -196,7 +192,7 @@ def estimate_motor_response(
     return MotorResponse(
         lag,
         latency,
-        _usual(before, latency, flights),
+        usual_latency(flights, latency),
         tuple(joined_by("signal", one).delay_estimate(one) for one in signals),
         (note,) if left_out else (),
         {one: joined_by("flight", one).moments for one in names},
@@ -249,10 +245,8 @@ def _expect(
     """
     own = float(joined.weight @ (joined.error**2 - LIKE**2))
     expected = {TWICE: (float(np.sqrt(joined.moments[1] - own / 2)), float(np.std(latency)))}
-    if all(one.signal != _ROTORS for one in stretches):
-        error = float(np.hypot(LIKE, OWN / np.sqrt(len(stretches) / len(_GYRO))))
-        expected[SPEEDS] = error, _OF_SPEEDS
-    return expected
+    error = float(np.hypot(LIKE, OWN / np.sqrt(len(stretches) / len(_GYRO))))
+    return expected | {SPEEDS: (error, _OF_SPEEDS)}
 
 
 def _before(flights: Sequence[Flight]) -> Float[np.ndarray, "D"]:
@@ -269,13 +263,14 @@ def _before(flights: Sequence[Flight]) -> Float[np.ndarray, "D"]:
     return (1 - _UNUSUAL) * near / near.sum() + _UNUSUAL * wide / wide.sum()
 
 
-def _usual(
-    before: Float[np.ndarray, "D"], latency: Float[np.ndarray, "N"], flights: Sequence[Flight]
+def usual_latency(
+    flights: Sequence[Flight], latency: Float[np.ndarray, "N"]
 ) -> tuple[float, float] | None:
-    """Where latencies may lie, if samples of the posterior say no more than is usual.
+    """Returns where latencies may lie [s], if samples of the posterior say no more than is usual.
 
     Nor do they where time stamps of commands and gyro may differ.
     """
+    before = _before(flights)
     low, high = np.interp([0.025, 0.975], np.cumsum(before), np.maximum(LATENCIES, 0.0))
     least, most = np.quantile(latency, [0.025, 0.975])
     narrower = most - least < _NARROWER * (high - low)
@@ -292,40 +287,22 @@ def _stretches(flight: Flight, drone: Parameters, longest: float) -> Iterator[_S
         part = flight.part(begin, end)
         if len(part) * part.period < SHORTEST:
             continue
-        for signal, one, delay in _signals(part, drone):
-            rotors = signal == _ROTORS
-            clear = zero_order_hold or part.period <= _QUICK or one.clear > _CLEAR
-            if one.coherence < _COHERENT if rotors else not clear:
+        for signal, one in _loops(part, drone):
+            if not (zero_order_hold or part.period <= _QUICK or one.clear > _CLEAR):
                 continue
-            profile = lag_by_delay(one, LATENCIES + delay, closed=not rotors)
+            profile = lag_by_delay(one, LATENCIES + part.gyro_delay)
             if profile is not None:
                 yield _Stretch(flight.name, signal, profile)
 
 
-def _signals(flight: Flight, drone: Parameters) -> Iterator[tuple[str, Spectra, float]]:
-    """Name, spectra with the commands, and the sensor's delay [s] of what hears the motors."""
-    zero_order_hold, period = flight.zero_order_hold, flight.period
-    if flight.rotor_speed is not None:
-        speed_setpoint = np.sqrt(np.maximum(flight.command.astype(float), 0.0))
-        speeds = flight.rotor_speed.astype(float)
-        yield (
-            _ROTORS,
-            spectra(
-                speed_setpoint, speeds, period, zero_order_hold=zero_order_hold, differentiate=False
-            ),
-            0.0,
-        )
-        return
+def _loops(flight: Flight, drone: Parameters) -> Iterator[tuple[str, Spectra]]:
+    """Name and spectra, with the commands, of each axis of the gyro."""
     turned = levers(drone)[:, :2]
     torque = flight.command.astype(float) @ (turned / np.abs(turned).max(axis=0))
-    rates = flight.body_rates.astype(float)
+    rates, hold = flight.body_rates.astype(float), flight.zero_order_hold
     for axis, signal in enumerate(_GYRO):
         pair = torque[:, [axis]], rates[:, [axis]]
-        yield (
-            signal,
-            spectra(*pair, period, zero_order_hold=zero_order_hold, differentiate=True),
-            flight.gyro_delay,
-        )
+        yield signal, spectra(*pair, flight.period, zero_order_hold=hold, differentiate=True)
 
 
 def _joined(stretches: Sequence[_Stretch], before: Float[np.ndarray, "D"]) -> _Joined:

@@ -1,0 +1,94 @@
+"""Inertia about z and what yaw shows only as shares of it.
+
+Torques about z turn the drone by their share of that inertia, which no flight shows by itself. It
+is taken in the start's ratio to those about x and y, as well as that ratio is known of any drone.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from maidenflight.identification.outcome.posterior import RESAMPLES
+from maidenflight.parameters import Parameters, component, replace
+
+ABOUT_Z = ("torque_to_thrust", "rotor_momentum", "torque_bias_z")
+"""Parameters that yaw shows, as shares of the inertia about z."""
+MEASURED: Mapping[str, tuple[float, float, float]] = {
+    "Crazyflie 2.0 (Foerster 2015)": (1.657e-5, 1.666e-5, 2.926e-5),
+    "Crazyflie 2.1 (Gronauer et al. 2022)": (1.33e-5, 1.33e-5, 2.64e-5),
+    "Crazyflie Brushless (Graefe et al. 2026)": (3.3e-5, 3.6e-5, 5.9e-5),
+    "3-inch (INDIflight, arXiv 2406.11723)": (7.206e-4, 7.757e-4, 8.860e-4),
+    "X500 v2 (PX4's Gazebo model)": (0.0216, 0.0216, 0.0400),
+    "Crazyflie 2.1 (SimpleFlight, arXiv 2412.11764)": (1.4e-5, 1.4e-5, 2.17e-5),
+}
+"""Published inertia about x, y and z [kg m2]."""
+
+
+def _ratio_sd() -> float:
+    """Returns the robust standard deviation of the logarithm of I_z / (I_x + I_y) of drones."""
+    ratios = np.log([z / (x + y) for x, y, z in MEASURED.values()])
+    return 1.4826 * float(np.median(np.abs(ratios - np.median(ratios))))
+
+
+RATIO_SD = _ratio_sd()
+"""Standard error of the start's ratio, a share."""
+
+
+class AboutZ(NamedTuple):
+    """A drone with the inertia about z that belongs to it."""
+
+    drone: Parameters
+    draws: dict[str, Float[np.ndarray, "N"]]
+    """Samples of the posterior by parameter, SI units."""
+    spread: dict[str, float]
+    """Standard deviation between segments of flight by parameter, SI units."""
+    notes: tuple[str, ...]
+
+
+def with_inertia_z(
+    start: Parameters,
+    drone: Parameters,
+    draws: Mapping[str, Float[np.ndarray, "N"]],
+    spread: Mapping[str, float],
+    generator: np.random.Generator,
+) -> AboutZ:
+    """Returns what was found with the inertia about z, and what yaw shows, in proportion.
+
+    Args:
+        start: whose ratio of inertia is taken.
+        drone: what was found with the start's inertia about z.
+        draws: its posterior, `RESAMPLES` by parameter.
+        spread: between segments of flight.
+        generator: random numbers.
+    """
+    names = [name for name in ABOUT_Z if name in draws]
+    if not names or "inertia_z" in draws:
+        return AboutZ(drone, dict(draws), dict(spread), ())
+    level = ("inertia_x", "inertia_y")
+    first, here = (
+        np.array([float(component(one, name)) for name in level]) for one in (start, drone)
+    )
+    samples = np.array(
+        [
+            draws.get(name, np.full(RESAMPLES, value))
+            for name, value in zip(level, here, strict=True)
+        ]
+    )
+    doubt = np.exp(RATIO_SD * generator.standard_normal(RESAMPLES))
+    factor, best = samples.sum(axis=0) / first.sum() * doubt, float(here.sum() / first.sum())
+    about_z = float(component(start, "inertia_z"))
+    draws = dict(draws) | {name: factor * draws[name] for name in names}
+    draws["inertia_z"] = about_z * factor
+    spread = dict(spread) | {name: best * spread.get(name, 0.0) for name in names}
+    level_spread = np.linalg.norm([spread.get(name, 0.0) for name in level])
+    spread["inertia_z"] = about_z * float(level_spread / first.sum())
+    changes = {name: np.float32(best * float(component(drone, name))) for name in names}
+    changes["inertia_z"] = np.float32(best * about_z)
+    note = (
+        f"yaw shows its torques only as shares of inertia_z, which is taken as "
+        f"{about_z / first.sum():.3g} times inertia_x plus inertia_y, as in the start, give or "
+        f"take {RATIO_SD:.0%}"
+    )
+    return AboutZ(replace(drone, **changes), draws, spread, (note,))

@@ -1,0 +1,76 @@
+"""What signals show of some parameters by themselves, of logs with and without a state.
+
+Measured rotor speeds show the motors' lag both ways, their latency and, with the body rates, the
+inertia. Without them commands and gyro show the mean lag, and inertia over thrust.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from maidenflight.identification.likelihood.speed_errors import motors_of_speeds
+from maidenflight.identification.outcome.posterior import RESAMPLES
+from maidenflight.identification.outcome.problem import Problem
+from maidenflight.identification.signals.lag import LAG, SLOWING_DOWN, speeding_up
+from maidenflight.identification.signals.motor_response import (
+    MotorResponse,
+    estimate_motor_response,
+)
+from maidenflight.identification.signals.speed_inertia import inertia_of_speeds
+
+Samples = Mapping[str, Float[np.ndarray, "N"]]
+"""Of a posterior, by parameter, SI units."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What signals show by themselves."""
+
+    motors: MotorResponse | None = None
+    """None where nothing shows them."""
+    inertia: Samples = field(default_factory=dict)
+    """By measured speeds; nothing of an axis of which they show none."""
+
+    @property
+    def delays(self) -> Samples:
+        """Samples of the mean lag, the latency and, where speeds show it, the ratio of lags."""
+        if self.motors is None:
+            return {}
+        ratio = self.motors.spin_down_ratio
+        samples = {LAG: self.motors.lag, "latency": self.motors.latency}
+        return samples if ratio is None else samples | {SLOWING_DOWN: ratio}
+
+    def motor_samples(self, generator: np.random.Generator) -> Samples:
+        """Returns the same with the lag speeding up, `RESAMPLES` of each.
+
+        Where nothing shows the ratio of lags, it is taken as one.
+        """
+        samples = dict(self.delays)
+        samples[LAG] = speeding_up(samples[LAG], samples.get(SLOWING_DOWN, 1.0))
+        chosen = generator.integers(len(samples[LAG]), size=RESAMPLES)
+        return {name: one[chosen] for name, one in samples.items()}
+
+
+def measure(problem: Problem, on_flight: Callable[[int, int], None] | None = None) -> Measured:
+    """Returns what signals show by themselves; nothing where a policy flew at the log's rate.
+
+    The likelihood of one row ahead models those flights exactly, and shows the motors better.
+
+    Args:
+        problem: flights of one rate.
+        on_flight: called with (flights looked at, flights).
+    """
+    flights = problem.flights
+    if all(one.zero_order_hold and one.accelerometer is None for one in flights):
+        return Measured()
+    motors = motors_of_speeds(problem)
+    if motors is None:
+        generator = problem.generator.spawn(1)[0]
+        motors = estimate_motor_response(flights, generator, problem.start, on_flight)
+    inertia: Samples = {}
+    if problem.over is None:
+        generator = problem.generator.spawn(1)[0]
+        inertia = inertia_of_speeds(flights, problem.start, RESAMPLES, generator)
+    return Measured(motors, inertia)

@@ -1,0 +1,159 @@
+"""What measured rotor speeds show of the motors: their lag both ways and their latency.
+
+Speeds follow commands through the motors alone, and nothing answers them, so that they are no loop.
+A rotor's speed is a parabola of the speed nu that the model's motor has, with numbers of its own in
+each segment of flight: motors are unequal, and the battery sags.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.ndimage import uniform_filter1d
+
+from maidenflight.flights.log import Flight
+from maidenflight.identification.likelihood.fit import fit
+from maidenflight.identification.likelihood.sensor_errors import SensorErrors
+from maidenflight.identification.likelihood.sensor_signals import Rotors, Sensor
+from maidenflight.identification.outcome.posterior import RESAMPLES
+from maidenflight.identification.outcome.problem import Problem
+from maidenflight.identification.signals.flight_signals import means
+from maidenflight.identification.signals.lag import DELAYS, SLOWING_DOWN, mean_lag
+from maidenflight.identification.signals.motor_response import (
+    LIKE,
+    OWN,
+    SHORTEST,
+    DelayEstimate,
+    MotorResponse,
+    random_effects,
+    usual_latency,
+)
+from maidenflight.parameters import Parameters, component
+from maidenflight.parameters import replace as with_values
+
+NAMES = (*DELAYS, SLOWING_DOWN)
+"""What the speeds show."""
+_START = {"motor_time_constant": 0.04, "latency": 0.003, SLOWING_DOWN: 1.0, "motor_coasting": 0.0}
+"""Where the search begins: from 10 to 110 ms it finds the optimum."""
+_EXPLAINED = 0.7
+"""Share of the speeds' variance that commands must explain, or the reading is broken."""
+_LATENCY = 4e-4
+"""Standard deviation of the latency [s]: 0.3 to 0.5 ms in three folders
+(paper/notes/identification.md)."""
+_SLOW = 1.0
+"""Time over which means are taken of what is slow [s]."""
+_EVALUATIONS = 20
+"""Of the likelihood at most."""
+
+
+def mean_speed(flight: Flight, rows: int, step: float) -> Float[np.ndarray, "M 4"]:
+    """Returns the rotors' speeds [rad/s], means over steps of some rows."""
+    speed = np.asarray(flight.rotor_speed, float)
+    return means((speed[:-1] + speed[1:]) / 2, rows)
+
+
+class SpeedErrors(SensorErrors):
+    """The rotors' measured speeds, less what commands make of them."""
+
+    sensor = Sensor(0.010, mean_speed)
+
+    def predicted(self, drone: Parameters, rotors: Rotors) -> Float[np.ndarray, "M S 4"]:
+        """Returns the parabola of each motor's nu that fits its segment best.
+
+        Source: Golub and Pereyra 1973 (variable projection); Gronauer et al. 2022,
+        eq:motor-dynamics (nu).
+        """
+        measured, used = self.signals.measured, self.signals.used[..., None]
+        terms = np.stack([np.ones_like(rotors.mean), rotors.mean, rotors.square], axis=-1)
+        counted = terms * used[..., None]
+        matrix = np.einsum("msri,msrj->srij", counted, terms)
+        sums = np.einsum("msri,msr->sri", counted, measured)
+        ridge = 1e-9 * np.trace(matrix, axis1=-2, axis2=-1)[..., None, None] * np.eye(3)
+        laws = np.linalg.solve(matrix + ridge, sums[..., None])[..., 0]
+        return np.einsum("msri,sri->msr", terms, laws)
+
+    def explained(self, drone: Parameters) -> float:
+        """Returns the share of what speeds do within a second that a drone explains.
+
+        Slower are the battery and the air, which the noise model takes.
+        """
+        used, rows = self.signals.used, round(_SLOW / self.signals.step)
+        error, whole = (
+            float(np.var((one - uniform_filter1d(one, rows, axis=0))[used], axis=0).sum())
+            for one in (self.errors(drone), self.signals.measured)
+        )
+        return 1.0 - error / max(whole, 1e-12)
+
+
+def with_speeds(flights: Sequence[Flight]) -> list[Flight]:
+    """Returns those flights whose rotor speeds were measured."""
+    return [one for one in flights if one.rotor_speed is not None and one.duration >= SHORTEST]
+
+
+def motors_of_speeds(problem: Problem) -> MotorResponse | None:
+    """Returns what measured speeds show of the motors; None where they do not follow commands.
+
+    Args:
+        problem: its flights with rotor speeds count.
+    """
+    flights = with_speeds(problem.flights)
+    if not flights:
+        return None
+    start = with_values(problem.start, **{name: np.float32(one) for name, one in _START.items()})
+    problem = replace(problem, start=start, flights=flights, bounds={})
+    model = SpeedErrors.of(flights)
+    found = fit(problem, _EVALUATIONS, [model], NAMES, start, {})
+    explained = model.explained(found.drone)
+    if explained < _EXPLAINED:
+        return None
+    values, variances = _by_segment(found.drone, model)
+    # No motor is quite of first order; what speeds leave unexplained bounds what that can do.
+    left = float(np.sqrt(1.0 - explained))
+    least = np.array([min(LIKE, left), min(OWN, left), _LATENCY])
+    joined = [random_effects(*columns) for columns in zip(values.T, variances.T, strict=True)]
+    means, errors = np.array(joined).T
+    generator = problem.generator.spawn(1)[0]
+    noise = generator.standard_normal((RESAMPLES, 3))
+    log_lag, log_ratio, latency = (means + np.hypot(errors, least) * noise).T
+    lag, latency = np.exp(log_lag), np.maximum(latency, 0.0)
+    low, value, high = np.quantile(lag + latency, [0.025, 0.5, 0.975]).tolist()
+    return MotorResponse(
+        lag,
+        latency,
+        usual_latency(flights, latency),
+        (DelayEstimate("rotor speed", value, (low, high)),),
+        (),
+        _by_log(model.signals.flights, values, variances),
+        spin_down_ratio=np.exp(log_ratio),
+    )
+
+
+def _by_segment(
+    drone: Parameters, model: SpeedErrors
+) -> tuple[Float[np.ndarray, "S 3"], Float[np.ndarray, "S 3"]]:
+    """Logarithms of mean lag and ratio, and latency [s], by segment: one step of it. Variances."""
+    _, scores, curvatures = model.derivatives(drone, NAMES)
+    lag, latency, ratio = (float(component(drone, name)) for name in NAMES)
+    # Of the three by lag speeding up, latency and ratio.
+    slope = np.array([[1 / lag, 0.0, 1 / (1 + ratio)], [0.0, 0.0, 1 / ratio], [0.0, 1.0, 0.0]])
+    # A segment in which nothing happens is as uncertain as these.
+    scale = 1 / np.array([lag, 0.1 * lag, ratio])
+    scaled = curvatures * model.rows / np.outer(scale, scale)
+    inverses = np.linalg.inv(scaled + np.eye(3)) / np.outer(scale, scale)
+    steps = -np.einsum("ij,sjk,sk->si", slope, inverses, scores * model.rows)
+    here = np.array([np.log(mean_lag(lag, ratio)), np.log(ratio), latency])
+    return here + steps, np.einsum("ij,sjk,ik->si", slope, inverses, slope)
+
+
+def _by_log(
+    names: Sequence[str], values: Float[np.ndarray, "S 3"], variances: Float[np.ndarray, "S 3"]
+) -> dict[str, tuple[float, float]]:
+    """Mean and variance of the logarithm of lag and latency together, by log."""
+    moments = {}
+    for name in dict.fromkeys(names):
+        chosen = np.array(names) == name
+        log_lag, error = random_effects(values[chosen, 0], variances[chosen, 0])
+        latency, _ = random_effects(values[chosen, 2], variances[chosen, 2])
+        moments[name] = float(np.log(np.exp(log_lag) + max(latency, 0.0))), error**2 + LIKE**2
+    return moments
