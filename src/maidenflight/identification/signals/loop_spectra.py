@@ -19,6 +19,7 @@ Source: Whittle 1953 (likelihood of spectra); Ljung 1999, System identification,
 Forssell and Ljung 1999, Closed-loop identification revisited (joint input-output methods).
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,6 +49,8 @@ _FIRST = (4, 8)
 """Nodes at which optima are looked for."""
 _GROWTH = 0.04
 """Damping ratio below zero down to which an oscillation may be a limit cycle."""
+_NEAR = 3e-4
+"""Distance to the delay from which on no loop can fly at which the approach ends [s]."""
 _REACH = 15.0
 """Loss over the least one beyond which further delays are not tried [nats]."""
 
@@ -228,39 +231,62 @@ def lag_by_delay(spectra: Spectra, delays: Float[np.ndarray, "D"]) -> LagByDelay
     if not starts:
         return None
     _, first, start, unit = min(starts, key=lambda one: one[0])
-    optima: dict[int, tuple[float, ...]] = {}
-    least = np.inf
+    optima: dict[float, tuple[float, ...]] = {}
+
+    def best(delay: float, x: Float[np.ndarray, "d"], wants_error: bool) -> np.ndarray | None:
+        """The parameters from some on; None where no loop can fly, or all fit far worse."""
+        model = _Model(spectra, delay)
+        model.unit = unit
+        value, optimum = model.minimize(x)
+        least = min((one[0] for one in optima.values()), default=np.inf)
+        if not model.is_valid(value, optimum) or value > least + _REACH:
+            return None
+        # The error is smooth in the delay, and costs two searches.
+        errors = model.deviation(value, optimum) if wants_error else (np.nan, np.nan)
+        gain = optimum[1] + np.log(spectra.scale)
+        optima[delay] = value, model.slope_by_delay(optimum), optimum[0], gain, *errors
+        return optimum
+
     for places in (range(first, len(nodes)), range(first - 1, -1, -1)):
-        x = start
+        x, last = start, None
         for place in places:
-            model = _Model(spectra, float(nodes[place]))
-            model.unit = unit
-            value, optimum = model.minimize(x)
-            if not np.isfinite(value) or value > least + _REACH:
+            found = best(float(nodes[place]), x, place % 2 == 0 or not optima)
+            if found is None and last is not None:
+                _approach(best, x, last, float(nodes[place]))
                 break
-            if model.is_valid(value, optimum):
-                x, least = optimum, min(least, value)
-                # The error is smooth in the delay, and costs two searches.
-                errors = (np.nan, np.nan) if place % 2 and optima else model.deviation(value, x)
-                gain = x[1] + np.log(spectra.scale)
-                optima[place] = value, model.slope_by_delay(x), x[0], gain, *errors
-    return _interpolated(nodes, optima, delays)
+            x, last = (x, last) if found is None else (found, float(nodes[place]))
+    return _interpolated(optima, delays)
+
+
+def _approach(
+    best: Callable[[float, Float[np.ndarray, "d"], bool], np.ndarray | None],
+    x: Float[np.ndarray, "d"],
+    inside: float,
+    outside: float,
+) -> None:
+    """Looks for optima up to the delay from which on no loop can fly, by halves [s].
+
+    A rate loop near its limit tells the delay by that: the next node may lie 2 ms beyond it.
+    """
+    while abs(outside - inside) > _NEAR:
+        middle = (inside + outside) / 2
+        found = best(middle, x, True)
+        inside, outside = (inside, middle) if found is None else (middle, outside)
+        x = x if found is None else found
 
 
 def _interpolated(
-    nodes: Float[np.ndarray, "K"],
-    optima: dict[int, tuple[float, ...]],
-    delays: Float[np.ndarray, "D"],
+    optima: dict[float, tuple[float, ...]], delays: Float[np.ndarray, "D"]
 ) -> LagByDelay | None:
-    """Returns the lag for each delay from the optima at some of the nodes.
+    """Returns the lag for each delay from the optima at some delays.
 
     That is the loss, its slope, the logarithms of lag and gain, and where known the error of the
     lag and the slope of the gain.
     """
     if not optima:
         return None
-    at = nodes[sorted(optima)]
-    columns = np.array([optima[place] for place in sorted(optima)]).T
+    at = np.array(sorted(optima))
+    columns = np.array([optima[delay] for delay in sorted(optima)]).T
     value, slope, log_lag, gain, error, gain_slope = columns
     loss = np.full(len(delays), np.inf)
     if len(at) == 1:
