@@ -27,14 +27,17 @@ from maidenflight.flights.log import Flight, by_log, thinned
 from maidenflight.flights.reading import read_flights
 from maidenflight.flights.rotors import rotors
 from maidenflight.flying.recording import record
+from maidenflight.identification.likelihood.measured import measure
 from maidenflight.identification.outcome.estimates import Identification
-from maidenflight.identification.signals.motor_response import estimate_motor_response
+from maidenflight.identification.outcome.problem import Problem
+from maidenflight.identification.signals.lag import LAG, SLOWING_DOWN, mean_lag
 from maidenflight.identification.start import read_start
 from maidenflight.parameters import Parameters, arm_length, component, crazyflie
 from maidenflight.parameters import replace as changed
 
 PAGE = Path(__file__).parent / "notes" / "truth-board.md"
 TOTAL = "lag + latency"
+"""Of the mean lag, speeding up and slowing down."""
 PER_SQUARE = "thrust by squared speed [N s2]"
 """Of a rotor, where speeds were measured: what the identified curve gives, over them."""
 LAG_FOLDERS = ("brushed", "brushless", "payload")
@@ -239,10 +242,9 @@ def rows_of(
     """A row for each quantity that was measured, SI units."""
     for quantity, (least, most) in drone.truth.items():
         if quantity == TOTAL:
-            draws = (
-                identification.posterior["motor_time_constant"]
-                + identification.posterior["latency"]
-            )
+            samples = identification.posterior
+            ratio = samples.get(SLOWING_DOWN, float(identification.parameters.spin_down_ratio))
+            draws = mean_lag(samples[LAG], ratio) + samples["latency"]
         elif quantity == PER_SQUARE:
             draws = per_square(flights, identification)
         else:
@@ -283,7 +285,7 @@ def lag_rows(data: Path) -> Iterator[dict[str, Any]]:
                 hidden = [thinned(replace(one, rotor_speed=None), every) for one in parts]
                 ends = []
                 for some in (parts, hidden):
-                    response = estimate_motor_response(some, np.random.default_rng(0), crazyflie())
+                    response = measure(Problem.of(some)).motors
                     if response is not None:
                         total = response.lag + response.latency
                         ends.append(1e3 * np.quantile(total, [0.025, 0.5, 0.975]))

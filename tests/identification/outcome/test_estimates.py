@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 
 from made_flights import calm
-from maidenflight.identification.outcome.estimates import note_worse_than_start
+from maidenflight.identification.drone_file import GroupGain
+from maidenflight.identification.outcome.estimates import (
+    note_gains_lost,
+    note_worse_than_start,
+)
 from maidenflight.identification.outcome.plausible import unchanged
 from maidenflight.identification.outcome.problem import Problem
 from maidenflight.identification.search.box import physical_bounds
@@ -28,6 +32,20 @@ def test_a_drone_that_explains_less_than_the_start_is_noted(
     objective: str, value: float, start: float, notes: int
 ) -> None:
     assert len(note_worse_than_start(value, start, objective)) == notes
+
+
+def test_a_gain_that_is_lost_to_a_search_bound_is_said() -> None:
+    bound = "inertia_y at a search bound"
+    gains = [
+        GroupGain("inertia", 0.6, 0.01, False, bound),
+        GroupGain("drag", 0.002, 0.001, False, bound),
+        GroupGain("rotor_momentum", 0.6, 0.4, False, "below 2 standard errors"),
+        GroupGain("flapping_moment", 0.6, 0.01, True, None),
+    ]
+    notes = note_gains_lost(gains)
+    assert len(notes) == 1
+    assert "inertia_y" in notes[0]
+    assert "0.6 nats" in notes[0]
 
 
 @pytest.mark.parametrize(("start", "share", "most"), [(None, 1.0, 8.0), (None, 0.15, 20.0)])

@@ -37,6 +37,7 @@ from maidenflight.identification.outcome.estimates import (
     Identification,
     doubts,
     evaluations_table,
+    note_gains_lost,
     notes_on,
 )
 from maidenflight.identification.outcome.narrowing import advise
@@ -137,6 +138,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         noise=noise,
         notes=(
             *notes_on(estimates, model.segments),
+            *note_gains_lost(fit_result.gains),
             *doubts(noise, flights),
             *found.notes,
             *map(str, differences(flights, model, fit_result.best.drone, motors)),

@@ -33,6 +33,7 @@ from maidenflight.identification.methods import Likelihood
 from maidenflight.identification.outcome.estimates import (
     Identification,
     evaluations_table,
+    note_gains_lost,
     notes_on,
 )
 from maidenflight.identification.outcome.narrowing import advise
@@ -114,6 +115,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     delay_estimates = lag.delay_estimates(
         motors, answer[0].samples, answer[0].unidentifiable, found.drone
     )
+    gains = tuple(gain for one in answer for gain in one.gains)
     return Identification(
         parameters=check(found.drone, "identified parameters"),
         estimates=found.estimates,
@@ -127,10 +129,11 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         search=evaluations_table(found.box, found.runs),
         posterior=found.draws,
         advice=advise(found.estimates, unidentifiable, found.draws, motors),
-        gains=tuple(gain for one in answer for gain in one.gains),
+        gains=gains,
         notes=(
             *note_saturation(limit),
             *notes_on(found.estimates, segments),
+            *note_gains_lost(gains),
             *found.notes,
             *lag.notes(delay_estimates, motors),
         ),
@@ -339,10 +342,26 @@ def _torque(
         }
         return answer, removed_ranges
 
-    answer, removed_ranges = ask(signals.inertia)
+    answer, removed_ranges = ask({})
+    narrower = _narrower(signals.inertia, answer)
+    if narrower:
+        answer, removed_ranges = ask(narrower)
     # Measured speeds pass over what the loop would tell.
     needs_loop = bool(removed_ranges) and not signals.inertia
     loop = inertia_of_loop(problem, signals.motors, known, drone) if needs_loop else {}
     if inertia := {name: samples for name, samples in loop.items() if name in removed_ranges}:
         answer, removed_ranges = ask(inertia)
     return answer.without(removed_ranges, problem.start, problem.generator)
+
+
+def _narrower(inertia: Samples, answer: Answer) -> Samples:
+    """Returns inertia by speeds, if it is known better than the gyro's likelihood has it."""
+    errors = answer.posterior.error
+
+    def share(name: str) -> float:
+        return errors[name] / float(component(answer.best.drone, name))
+
+    known = [name for name in inertia if name in errors]
+    by_gyro = sum(share(name) for name in known)
+    by_speeds = sum(float(np.std(np.log(inertia[name]))) for name in known)
+    return inertia if by_speeds < by_gyro or len(known) < len(inertia) else {}

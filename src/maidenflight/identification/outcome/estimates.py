@@ -276,6 +276,20 @@ def doubts(noise: Mapping[str, float], flights: Sequence[Flight]) -> list[str]:
     return notes
 
 
+def note_gains_lost(gains: Sequence[GroupGain]) -> list[str]:
+    """Returns what is said of groups without which held-out flights are surely less likely."""
+    return [
+        f"{gain.group} is left out of the model although it gains {gain.log_likelihood_gain:.2g} "
+        f"nats a row: {gain.reason}. It stands for something that the model lacks: look at "
+        "maidenflight log (units, order of motors, mass, --commands), or widen --bounds"
+        for gain in gains
+        if not gain.is_in_model
+        and gain.log_likelihood_gain > SURE_NATS
+        and gain.reason is not None
+        and "search bound" in gain.reason
+    ]
+
+
 def notes_on(estimates: Mapping[str, Estimate], segments: int) -> list[str]:
     """Returns what makes intervals too narrow."""
     notes = []

@@ -1,0 +1,55 @@
+"""Torques about z and the inertia that they are shares of belong together."""
+
+import numpy as np
+import pytest
+
+from maidenflight.identification.likelihood.about_z import ABOUT_Z, RATIO_SD, with_inertia_z
+from maidenflight.identification.outcome.posterior import RESAMPLES
+from maidenflight.parameters import crazyflie, replace
+
+START = crazyflie()
+
+
+def samples(value: float) -> np.ndarray:
+    return np.full(RESAMPLES, value)
+
+
+def test_shares_of_the_inertia_stay_and_a_heavy_start_does_not_matter() -> None:
+    """Found with 1.7 times the inertia about z, torques are 1.7 times as large."""
+    drone = replace(START, torque_to_thrust=0.006)
+    inertia = {"inertia_x": samples(1.33e-5), "inertia_y": samples(1.33e-5)}
+    found = []
+    for heavy in (1.0, 1.7):
+        start = replace(START, inertia=heavy * np.asarray(START.inertia))
+        here = replace(
+            drone,
+            torque_to_thrust=heavy * 0.006,
+            inertia=np.array([1.33e-5, 1.33e-5, heavy * 2.64e-5], np.float32),
+        )
+        draws = inertia | {"torque_to_thrust": samples(heavy * 0.006)}
+        about = with_inertia_z(start, here, draws, {}, np.random.default_rng(0))
+        share = about.draws["torque_to_thrust"] / about.draws["inertia_z"]
+        np.testing.assert_allclose(share, 0.006 / 2.64e-5, rtol=1e-5)
+        assert len(about.notes) == 1
+        found.append((float(about.drone.torque_to_thrust), float(about.drone.inertia[2])))
+    np.testing.assert_allclose(*found, rtol=1e-5)
+    np.testing.assert_allclose(found[0], (0.006, 2.64e-5), rtol=1e-5)
+
+
+def test_the_ratios_doubt_is_that_of_published_drones() -> None:
+    """A robust standard deviation of six drones from 27 g to 2 kg."""
+    draws = {name: samples(1e-5) for name in (*ABOUT_Z, "inertia_x", "inertia_y")}
+    about = with_inertia_z(START, START, draws, {}, np.random.default_rng(0))
+    assert np.std(np.log(about.draws["inertia_z"])) == pytest.approx(RATIO_SD, rel=0.1)
+    assert 0.1 < RATIO_SD < 0.2
+
+
+def test_nothing_changes_where_yaw_shows_nothing_or_flights_tell_the_inertia() -> None:
+    for draws in (
+        {"latency": samples(0.005)},
+        {name: samples(1.0) for name in (*ABOUT_Z, "inertia_z")},
+    ):
+        about = with_inertia_z(START, START, draws, {}, np.random.default_rng(0))
+        assert about.drone is START
+        assert about.draws == draws
+        assert about.notes == ()
