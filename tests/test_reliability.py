@@ -31,7 +31,6 @@ FREE = {
     "cli/completion.py": "a line at the end of a shell's own file, which may be a link",
     "integrations/radio/row_files.py": "packets of a real flight are appended as they come",
     "integrations/monitoring/loggers.py": "event files, written by their own packages",
-    "integrations/monitoring/live.py": "recordings, written by rerun while training goes on",
     "training/checkpoint.py": "an archive in memory",
     "integrations/raptor/px4.py": "likewise",
     "cache.py": "the cache of compiled programs",

@@ -257,12 +257,3 @@ PLOTS = Registry(
     },
 )
 """Pictures of what stages return, for notebooks."""
-VIEWERS = Registry(
-    "view",
-    "maidenflight.views",
-    {
-        "flights": f"{_RING}.monitoring.live:show_flights",
-        "training": f"{_RING}.monitoring.live:training",
-    },
-)
-"""Each shows flights, or training while it runs, in another program."""

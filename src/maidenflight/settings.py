@@ -238,8 +238,6 @@ class Setting:
     """The verb whose task in a study may make it."""
     recorded: bool = True
     """Whether results depend on it: records hold it, and a study may set it."""
-    bare: Any = None
-    """Its value where the command line gives the option alone."""
 
     @property
     def default_text(self) -> str:

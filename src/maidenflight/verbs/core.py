@@ -64,7 +64,6 @@ if TYPE_CHECKING:
     )
     from maidenflight.reporting.figures.picture import svg
     from maidenflight.reporting.page import report, report_comparison
-    from maidenflight.reporting.run import read_flights_of
     from maidenflight.reporting.text import ERRORS
     from maidenflight.simulator.controllers import control
     from maidenflight.simulator.policy_spec import PolicySpec

@@ -1,15 +1,14 @@
 """`Train`: policies for a drone."""
 
 import dataclasses
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from maidenflight import cores, names, results, run_folder
 from maidenflight.errors import InputError
-from maidenflight.registry import EXPORTERS, LOGGERS, VIEWERS
+from maidenflight.registry import EXPORTERS, LOGGERS
 from maidenflight.settings import (
     PENDING,
     choice,
@@ -22,7 +21,6 @@ from maidenflight.settings import (
     setting,
     several,
     table,
-    text,
     whole,
 )
 from maidenflight.terminal import Table
@@ -33,8 +31,6 @@ _OF_RAPTOR = ("control", "history", "look_ahead", "look_ahead_spacing", "memory"
 """Settings that RAPTOR's form settles."""
 _OF_A_POLICY = (*_OF_RAPTOR, "paper_scales", "form")
 """Settings that the policy settles from which training starts."""
-WATCHED_DURATION_S = 10.0
-"""Longest flight of a policy in the view of training [s]."""
 LEAST_SURVIVAL = 0.1
 """Survival below which a policy is reported as not flying."""
 
@@ -180,15 +176,6 @@ class Train(Verb):
         group="Watching",
         rare=True,
     )
-    view: str | None = setting(
-        text(metavar="FILE"),
-        None,
-        "Show evaluations and flights of the best policy while training runs: in rerun's viewer, "
-        "or in an .rrd FILE for it.",
-        rare=True,
-        recorded=False,
-        bare=".",
-    )
     seed: int = shared.seed()
 
     def check_early(self) -> None:
@@ -286,14 +273,13 @@ class Train(Verb):
         for left in results.leftovers(output) if output.is_dir() else ():
             left.unlink(missing_ok=True)
         boards = core.loggers.opened(self.log, output, self.policies, record["settings"])
-        with boards as show, self._watched() as watch:
+        with boards as show:
 
             def on_progress(now: core.Training) -> None:
                 show(now)
                 line = scores.add(now)
                 progress.move(now.update, learner.updates, line)
                 progress.log(f"update {now.update} of {learner.updates}: {line}")
-                watch(now)
 
             progress.move(0, learner.updates, "compiling, until the first score")
             policies = self._train(learner, saved, on_progress)
@@ -340,30 +326,6 @@ class Train(Verb):
             on_progress=on_progress,
             checkpoint=core.Checkpoint(saved, restart=not self.resume),
         )
-
-    @contextmanager
-    def _watched(self) -> "Iterator[Callable[[core.Training], None]]":
-        """Shows each evaluation in rerun, where `view` asks for it."""
-        if self.view is None:
-            yield lambda progress: None
-            return
-        view = VIEWERS["training"]
-        with view(self._fly, None if self.view == "." else Path(self.view)) as watch:
-            yield watch
-
-    def _fly(self, policy: "core.Policy") -> "core.Flight":
-        """Flies a policy once, on the drone at the centre of training, to be watched."""
-        controller = core.control.controller_for(policy.interface)
-        centre = core.control.in_fitting_steps(self.drone_file.parameters, controller)
-        test_flights = core.transfer(
-            [policy],
-            [core.VirtualDrone(core.parameters.name_of(self.drone), centre)],
-            1,
-            task=core.find_task(self.task),
-            controller=controller,
-            duration=WATCHED_DURATION_S,
-        )
-        return test_flights.flights[0]
 
     def discard_state(self, output: Path) -> None:
         """Removes the checkpoint, which is larger than the policies."""
