@@ -202,8 +202,7 @@ POLICIES = Registry(
         "raptor": f"{_RING}.raptor.foundation_policy:Raptor",
         "pid": f"{_RING}.policies.firmware:FirmwareController",
         "mellinger": f"{_RING}.policies.firmware:FirmwareController",
-        ".toml": f"{_RING}.policies.described:described",
-        ".zip": f"{_RING}.policies.described:of_own_environment",
+        ".zip": f"{_RING}.policies.environment_policy:EnvironmentPolicy",
     },
 )
 """Each makes a `ForeignPolicy` of a name, all of it, or of a file with such an ending."""
