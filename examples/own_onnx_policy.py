@@ -28,7 +28,8 @@ class Mine:
             now = np.concatenate([position, quaternion, velocity, rates, error, action])
             past = [past[-1] if past else now, now]
             observation = np.concatenate(past)[None].astype(np.float32)
-            action = np.ravel(self.network.run(["action"], {"observation": observation})[0])
+            outputs = self.network.run(["action"], {"observation": observation})
+            action = np.reshape(np.asarray(outputs[0]), 4)
             return (np.clip(action, -1, 1) + 1) / 2
 
         return fly

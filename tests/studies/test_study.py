@@ -86,7 +86,7 @@ def test_a_study_is_read_from_toml(tmp_path: Path) -> None:
         ('kind = "transfer"\ngrid = { policies = ["evil:f"] }', "evil:f"),
         ('kind = "train"\nsettings = { drone = "crazyflie", task = "evil:t" }', "evil:t"),
     ],
-    ids=["verb", "reality", "grid", "task"],
+    ids=["verb", "reality", "grid", "policies", "task"],
 )
 def test_code_that_a_file_names_is_imported_with_trust_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, setting: str, code: str
