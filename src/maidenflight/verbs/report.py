@@ -8,7 +8,6 @@ from maidenflight import run_folder
 from maidenflight.inputs import StrPath
 from maidenflight.settings import path, setting, several
 from maidenflight.verb import Output, Progress, Result, Verb
-from maidenflight.verbs import core
 
 _MARK = b"<footer>Written by maidenflight "
 """What every report holds."""
@@ -74,11 +73,13 @@ class Report(Verb):
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Writes the page."""
+        from maidenflight.reporting.page import report, report_comparison
+
         progress.move(0, None, "reading the run")
         if len(self.runs) > 1:
-            page = core.report_comparison(self.runs, output, **self._files)
+            page = report_comparison(self.runs, output, **self._files)
         else:
-            page = core.report(self._find_source(), output, **self._files)
+            page = report(self._find_source(), output, **self._files)
         return Result(
             content={"report": str(page)},
             summary=[f"written {page}; open it in a browser"],
