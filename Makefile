@@ -18,7 +18,7 @@ define install
   && $(BIN)/python -m pip install --quiet --editable '.$(1)'; }
 endef
 
-.PHONY: demo test test-all lint docs paper format lock oldest release-check clean
+.PHONY: demo test test-all night lint docs paper format lock oldest release-check clean
 
 demo: $(VENV)/.installed
 	$(BIN)/maidenflight demo
@@ -33,6 +33,10 @@ test: $(VENV)/.installed-dev
 # In one run, so that what a file's tests share is made once.
 test-all: $(VENV)/.installed-dev
 	$(PYTEST) --durations 40
+
+# A hundred thousand damaged files, other ones every time.
+night: $(VENV)/.installed-dev
+	$(PYTEST) --dist load --hypothesis-profile night tests/test_damaged_files.py
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check
