@@ -18,8 +18,8 @@ import numpy as np
 from page import write
 
 from maidenflight import policy_file
-from maidenflight.integrations.plant.running_plant import find_plant
 from maidenflight.integrations.radio.blocks import REASONS
+from maidenflight_plant.running_plant import find_plant
 
 TESTS = Path(__file__).parents[1] / "tests"
 for folder in ("", "integrations/exporters"):

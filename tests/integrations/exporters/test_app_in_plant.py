@@ -12,8 +12,8 @@ import pytest
 from app_in_firmware import COMPILERS, App
 from app_in_plant import Fault, Loop, Pid, app_for, sprightly
 
-from maidenflight.integrations.plant.running_plant import RunningPlant
 from maidenflight.integrations.radio.blocks import REASONS
+from maidenflight_plant.running_plant import RunningPlant
 
 pytestmark = pytest.mark.skipif(
     not COMPILERS or not shutil.which("make"), reason="no C compiler or no make on this machine"
