@@ -153,7 +153,7 @@ LOGS = Kind(
     (),
     lambda _, path: read_flights(path),
     flight_arrays,
-    lambda read: flight_fault(read, 1.0),
+    flight_fault,
     lambda read: (*read.notes, *read.refused),
 )
 
@@ -250,7 +250,7 @@ def mapped_log() -> dict[str, bytes]:
 def fault_beside(read: Flights) -> str:
     """Tells whether a folder's sound log was read, whatever stands beside it."""
     sound = sum(len(flight) for flight in read if flight.name.endswith("good.csv"))
-    return flight_fault(read, 1.0) or ("" if sound == ROWS else "the sound log beside was lost")
+    return flight_fault(read) or ("" if sound == ROWS else "the sound log beside was lost")
 
 
 def log_kinds() -> dict[str, Kind]:
