@@ -38,7 +38,6 @@ settings.register_profile(
     "reproducible", derandomize=True, deadline=None, max_examples=25, database=None
 )
 settings.register_profile("night", deadline=5000, max_examples=4000, print_blob=True)
-settings.register_profile("short-night", deadline=5000, max_examples=500, print_blob=True)
 settings.load_profile("reproducible")
 
 

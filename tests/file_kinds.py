@@ -496,7 +496,7 @@ def single_kinds() -> dict[str, Kind]:
     drones = Kind((), lambda _, path: parameters.read_drone(path), drone_arrays, drone_fault)
     always = lambda _: True  # noqa: E731
     # A file without the rest of its identification is a drone with a posterior, too.
-    of_posterior = lambda path: path[0] != "identification" or len(path) > 1  # noqa: E731
+    of_posterior = lambda path: path[0] != "record" and path != ("identification",)  # noqa: E731
     rows = ("timestamp", *STATE.variables, *MOTORS.variables)
     table = f"# a table\n# record: {json.dumps(RECORD)}\npolicy,trial\n1,1\n1,2\n".encode()
     toml, unrecorded = tomllib.loads, lambda path: path[0] != "record"

@@ -19,6 +19,7 @@ from damage import PREFIX, REFUSED, SAME, TOLD, Damaged
 from file_kinds import POLICY, Kind, known_kinds, lay
 from maidenflight import inputs
 from maidenflight.errors import LONGEST, InputError
+from maidenflight.flights.streams.streams import period
 
 NAMES = (
     *("log of ours", "log of authors", "log of nanobench", "log of cflib", "log.csv.gz"),
@@ -93,6 +94,8 @@ def test_kinds_are_all_of_them() -> None:
     assert tuple(known_kinds()) == NAMES
 
 
+# A file that pymavlink could not read is closed by the garbage collector.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @settings(suppress_health_check=(HealthCheck.too_slow, HealthCheck.large_base_example))
@@ -102,6 +105,21 @@ def test_damaged_files_are_refused_or_mean_what_they_meant(name: str, data: Any)
     number = data.draw(st.integers(0, len(good) - 1))
     other = data.draw(st.sampled_from(good))
     judge(name, number, data.draw(good[number].damage(good[number].content, other.content)))
+
+
+@pytest.mark.parametrize(
+    ("name", "row", "cells"),
+    [("log of cflib", 1, ""), ("log of ours", 6, "inf,inf"), ("log of cflib", 1, "5010.0")],
+)
+def test_rows_that_a_night_found_raise_no_warning(name: str, row: int, cells: str) -> None:
+    lines = known_kinds()[name].good[0].content.decode().split("\n")
+    rest = lines[row].split(",")[cells.count(",") + bool(cells) :] if cells else []
+    lines[row] = ",".join([*([cells] if cells else []), *rest])
+    judge(name, 0, Damaged("\n".join(lines).encode(), "a row", "any"))
+
+
+def test_a_period_of_steps_that_are_all_far_from_their_median() -> None:
+    assert period(np.array([0.0, 0.0, 0.01])) == 0.005
 
 
 @pytest.mark.parametrize("name", NAMES)
