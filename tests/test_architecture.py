@@ -266,7 +266,7 @@ parts: Any = importlib.import_module("parts")
 MOST = {
     "closure of identify": 102,
     "closure of train": 61,
-    "closure of export": 42,
+    "closure of export": 27,
     "log to drone.toml: stops": 641,
     "log to drone.toml: modules": 105,
     "log to drone.toml: names": 855,
@@ -284,7 +284,7 @@ MOST = {
     "study to table: names": 119,
     "constants": 646,
     "constants without a source": 546,
-    "lines": 52_344,
+    "lines": 52_353,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

@@ -14,9 +14,8 @@ from maidenflight.flying.foreign_policy import foreign_policy
 from maidenflight.flying.pilots import ForeignPolicy
 from maidenflight.integrations.policies.environment_policy import EnvironmentPolicy
 from maidenflight.simulator.controllers.interface import NOTE
-from maidenflight.simulator.environment import observe, remember
 from maidenflight.simulator.physics.sensors import Measurement
-from maidenflight.simulator.policy_spec import PolicySpec, points_at
+from maidenflight.simulator.policy_spec import PolicySpec, observe, points_at, remember
 from maidenflight.simulator.tasks import tasks
 from maidenflight.simulator.tasks.look_ahead import LookAhead
 from numpy_drone import NumpyDrone

@@ -50,7 +50,7 @@ class EnvironmentPolicy:
             position, velocity, quaternion, rates = (
                 np.asarray(part, np.float64) for part in measurement
             )
-            # The order of `environment.observe`.
+            # The order of `policy_spec.observe`.
             instant = np.concatenate(
                 [position, quaternion, velocity, rates, setpoint - position, action]
             )
