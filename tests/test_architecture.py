@@ -284,7 +284,7 @@ MOST = {
     "study to table: names": 119,
     "constants": 646,
     "constants without a source": 546,
-    "lines": 52_353,
+    "lines": 52_355,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
