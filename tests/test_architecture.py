@@ -272,7 +272,7 @@ MOST = {
     "log to drone.toml: names": 855,
     "drone to policy: stops": 290,
     "drone to policy: modules": 69,
-    "drone to policy: names": 432,
+    "drone to policy: names": 433,
     "policy to flight: stops": 194,
     "policy to flight: modules": 46,
     "policy to flight: names": 312,
