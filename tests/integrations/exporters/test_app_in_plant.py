@@ -1,6 +1,6 @@
 """Each guard of the app trips in flight within 100 ms of its fault, and hands back to the PID.
 
-`benchmarks/guards.py` flies 30 times 20 s without a fault, in which none must trip.
+`plant/guards.py` flies 30 times 20 s without a fault, in which none must trip.
 """
 
 import shutil
