@@ -14,11 +14,11 @@ export UV_BUILD_CONSTRAINT := requirements.hashes
 define install
 @echo "installing the locked packages into $(VENV) ..."
 @$(BIN)/python -m pip install --quiet uv
-@VIRTUAL_ENV=$(VENV) $(BIN)/uv pip install --quiet $(2) --editable '.$(1)' || { echo "uv cannot; pip does, in about a minute ..." \
-  && $(BIN)/python -m pip install --quiet --editable '.$(1)'; }
+@VIRTUAL_ENV=$(VENV) $(BIN)/uv pip install --quiet $(2) --editable '.$(1)' $(3) || { echo "uv cannot; pip does, in about a minute ..." \
+  && $(BIN)/python -m pip install --quiet --editable '.$(1)' $(3); }
 endef
 
-.PHONY: demo test test-all lint docs paper format lock oldest release-check clean
+.PHONY: demo test test-all night lint docs paper format lock oldest release-check clean
 
 demo: $(VENV)/.installed
 	$(BIN)/maidenflight demo
@@ -33,6 +33,10 @@ test: $(VENV)/.installed-dev
 # In one run, so that what a file's tests share is made once.
 test-all: $(VENV)/.installed-dev
 	$(PYTEST) --durations 40
+
+# A hundred thousand damaged files, other ones every time.
+night: $(VENV)/.installed-dev
+	$(PYTEST) --dist load --hypothesis-profile night tests/test_damaged_files.py
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check
@@ -78,12 +82,12 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.installed: requirements.lock requirements.hashes pyproject.toml | $(VENV)/bin/python
-	$(call install,,)
+	$(call install,,,)
 	touch $@
 
-$(VENV)/.installed-dev: requirements.lock requirements.hashes pyproject.toml | $(VENV)/bin/python
+$(VENV)/.installed-dev: requirements.lock requirements.hashes pyproject.toml plant/pyproject.toml | $(VENV)/bin/python
 	# Tests start many processes, and not every machine lets Python keep what it compiles.
-	$(call install,[dev],--compile-bytecode)
+	$(call install,[dev],--compile-bytecode,--editable ./plant)
 	touch $@ $(VENV)/.installed
 
 # Newest versions that fit pyproject.toml, for every supported Python.
@@ -96,7 +100,7 @@ lock: $(VENV)/.installed-dev
 # The oldest versions that pyproject.toml allows, and its quick tests with them.
 oldest: $(VENV)/.installed-dev
 	$(BIN)/uv venv --clear build/oldest
-	UV_CONSTRAINT= UV_BUILD_CONSTRAINT= VIRTUAL_ENV=build/oldest $(BIN)/uv pip install --resolution lowest-direct --editable '.[dev]'
+	UV_CONSTRAINT= UV_BUILD_CONSTRAINT= VIRTUAL_ENV=build/oldest $(BIN)/uv pip install --resolution lowest-direct --editable '.[dev]' --editable ./plant
 	build/oldest/bin/python -m pytest -n auto --dist loadfile -m 'not slow'
 
 # Everything a release is: sdist and wheel, their metadata, the changelog's entry; then the demo and the quick tests on the wheel,
@@ -107,7 +111,7 @@ release-check: $(VENV)/.installed-dev
 	$(BIN)/uv build --quiet --out-dir dist
 	$(BIN)/uv tool run twine check --strict dist/*
 	$(BIN)/uv venv --clear --python $(BIN)/python build/release/venv
-	VIRTUAL_ENV=build/release/venv $(BIN)/uv pip install --quiet --compile-bytecode "$$(ls dist/*.whl)[dev]"
+	VIRTUAL_ENV=build/release/venv $(BIN)/uv pip install --quiet --compile-bytecode "$$(ls dist/*.whl)[dev]" ./plant
 	cd build/release && venv/bin/maidenflight demo -o run --overwrite
 	tar -xzf dist/*.tar.gz -C build/release --strip-components 1
 	cd build/release && venv/bin/python -c 'import maidenflight; assert "site-packages" in maidenflight.__file__'

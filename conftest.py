@@ -37,6 +37,7 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 settings.register_profile(
     "reproducible", derandomize=True, deadline=None, max_examples=25, database=None
 )
+settings.register_profile("night", deadline=5000, max_examples=4000, print_blob=True)
 settings.load_profile("reproducible")
 
 

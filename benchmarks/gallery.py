@@ -129,17 +129,6 @@ def _of_terminal(run: Path, to: Path) -> None:
         (to / f"{words[0]}.svg").write_text(picture)
 
 
-def _of_rerun(run: Path, to: Path) -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        recording, shot = Path(folder, "view.rrd"), Path(folder, "shot.png")
-        flight = run / "transfer" / "flight_01.csv"
-        subprocess.run([*_MAIDENFLIGHT, "report", flight, "--view", recording], check=True)
-        subprocess.run(
-            ["rerun", recording, "--screenshot-to", shot, "--window-size", "1000x620"], check=True
-        )
-        _small(shot, to / "rerun.png", 1000)
-
-
 @click.command(help=__doc__)
 @click.argument("run", type=click.Path(path_type=Path, exists=True, file_okay=False))
 @click.option(
@@ -151,10 +140,6 @@ def main(run: Path, output: Path) -> None:
     _of_report(run, output)
     _of_charts(run, output)
     _of_terminal(run, output)
-    if shutil.which("rerun"):
-        _of_rerun(run, output)
-    else:
-        click.echo("without the extra viewer: rerun.png stays as it is", err=True)
     for path in sorted(output.iterdir()):
         size = path.stat().st_size
         click.echo(f"{path}: {size / 1e3:.0f} kB")

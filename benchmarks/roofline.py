@@ -223,10 +223,10 @@ def training_path(name: str, structure: str) -> HotPath:
     spec = mf.PolicySpec(hidden=choose_hidden(structure, "gradient"))
     env = Environment.matching(drone, mf.simulator.circle(), controller, spec=spec)
     boxes, keys = stacked([relative_box(drone)]), jax.random.split(jax.random.key(0), 1)
-    learners = analytic_gradient.begin(env, settings, boxes, keys)
+    learners = analytic_gradient.init(env, settings, boxes, keys)
 
     def update(learners: Any) -> Any:
-        return analytic_gradient.learn(env, settings, boxes, learners, keys, 0, 1)
+        return analytic_gradient.update(env, settings, boxes, learners, keys, 0, 1)
 
     steps = settings.num_envs * settings.horizon
     return HotPath(name, "environment step", steps, update, (learners,))

@@ -106,7 +106,7 @@ def rebuild_actions(
 
 
 def _observe(flight: Flight) -> Float[np.ndarray, "N 16"]:
-    """An observation's instants but for their actions, in the order of `environment.observe`."""
+    """An observation's instants but for their actions, in the order of `policy_spec.observe`."""
     quaternions = Rotation.from_euler("xyz", flight.attitude).as_quat()
     # Attitudes do not tell a quaternion's sign; the simulator's begins upright and does not jump.
     flips = np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0, -1.0, 1.0)

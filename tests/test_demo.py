@@ -44,7 +44,7 @@ class Heard(Progress):
 
 
 HEARD = Heard()
-MOST_PROGRAMS = {analytic_gradient.learn: 1, evaluation.evaluate_together: 1, engine._simulate: 2}
+MOST_PROGRAMS = {analytic_gradient.update: 1, evaluation.evaluate_together: 1, engine._simulate: 2}
 """That demos compile: of flights the recorded ones' and the policies'."""
 COMPILED: dict[Any, int] = {}
 

@@ -237,12 +237,12 @@ def test_the_python_and_the_commands_on_realities_run(monkeypatch: pytest.Monkey
 def test_a_reality_of_ones_own_as_the_page_on_extending_shows_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    made, used, entered = extensions("A reality")
+    used, entered = extensions("A reality")
     monkeypatch.setattr(mf, "transfer", partial(mf.transfer, duration=0.5), raising=False)
     monkeypatch.setitem(REALITIES.own, "mine", "")
     names: dict[str, Any] = {"policies": [policy.untrained_policy(jax.random.key(0))]}
+    monkeypatch.syspath_prepend(ROOT / "examples")
     for snippet in (
-        made,
         used.replace("flights=2, duration=4.0", "flights=1, duration=1.0"),
         entered,
     ):
@@ -252,7 +252,6 @@ def test_a_reality_of_ones_own_as_the_page_on_extending_shows_it(
     assert np.abs(flight.position[:, 2] - 1.0).max() < 0.2
     assert set(names["evaluation"].table["reality"]) == {"virtual-7", "mine"}
     assert mf.reality("mine:0").name == "mine"
-    Path("my_simulator.py").write_text(made)
     policy_file.write_policy("policies/policy_1.json", policy.untrained_policy(jax.random.key(0)))
     (command,) = [
         shlex.split(line)
@@ -279,7 +278,7 @@ def test_every_command_that_a_page_shows_is_one_that_there_is() -> None:
             line for block in blocks(page, "sh") for line in block.replace("\\\n", " ").splitlines()
         ]:
             words = shlex.split(line, comments=True)
-            if words[:1] != ["maidenflight"] or words[1] == "--install-completion":
+            if words[:1] != ["maidenflight"]:
                 continue
             must_parse(words[1], words[2:])
             shown += 1
@@ -719,3 +718,16 @@ def test_the_gallery_shows_small_pictures_and_all_of_its_folder() -> None:
     shown = set(re.findall(r"\]\(gallery/([\w.]+)\)", page))
     assert {path.name for path in folder.iterdir()} == shown
     assert all(path.stat().st_size < 200_000 for path in folder.iterdir())
+
+
+def test_the_tour_leads_through_fifteen_files_that_are_there_and_not_longer_than_it_says() -> None:
+    rows = re.findall(
+        r"^(\d+)\. `([\w/]+\.py)` \((\d+)\): (.+?\.) (.+\?)$",
+        (ROOT / "docs" / "tour.md").read_text(),
+        re.M,
+    )
+    assert [int(number) for number, *_ in rows] == list(range(1, 16))
+    assert len({file for _, file, *_ in rows}) == 15
+    for _, file, most, *_ in rows:
+        lines = (ROOT / "src" / "maidenflight" / file).read_text().count("\n")
+        assert int(most) - 100 < lines <= int(most), file

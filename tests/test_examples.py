@@ -12,9 +12,12 @@ import pytest
 
 import maidenflight as mf
 from maidenflight.errors import InputError
+from maidenflight.flying.foreign_policy import foreign_policy
+from maidenflight.flying.pilots import ForeignPolicy
 from maidenflight.policy_file import write_policy
 from maidenflight.verbs.train import Train
 from maidenflight.verbs.transfer import Transfer
+from numpy_drone import NumpyDrone
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
@@ -46,7 +49,7 @@ def in_examples(monkeypatch):
 
 def test_examples_of_extending_are_short():
     files = sorted(EXAMPLES.glob("own_*.py"))
-    assert len(files) == 7
+    assert len(files) == 9
     lines = {file.name: sum(map(bool, file.read_text().split("\n"))) for file in files}
     assert max(lines.values()) <= 40, lines
 
@@ -90,6 +93,30 @@ def test_ones_own_network_is_in_no_file_and_no_export(in_examples, tmp_path):
         with pytest.raises(InputError, match="network of its own"):
             attempt()
     assert not list(tmp_path.iterdir())
+
+
+def test_ones_own_network_in_onnx_flies_as_the_policy_that_it_was_exported_from(
+    in_examples, tmp_path, monkeypatch
+):
+    for package in ("onnx", "onnxruntime"):
+        pytest.importorskip(package)
+    policy = mf.untrained_policy(jax.random.key(3))
+    mf.export(policy, tmp_path / "onnx_policy", "onnx")
+    monkeypatch.syspath_prepend(EXAMPLES)
+    monkeypatch.chdir(tmp_path)
+    mine = foreign_policy("own_onnx_policy:Mine")
+    assert isinstance(mine, ForeignPolicy)
+    ours, theirs = (
+        mf.transfer([one], [NumpyDrone()], 1, duration=0.4).flights[0] for one in (policy, mine)
+    )
+    np.testing.assert_allclose(theirs.command, ours.command, atol=1e-5)
+    np.testing.assert_allclose(theirs.position, ours.position, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["own_reality:Mine", "own_network:mf", "own_task:nothing"])
+def test_what_is_no_policy_is_refused(in_examples, name):
+    with pytest.raises(InputError, match=name):
+        foreign_policy(name)
 
 
 @pytest.mark.slow

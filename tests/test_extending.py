@@ -74,6 +74,30 @@ assert flown.table.height
 """
 
 
+COMPLETE = {
+    "control structure": ["attitude_rate"],
+    "log format": ["ardupilot", "dataflash", "blackbox", "betaflight", "rosbag"],
+    "physical parameter": [
+        *("motor_coasting", "rotor_momentum", "flapping_moment", "turn_drift"),
+        *("thrust_linear", "rotational_damping"),
+    ],
+}
+"""Of each kind, some that were added after the paper's."""
+
+
+@pytest.mark.parametrize("what", COMPLETE)
+def test_the_costliest_additions_are_named_in_no_more_files_than_the_page_says(what: str) -> None:
+    (row,) = re.findall(rf"^\| {what} \| \d \((\d+)\)", PAGE.read_text(), re.MULTILINE)
+    counts = {
+        name: sum(
+            re.search(rf"\b{name}\b", path.read_text(), re.IGNORECASE) is not None
+            for path in SOURCE.rglob("*.py")
+        )
+        for name in COMPLETE[what]
+    }
+    assert max(counts.values()) <= int(row), counts
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("what", "patches", "program"),

@@ -31,7 +31,7 @@ from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.evaluation import Evaluation
 from maidenflight.training.settings import Settings
 from maidenflight.training.train import Progress
-from maidenflight.verbs import estimates_output, logs
+from maidenflight.verbs import estimates_output, logs_output
 from maidenflight.verbs.train import Train
 
 TRAINING_PAGE = Path(__file__).parent.parent / "docs" / "training.md"
@@ -205,7 +205,7 @@ def test_the_best_policy_is_told_from_one_of_the_same_name(trained: Path) -> Non
 
 def test_equal_notes_are_said_once() -> None:
     def said(*notes: str) -> list[str]:
-        return logs.describe_flights(Flights((), notes, ()))[1:]
+        return logs_output.describe_flights(Flights((), notes, ()))[1:]
 
     assert said(
         *("a.csv: battery assumed", "b.csv: battery empty", "c.csv: battery assumed"),

@@ -12,9 +12,6 @@ from pathlib import Path
 import pytest
 import yaml
 
-from maidenflight.cli import completion
-from maidenflight.errors import InputError
-
 ROOT = Path(__file__).parent.parent
 
 
@@ -88,13 +85,11 @@ def test_the_conda_environment_installs_the_checkout_from_the_lock() -> None:
         (["maidenflight", "identify", "--over"], ["--overwrite", "--over"]),
     ],
 )
-def test_a_shell_completes_once_it_is_installed(
-    typed: list[str], expected: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_shell_completes_by_the_line_of_the_docs(
+    typed: list[str], expected: list[str], tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(Path, "home", lambda: tmp_path)
-    file = completion.install("bash")
-    assert completion.install("bash").read_text().count("eval") == 1
-    line = file.read_text().strip()
+    page = (ROOT / "docs" / "quickstart.md").read_text()
+    (line,) = re.findall(r"^eval .*maidenflight.*$", page, re.M)
     command = tmp_path / "maidenflight"
     command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m maidenflight "$@"\n')
     command.chmod(0o755)
@@ -112,18 +107,3 @@ printf '%s\\n' "${{COMPREPLY[@]}}"
         env={**os.environ, "PATH": f"{tmp_path}{os.pathsep}{os.environ['PATH']}"},
     )
     assert sorted(shown.stdout.split()) == sorted(expected)
-
-
-def test_completion_keeps_what_a_file_holds_and_refuses_other_shells(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(Path, "home", lambda: tmp_path)
-    monkeypatch.setenv("SHELL", "/usr/bin/zsh")
-    (tmp_path / ".zshrc").write_text("alias l=ls")
-    assert completion.install() == tmp_path / ".zshrc"
-    assert (tmp_path / ".zshrc").read_text().splitlines() == [
-        "alias l=ls",
-        completion.SHELLS["zsh"].line,
-    ]
-    with pytest.raises(InputError):
-        completion.install("csh")

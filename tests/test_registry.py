@@ -159,7 +159,6 @@ def test_a_verb_of_an_installed_package_is_a_command(
         ("acme = nowhere:write", PACKAGE, "nowhere:write .* ModuleNotFoundError"),
         ("acme = acme:nothing", PACKAGE, "AttributeError"),
         ("acme = acme:write", "1 / 0", "ZeroDivisionError"),
-        ("acme", PACKAGE, "entry points cannot be read"),
     ],
 )
 def test_a_damaged_package_is_named_where_it_is_used_and_only_there(
@@ -171,6 +170,16 @@ def test_a_damaged_package_is_named_where_it_is_used_and_only_there(
     with pytest.raises(InputError, match="acme-drones") as refused:
         mf.export(made, tmp_path, "acme")
     assert re.search(what.replace(" .* ", ".*"), str(refused.value))
+
+
+def test_entry_points_that_cannot_be_read_harm_no_name_of_ours(
+    packages: Path, tmp_path: Path
+) -> None:
+    install(packages, "[maidenflight.exporters]\nacme\n")
+    made = policy.untrained_policy(jax.random.key(0))
+    assert mf.export(made, tmp_path, "c")
+    with pytest.raises(InputError, match=r"entry points .* maidenflight\.exporters"):
+        mf.export(made, tmp_path, "acme")
 
 
 def test_a_damaged_log_format_is_named_where_no_other_reads_the_file(

@@ -100,3 +100,10 @@ def test_a_setting_names_its_place_the_value_and_what_is_expected() -> None:
 def test_values_become_plain_for_records_and_studies() -> None:
     value = {"a": (Path("x/y"), 1.5), "b": [True, None], "c": float("inf")}
     assert settings.plain(value) == {"a": ["x/y", 1.5], "b": [True, None], "c": None}
+
+
+def test_no_truth_value_passes_for_a_number_that_equals_it() -> None:
+    one = Setting(settings.whole(0, 10), 0, "")
+    assert one.check(0, "seed") == 0
+    with pytest.raises(InputError, match="seed"):
+        one.check(False, "seed")

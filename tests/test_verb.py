@@ -24,7 +24,6 @@ ONLY_OF_COMMANDS = {
     "trust",
     "map_columns",
     "resume",
-    "view",
     "status",
     "list",
     "recover",
@@ -86,7 +85,7 @@ def test_the_help_of_a_verb_fits_a_screen_of_50_lines(
 def test_help_imports_nothing_heavy(words: list[str]) -> None:
     """By what is imported, and not by the time it takes, which is for benchmarks."""
     heavy = (
-        "jax cflib onnx onnxruntime numpy scipy sklearn polars rerun rich optax tomlkit gymnasium "
+        "jax cflib onnx onnxruntime numpy scipy sklearn polars rich optax tomlkit gymnasium "
         "pybullet tensorboardX wandb ray submitit fsspec"
     ).split()
     program = (

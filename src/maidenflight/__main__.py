@@ -17,7 +17,7 @@ def main() -> None:
         print("maidenflight: interrupted before it had begun.", file=sys.stderr)
         sys.exit(130)
     try:
-        cli.main(interruption.GRACE_PERIOD_S)
+        cli.main(in_own_process=True)
     except SystemExit as leaving:
         if leaving.code == interruption.CODE:
             interruption.leave(interruption.CODE)

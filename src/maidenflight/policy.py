@@ -14,9 +14,14 @@ from maidenflight.gru import Gru, untrained_gru
 from maidenflight.registry import PLOTS
 from maidenflight.simulator.controllers import interface as interfaces
 from maidenflight.simulator.controllers.interface import ControlInterface
-from maidenflight.simulator.environment import observe, remember
 from maidenflight.simulator.physics.sensors import Measurement
-from maidenflight.simulator.policy_spec import ACTION_SIZE, OBSERVATION_SIZE, PolicySpec
+from maidenflight.simulator.policy_spec import (
+    ACTION_SIZE,
+    OBSERVATION_SIZE,
+    PolicySpec,
+    observe,
+    remember,
+)
 
 
 @jax.tree_util.register_dataclass

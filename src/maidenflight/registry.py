@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from maidenflight.errors import InputError
 
 if TYPE_CHECKING:
-    from importlib.metadata import EntryPoint
+    from importlib.metadata import EntryPoints
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,11 +32,11 @@ class Registry:
     def __iter__(self) -> Iterator[str]:
         """Gives the names: ours, then, once these are through, those of installed packages."""
         yield from self.own
-        yield from (name for name in _installed(self.group).entries if name not in self.own)
+        yield from sorted(_installed(self.group).names - self.own.keys())
 
     def __contains__(self, name: object) -> bool:
         """Returns whether a name is known; installed packages are searched where it is not ours."""
-        return name in self.own or name in _installed(self.group).entries
+        return name in self.own or name in _installed(self.group).names
 
     def __getitem__(self, name: str) -> Any:
         """Imports what a name stands for.
@@ -50,18 +50,16 @@ class Registry:
                 return part
             module, _, attribute = part.partition(":")
             return getattr(import_module(module), attribute)
-        installed = _installed(self.group)
-        if name not in installed.entries:
-            damaged = "".join(f" {line}" for line in installed.damaged)
+        entries = list(_installed(self.group).select(name=name))
+        packages = sorted({entry.dist.name for entry in entries if entry.dist is not None})
+        if not entries:
+            raise InputError(f"{name!r}: no such {self.kind}. Expected one of {', '.join(self)}.")
+        if len(entries) > 1:
             raise InputError(
-                f"{name!r}: no such {self.kind}. Expected one of {', '.join(self)}.{damaged}"
+                f"{self.kind} {name!r}: of several packages, {', '.join(packages)}. Uninstall all "
+                "but one."
             )
-        (package, entry), *others = installed.entries[name]
-        if others:
-            packages = ", ".join(sorted({package, *(other for other, _ in others)}))
-            raise InputError(
-                f"{self.kind} {name!r}: of several packages, {packages}. Uninstall all but one."
-            )
+        (entry,), (package,) = entries, packages
         try:
             return entry.load()
         except Exception as error:  # whatever a module of others raises
@@ -100,44 +98,22 @@ def import_part(name: str, kind: str) -> Any:
     return getattr(imported, attribute)
 
 
-class Installed(NamedTuple):
-    """What installed packages add to a registry."""
-
-    entries: dict[str, list[tuple[str, "EntryPoint"]]]
-    """By name, each with its package."""
-    damaged: list[str]
-    """Sentences on packages whose entry points cannot be read."""
-
-
-def _installed(group: str) -> Installed:
+def _installed(group: str) -> "EntryPoints":
     return _installed_on(group, tuple(sys.path))
 
 
 @cache
-def _installed_on(group: str, path: tuple[str, ...]) -> Installed:
-    """Looks for entry points in the packages on a path, of which the first of a name counts."""
-    from importlib.metadata import distributions
+def _installed_on(group: str, path: tuple[str, ...]) -> "EntryPoints":
+    from importlib.metadata import entry_points
 
-    installed, names = Installed({}, []), set[str]()
-    for package in distributions(path=list(path)):
-        # Most packages have none of ours, and what they have is not read.
-        if group not in (package.read_text("entry_points.txt") or ""):
-            continue
-        name = package.name or f"in {package.locate_file('')}"
-        if name in names:
-            continue
-        names.add(name)
-        try:
-            entries = package.entry_points.select(group=group)
-        except Exception as error:
-            installed.damaged.append(
-                f"The package {name} may have more, but its entry points cannot be read "
-                f"({type(error).__name__}: {error}). Mend or uninstall it."
-            )
-            continue
-        for entry in entries:
-            installed.entries.setdefault(entry.name, []).append((name, entry))
-    return installed
+    try:
+        return entry_points(group=group)
+    except Exception as error:  # whatever parsing what others wrote raises
+        raise InputError(
+            f"the entry points of an installed package cannot be read ({type(error).__name__}: "
+            f"{error}), so neither can those of {group}. Mend or uninstall it; pip check may tell "
+            "which."
+        ) from error
 
 
 _RING = "maidenflight.integrations"
@@ -202,8 +178,7 @@ POLICIES = Registry(
         "raptor": f"{_RING}.raptor.foundation_policy:Raptor",
         "pid": f"{_RING}.policies.firmware:FirmwareController",
         "mellinger": f"{_RING}.policies.firmware:FirmwareController",
-        ".toml": f"{_RING}.policies.described:described",
-        ".zip": f"{_RING}.policies.described:of_own_environment",
+        ".zip": f"{_RING}.policies.environment_policy:EnvironmentPolicy",
     },
 )
 """Each makes a `ForeignPolicy` of a name, all of it, or of a file with such an ending."""
@@ -257,12 +232,3 @@ PLOTS = Registry(
     },
 )
 """Pictures of what stages return, for notebooks."""
-VIEWERS = Registry(
-    "view",
-    "maidenflight.views",
-    {
-        "flights": f"{_RING}.monitoring.live:show_flights",
-        "training": f"{_RING}.monitoring.live:training",
-    },
-)
-"""Each shows flights, or training while it runs, in another program."""

@@ -238,8 +238,6 @@ class Setting:
     """The verb whose task in a study may make it."""
     recorded: bool = True
     """Whether results depend on it: records hold it, and a study may set it."""
-    bare: Any = None
-    """Its value where the command line gives the option alone."""
 
     @property
     def default_text(self) -> str:
@@ -260,7 +258,9 @@ class Setting:
         if value is PENDING:
             return value
         endless = isinstance(value, float) and not math.isfinite(value)
-        if self.default is not REQUIRED and not endless and plain(value) == plain(self.default):
+        alike = isinstance(value, bool) == isinstance(self.default, bool)  # False equals 0
+        compared = self.default is not REQUIRED and alike and not endless
+        if compared and plain(value) == plain(self.default):
             return self.default
         try:
             return self.values.check(value)

@@ -17,7 +17,7 @@ from made_flights import driven
 from maidenflight.errors import InputError
 from maidenflight.flights import log
 from maidenflight.flights.reading import read_flights
-from maidenflight.verbs import logs
+from maidenflight.verbs import logs_output
 
 ROWS = 900
 FIRST = 6
@@ -385,10 +385,10 @@ def test_a_folder_with_bad_logs_still_gives_the_good_ones_and_says_so(tmp_path, 
     assert all(any(f"bad_{number:02d}" in said for said in told) for number in range(len(REFUSED)))
     assert any("results.csv: not a flight log" in note for note in read.notes)
 
-    content = logs.to_content(read)
+    content = logs_output.to_content(read)
     assert content["refused"] == read.refused
     assert content["pieces"] == 2
-    lines = logs.describe_flights(read)
+    lines = logs_output.describe_flights(read)
     assert f"{len(read.refused)} files refused:" in lines
     assert f"  {read.refused[0]}" in lines
 

@@ -8,12 +8,10 @@ from typing import Any
 import jax
 import pytest
 
-from made_flights import calm
 from maidenflight.errors import InputError
 from maidenflight.experiments.drones import find_reality
 from maidenflight.integrations.exporters.onnx import export_onnx
 from maidenflight.integrations.logs import blackbox, dataflash, rosbag, ulog
-from maidenflight.integrations.monitoring import live
 from maidenflight.integrations.raptor.export import export_raptor
 from maidenflight.policy import untrained_policy
 from maidenflight.simulator.policy_spec import PolicySpec
@@ -42,7 +40,6 @@ NEEDS: dict[str, tuple[str, Callable[[Path], Any]]] = {
     "pybullet": ("pybullet", lambda _: find_reality("pybullet:7")),
     "crazyflow": ("crazyflow", lambda _: find_reality("crazyflow:cf2x_L250")),
     "l2f": ("l2f", lambda _: find_reality("l2f:x500")),
-    "rerun": ("viewer", lambda folder: live.show_flights([calm(5)], folder / "a.rrd")),
     "tensorboardX": ("tensorboard", lambda folder: log_by("tensorboard", folder)),
     "wandb": ("wandb", lambda folder: log_by("wandb", folder)),
     "ray": ("ray", lambda folder: engine("ray", Resources(logs=str(folder)))),

@@ -116,19 +116,6 @@ def test_a_log_that_a_run_lists_is_shown_alone(run: Path) -> None:
         assert found.drone is None
 
 
-def test_flights_to_view_are_those_of_a_run_of_its_output_or_of_logs(run: Path) -> None:
-    tested = [f"transfer/flight_0{number}.csv" for number in (1, 2, 3)]
-    for place in (run, run / "transfer"):
-        assert [flight.name for flight in runs.read_flights_of(place, {})] == tested
-    assert len(runs.read_flights_of(run / "recorded", {})) == 1
-    assert len(runs.read_flights_of(run / "transfer" / "flight_02.csv", {})) == 1
-    others = [run / "others" / name for name in ("monday.csv", "tuesday.csv")]
-    for number, path in enumerate(others):
-        results.write(path, authors_text(authors_columns(120 + number)))
-    assert len(runs.read_flights_of(run / "others", {})) == 2
-    assert [flight.name for flight in runs.read_flights_of(others[0], {})] == ["others/monday.csv"]
-
-
 @pytest.mark.parametrize("name", ["nowhere", "notes.txt"])
 def test_what_is_not_there_or_in_no_manifest_is_refused(name: str, tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("hello")

@@ -83,9 +83,10 @@ def test_a_study_is_read_from_toml(tmp_path: Path) -> None:
         ('kind = "evil:Verb"', "evil:Verb"),
         ('kind = "transfer"\nsettings = { reality = ["virtual:7", "evil:f+10ms"] }', "evil:f+10ms"),
         ('kind = "transfer"\ngrid = { reality = ["evil:f"] }', "evil:f"),
+        ('kind = "transfer"\ngrid = { policies = ["evil:f"] }', "evil:f"),
         ('kind = "train"\nsettings = { drone = "crazyflie", task = "evil:t" }', "evil:t"),
     ],
-    ids=["verb", "reality", "grid", "task"],
+    ids=["verb", "reality", "grid", "policies", "task"],
 )
 def test_code_that_a_file_names_is_imported_with_trust_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, setting: str, code: str

@@ -38,8 +38,8 @@ def test_an_update_changes_the_network_and_nothing_else_of_a_policy(
         stacked([relative_box(drone)] * 2),
         jax.random.split(jax.random.key(5), 2),
     )
-    before = analytic_gradient.begin(world, settings, boxes, keys)
-    after = analytic_gradient.learn(world, settings, boxes, before, keys, 0, 1)
+    before = analytic_gradient.init(world, settings, boxes, keys)
+    after = analytic_gradient.update(world, settings, boxes, before, keys, 0, 1)
     policy = after.policy
     assert (policy.interface.name, policy.interface.rate, policy.spec.history) == (
         structure,
@@ -58,7 +58,7 @@ def test_an_update_changes_the_network_and_nothing_else_of_a_policy(
     ]
     for far, expected in [*moved, (np.abs(last).max(axis=(1, 2)), settings.learning_rate)]:
         assert ((far > 0.5 * expected) & (far < 1.6 * expected)).all(), far
-    again = analytic_gradient.learn(world, settings, boxes, before, keys, 0, 1)
+    again = analytic_gradient.update(world, settings, boxes, before, keys, 0, 1)
     for one, other in zip(jax.tree.leaves(after), jax.tree.leaves(again), strict=True):
         np.testing.assert_array_equal(one, other)
 
@@ -69,9 +69,7 @@ def test_an_untrained_policy_hovers_its_drones(thrust_to_weight: float) -> None:
     drone = replace(crazyflie(), thrust_to_weight=thrust_to_weight)
     world, boxes = Environment.matching(drone), stacked([relative_box(drone, 0.0)])
     settings = AnalyticGradient(num_envs=2, horizon=2)
-    learner = analytic_gradient.begin(
-        world, settings, boxes, jax.random.split(jax.random.key(5), 1)
-    )
+    learner = analytic_gradient.init(world, settings, boxes, jax.random.split(jax.random.key(5), 1))
     policy = jax.tree.map(lambda leaf: leaf[0], learner.policy)
     action = policy(policy.observation_mean)  # the network's input is zero
     np.testing.assert_allclose((action + 1) / 2, 1 / thrust_to_weight, rtol=1e-5)
@@ -210,7 +208,7 @@ def test_a_share_of_the_drones_starts_anew_after_each_update() -> None:
     world = Environment.matching(drone, spec=PolicySpec(hidden=(8,)))
     boxes = stacked([relative_box(drone)])
     settings = AnalyticGradient(num_envs=drones, horizon=2, reset_fraction=0.3)
-    learners = analytic_gradient.learn(
-        world, settings, boxes, analytic_gradient.begin(world, settings, boxes, keys), keys, 0, 1
+    learners = analytic_gradient.update(
+        world, settings, boxes, analytic_gradient.init(world, settings, boxes, keys), keys, 0, 1
     )
     assert 8 <= int(jnp.sum(learners.instances.env_state.elapsed == 0.0)) <= 30

@@ -70,10 +70,10 @@ def test_a_teacher_heeds_the_drone_and_hands_the_memory_on() -> None:
 def test_the_teacher_learns_first_then_the_policy_imitates_it_and_goes_on_alone() -> None:
     keys = jax.random.split(jax.random.key(5), 2)
     boxes = stacked([BOX, BOX])
-    begun = distillation.begin(WORLD, SETTINGS, boxes, keys)
+    begun = distillation.init(WORLD, SETTINGS, boxes, keys)
 
     def after(learners: object, first: int, end: int) -> distillation._Learner:
-        return distillation.learn(WORLD, SETTINGS, boxes, learners, keys, first, end)  # type: ignore[arg-type]
+        return distillation.update(WORLD, SETTINGS, boxes, learners, keys, first, end)  # type: ignore[arg-type]
 
     def same(one: object, other: object) -> bool:
         pairs = zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)

@@ -23,7 +23,7 @@ from maidenflight.training.evaluation import evaluate
 from maidenflight.training.ppo import surrogate
 from maidenflight.training.ppo_settings import PPO
 from maidenflight.training.settings import recorded
-from maidenflight.training.train import Progress, _begun, train
+from maidenflight.training.train import Progress, _init_once, train
 
 BOX = relative_box(replace(crazyflie(), motor_time_constant=0.04, latency=0.0), 0.10)
 TASK = tasks.circle()._replace(duration=0.6)
@@ -52,9 +52,9 @@ BOXES = stacked([BOX, BOX])
 
 
 def _learned(env: Environment, settings: PPO, *ends: int) -> Any:
-    learners, first = _begun(ppo.begin, env, settings, BOXES, KEYS), 0
+    learners, first = _init_once(ppo.init, env, settings, BOXES, KEYS), 0
     for end in ends:
-        learners, first = ppo.learn(env, settings, BOXES, learners, KEYS, first, end), end
+        learners, first = ppo.update(env, settings, BOXES, learners, KEYS, first, end), end
     return learners
 
 

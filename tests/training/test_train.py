@@ -228,7 +228,7 @@ def test_training_that_has_ended_is_extended_and_an_extension_is_resumed(tmp_pat
 
 def test_another_number_of_updates_or_another_weight_compiles_nothing_anew(trained: Any) -> None:
     def programs() -> int:
-        compiled: list[Any] = [analytic_gradient.begin, analytic_gradient.learn]
+        compiled: list[Any] = [analytic_gradient.init, analytic_gradient.update]
         return sum(function._cache_size() for function in compiled)
 
     before = programs()

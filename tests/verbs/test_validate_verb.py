@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from maidenflight.flights.checkup.result import PASSES, CheckResult
-from maidenflight.verbs import logs, validate
+from maidenflight.verbs import logs_output, validate
 
 
 def errors(**degrees: float) -> list[dict[str, Any]]:
@@ -43,5 +43,5 @@ def test_each_flights_own_trim_is_judged_apart_and_no_rival() -> None:
 def test_thrust_far_from_the_starts_is_noted(logged: float, notes: int) -> None:
     check = CheckResult("thrust to weight", PASSES, "hovering", logged, "above 1.02")
     flights: Any = SimpleNamespace(checks={"log": [check]})
-    assert len(logs.note_thrust(flights, "crazyflie", 1.72)) == notes
-    assert logs.note_thrust(SimpleNamespace(checks={}), "crazyflie", 1.72) == []  # type: ignore[arg-type]
+    assert len(logs_output.note_thrust(flights, "crazyflie", 1.72)) == notes
+    assert logs_output.note_thrust(SimpleNamespace(checks={}), "crazyflie", 1.72) == []  # type: ignore[arg-type]

@@ -5,14 +5,14 @@ import sys
 import click
 
 from maidenflight import __version__
-from maidenflight.cli import completion, interruption
+from maidenflight.cli import interruption
 from maidenflight.cli.command import Commands
 from maidenflight.errors import InputError
 
 _CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
 
-@click.group(cls=Commands, context_settings=_CONTEXT, params=[completion.option()])
+@click.group(cls=Commands, context_settings=_CONTEXT)
 @click.version_option(__version__, prog_name="maidenflight")
 def commands() -> None:
     """Takes flight logs to a neural network that flies the real drone on its first try.
@@ -22,14 +22,14 @@ def commands() -> None:
     """  # noqa: D301
 
 
-def main(grace_period: float | None = None) -> None:
+def main(*, in_own_process: bool = False) -> None:
     """Runs a command: exit code 2 and one line for a user's mistake, 130 when interrupted.
 
     Args:
-        grace_period: see `interruption.handle_sigint`.
+        in_own_process: see `interruption.handle_sigint`.
     """
     try:
-        with interruption.handle_sigint(grace_period):
+        with interruption.handle_sigint(in_own_process=in_own_process):
             commands(prog_name="maidenflight", standalone_mode=False)
     except InputError as error:
         print(f"maidenflight: {error}", file=sys.stderr)

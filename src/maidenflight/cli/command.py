@@ -134,9 +134,8 @@ def _parameter(name: str, setting: Setting, known: bool = False) -> click.Parame
         type=_Values(setting),
         required=required,
         multiple=values.repeats,
-        metavar=values.metavar if setting.bare is None else f"[{values.metavar}]",
+        metavar=values.metavar,
         help=f"{setting.help} [default: {words}]" if words else setting.help,
-        **({} if setting.bare is None else {"is_flag": False, "flag_value": setting.bare}),
     )
 
 

@@ -1,21 +1,19 @@
-"""Handling of Ctrl-C: none is lost, every one ends the process soon, and says how to resume.
+"""Handling of Ctrl-C: none is lost, every one ends the process, and says how to resume.
 
-The main thread raises KeyboardInterrupt as soon as it runs Python again, and unwinds. That may take
-long: a compilation of XLA takes many seconds, and a pool of threads waits for its own. In a process
-of a command another thread then ends it. An import is not unwound but ends the process too, since
-extension modules print, hide or crash over what is raised in their midst. Files are written whole
-or not at all, so no moment is wrong.
+The main thread raises KeyboardInterrupt as soon as it runs Python again, which a compilation of XLA
+delays by seconds. An import is not unwound but ends the process at once, since extension modules
+print, hide or crash over what is raised in their midst. Files are written whole or not at all, so
+no moment is wrong.
 """
 
 import _thread
 import os
 import shlex
 import signal
-import socket
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -26,8 +24,6 @@ if TYPE_CHECKING:
 
 CODE = 130
 """Exit code of an interrupted command: 128 and the number of SIGINT, as of a shell."""
-GRACE_PERIOD_S = 1.0
-"""Longest that the main thread of a process may take to unwind; a second Ctrl-C ends that [s]."""
 
 
 def plainly() -> str:
@@ -73,7 +69,7 @@ def _importing(frame: "FrameType | None") -> bool:
 
 
 @contextmanager
-def handle_sigint(patience: float | None = None) -> Iterator[None]:
+def handle_sigint(*, in_own_process: bool = False) -> Iterator[None]:
     """Holds on to a Ctrl-C that Python would lose.
 
     One that falls into a callback of the garbage collector, JAX's or another, is dropped there, and
@@ -81,8 +77,7 @@ def handle_sigint(patience: float | None = None) -> Iterator[None]:
     ImportError, and is taken for what it was.
 
     Args:
-        patience: of a process of a command: after this time a Ctrl-C that has come to nothing ends
-            it, and one in an import at once [s].
+        in_own_process: whether the process is the command's, which one in an import then ends.
     """
     global _line
     _line = plainly
@@ -99,13 +94,13 @@ def handle_sigint(patience: float | None = None) -> Iterator[None]:
     def handle_signal(number: int, frame: "FrameType | None") -> None:
         nonlocal interrupted
         interrupted = True
-        if patience is not None and _importing(frame):
+        if in_own_process and _importing(frame):
             _end()
         signal.default_int_handler(number, frame)
 
     sys.unraisablehook = dropped
     try:
-        with _handled(handle_signal, patience):
+        with _handled(handle_signal):
             yield
     except ImportError as error:
         if interrupted:
@@ -116,9 +111,7 @@ def handle_sigint(patience: float | None = None) -> Iterator[None]:
 
 
 @contextmanager
-def _handled(
-    handler: Callable[[int, "FrameType | None"], None], patience: float | None
-) -> Iterator[None]:
+def _handled(handler: Callable[[int, "FrameType | None"], None]) -> Iterator[None]:
     """Handles SIGINT by a function that raises, except where somebody else does."""
     if (
         signal.getsignal(signal.SIGINT) is not signal.default_int_handler
@@ -128,39 +121,9 @@ def _handled(
         return
     signal.signal(signal.SIGINT, handler)
     try:
-        with nullcontext() if patience is None else _watched(handler, patience):
-            yield
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-@contextmanager
-def _watched(handler: object, patience: float) -> Iterator[None]:
-    """Watches from another thread whether a SIGINT to a handler ends the command."""
-    ours, theirs = socket.socketpair()
-    theirs.setblocking(False)
-
-    def watch() -> None:
-        while sent := ours.recv(1):
-            # A real drone's session counts each Ctrl-C, and lands.
-            if sent[0] != signal.SIGINT or signal.getsignal(signal.SIGINT) is not handler:
-                continue
-            ours.settimeout(patience)
-            with suppress(TimeoutError):
-                if not ours.recv(1):
-                    return
-            _end()
-
-    watching = threading.Thread(target=watch, name="interruption", daemon=True)
-    watching.start()
-    before = signal.set_wakeup_fd(theirs.fileno(), warn_on_full_buffer=False)
-    try:
         yield
     finally:
-        signal.set_wakeup_fd(before)
-        theirs.close()
-        watching.join()
-        ours.close()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _written(file: Path) -> tuple[int, int] | None:

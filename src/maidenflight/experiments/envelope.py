@@ -245,11 +245,11 @@ def _grades_reached(
     """Returns the grade up to which each flight stays within the distance."""
     success = np.ones((len(keys), len(condition.grades)), bool)
     own, flights = reality.parameters, range(len(keys))
-    for place, grade in enumerate(condition.grades):
+    for index, grade in enumerate(condition.grades):
         drones = [condition.changed(own, grade, number) for number in flights]
         scenario = Scenario(task, DURATION_S, drones=drones, during=condition.during)
         simulated = fly_all(reality, pilot, scenario, keys, LOST)
-        success[:, place] = [_succeeds(flight) for flight in simulated]
+        success[:, index] = [_succeeds(flight) for flight in simulated]
     return [
         condition.grades[int(np.argmin([*row, False])) - 1] if row[0] else float("nan")
         for row in success

@@ -333,7 +333,7 @@ def describe_alike(
     names = summary["policy"].to_list()
     best = int(np.argmax(summary["mean"].to_numpy()))
     alike = [
-        name for place, name in enumerate(names) if place != best and against_best[place] > UNSURE
+        name for index, name in enumerate(names) if index != best and against_best[index] > UNSURE
     ]
     if not alike:
         return []

@@ -28,8 +28,8 @@ class Policies:
     files: tuple[PolicyFile, ...]
     foreign: tuple[ForeignPolicy, ...]
     """Policies by others."""
-    described: tuple[Path, ...]
-    """Files that describe policies by others."""
+    foreign_files: tuple[Path, ...]
+    """Of the policies by others that are files."""
 
     @property
     def own(self) -> list[Policy]:
@@ -54,7 +54,7 @@ class Policies:
     @property
     def inputs(self) -> list[Path]:
         """Returns the files that were read, for records."""
-        return [*self.paths, *self.described]
+        return [*self.paths, *self.foreign_files]
 
     @property
     def record(self) -> dict[str, Any]:
@@ -136,7 +136,7 @@ def read_policies(places: Sequence[StrPath], control: str | None = None) -> Poli
     """Reads policies.
 
     Args:
-        places: files and folders of policies, and policies by others.
+        places: files and folders of policies, and policies by others, see `foreign_policy`.
         control: what the authors' policies command; what their files' names say by default. Or
             `MODULE:NAME`, a control structure of your own that policies command.
 
@@ -154,7 +154,7 @@ def read_policies(places: Sequence[StrPath], control: str | None = None) -> Poli
         tuple(paths),
         tuple(policy_file.read_policy(path, control) for path in paths),
         tuple(others.values()),
-        tuple(Path(path) for path in others if Path(path).suffix in (".toml", ".zip")),
+        tuple(Path(path) for path in others if Path(path).is_file()),
     )
 
 

@@ -54,13 +54,13 @@ def of_flights(table: polars.DataFrame, flights: Sequence[Flight]) -> polars.Dat
         not until the change, are left out. No rows where there are none.
     """
     rows: list[dict[str, Any]] = []
-    for place, (row, flight) in enumerate(zip(table.iter_rows(named=True), flights, strict=True)):
+    for index, (row, flight) in enumerate(zip(table.iter_rows(named=True), flights, strict=True)):
         at, lasts = additions.jump_of(row["reality"]), row["end_reason"] == REACHED
         if at is None or (lasts and len(flight) <= round(at / flight.period)):
             continue
         (back,) = recovery(distance(flight)[None], 1 / flight.period, at)
         rows.append(
-            {"place": place, "policy": row["policy"], "reality": row["reality"], "at": at}
+            {"place": index, "policy": row["policy"], "reality": row["reality"], "at": at}
             | {"lasts": lasts, "recovery": float(back) if lasts else float("inf")}
         )
     return polars.DataFrame(rows, _COLUMNS)

@@ -169,7 +169,8 @@ def assumed(pwm: Float[np.ndarray, "N 4"], volts: Float[np.ndarray, "N"]) -> str
     """
     if not np.isfinite(volts).any():
         return UNKNOWN
-    at_motors = np.nanmean(pwm / MOST_COUNTS, axis=1) * volts
+    is_row = np.isfinite(pwm).any(axis=1)
+    at_motors = np.nanmean(pwm[is_row] / MOST_COUNTS, axis=1) * volts[is_row]
     flying = at_motors[np.isfinite(at_motors) & (at_motors > 0.5)]
     return BRUSHLESS if len(flying) and np.median(flying) < HOVER_VOLTS else PLUS
 

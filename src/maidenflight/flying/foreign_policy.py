@@ -9,8 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from maidenflight.errors import InputError
 from maidenflight.flying.pilots import ForeignPolicy
-from maidenflight.registry import POLICIES
+from maidenflight.registry import POLICIES, import_part
+from maidenflight.settings import is_code
 from maidenflight.simulator.tasks.tasks import Task
 
 
@@ -18,12 +20,13 @@ def foreign_policy(name: str | Path) -> ForeignPolicy | None:
     """Returns a policy of others by the words of a command line, or nothing if it is none.
 
     Args:
-        name: `NAME` or `NAME:MORE` with a name of `registry.POLICIES`, such as `raptor:500hz`, or a
-            file with an ending in it: a TOML file that describes a network in ONNX or of
-            Stable-Baselines3, or a file of the latter (`.zip`) that our environments trained.
+        name: `NAME` or `NAME:MORE` with a name of `registry.POLICIES`, such as `raptor:500hz`; a
+            file with an ending in it, such as one of Stable-Baselines3 (`.zip`) that our
+            environments trained; or `MODULE:NAME` of your own.
 
     Raises:
-        InputError: its package is not installed, or the file makes no sense.
+        InputError: its package is not installed, the file makes no sense, or what `MODULE:NAME`
+            names makes no `ForeignPolicy`.
     """
     path = Path(name)
     kind = str(name).partition(":")[0]
@@ -31,7 +34,27 @@ def foreign_policy(name: str | Path) -> ForeignPolicy | None:
         return POLICIES[kind](str(name))
     if path.suffix not in ("", ".json") and path.suffix in POLICIES:
         return POLICIES[path.suffix](name)
-    return None
+    return _imported(str(name)) if imports_code(str(name)) else None
+
+
+def imports_code(name: str) -> bool:
+    """Tests whether a policy's name is `MODULE:NAME`, which is imported."""
+    return is_code(name) and name.partition(":")[0] not in POLICIES and not Path(name).exists()
+
+
+def _imported(name: str) -> ForeignPolicy:
+    part = import_part(name, "policy")
+    policy = part() if callable(part) else part
+    if not isinstance(policy, ForeignPolicy):
+        lacking = [one for one in _MEMBERS if not hasattr(policy, one)]
+        raise InputError(
+            f"{name}: {str(policy)[:60]!r} is no policy; it lacks {', '.join(lacking)}. Expected "
+            "a class or function that makes a ForeignPolicy (docs/evaluation.md)."
+        )
+    return policy
+
+
+_MEMBERS = ("name", "rate", "command_rate", "begin")
 
 
 @cache

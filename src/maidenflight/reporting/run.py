@@ -179,21 +179,6 @@ def read_run(source: StrPath | None = None, options: FileOptions | None = None) 
     return run
 
 
-def read_flights_of(source: StrPath | None, options: FileOptions) -> Sequence[Flight]:
-    """Reads the flights of a run: test flights, else recorded ones.
-
-    Args:
-        source: see `find_files`; or a log or a folder of logs, of any known format.
-        options: see `find_files`.
-
-    Raises:
-        InputError: nothing is there, or a log cannot be used.
-    """
-    if source is not None and manifest.find_manifest(source) is None:
-        return read_flights(source, faulty="use").flights
-    return flights_to_show(read_run(source, options))
-
-
 def _kinds(
     logs: Mapping[str, bool],
     drone: DroneFile | None,

@@ -79,9 +79,9 @@ def sortable(
         for key, column in columns.items()
     }
     cells = []
-    for place, row in enumerate(rows.iter_rows(named=True)):
+    for index, row in enumerate(rows.iter_rows(named=True)):
         first, *others = (column.show(row.get(key), row) for key, column in formats.items())
-        cells.append([_button(first) if viewed and place in viewed else first, *others])
+        cells.append([_button(first) if viewed and index in viewed else first, *others])
     return render(
         "table.html",
         name=name,

@@ -21,7 +21,7 @@ from maidenflight.simulator.physics.actuators import Actuators
 from maidenflight.simulator.physics.battery import MOST_COUNTS, PLUS, Supply, ThrustLaw
 from maidenflight.simulator.physics.dynamics import Integrator, State
 from maidenflight.simulator.physics.sensors import Measurement
-from maidenflight.simulator.policy_spec import OBSERVATION_SIZE, PolicySpec
+from maidenflight.simulator.policy_spec import OBSERVATION_SIZE, PolicySpec, observe
 from maidenflight.simulator.tasks import tasks
 from maidenflight.simulator.tasks.tasks import Task
 
@@ -159,29 +159,6 @@ class EnvState(NamedTuple):
     def apparent_state(self) -> State:
         """The true state, but where the estimates say: of their drift nothing tells a drone."""
         return self.state._replace(position=self.state.position + self.drift[:3])
-
-
-def observe(
-    measurement: Measurement, setpoint: Float[Array, "3"], action: Float[Array, "4"]
-) -> Float[Array, "20"]:
-    """Returns one instant of an observation, in the order of `policy_spec.INSTANT`.
-
-    Source: Gronauer et al. 2022, sec. Simulation Environment; the order and the sign of the error
-    are those of the authors' code and firmware (the paper writes e = r - t).
-    """
-    error = setpoint - measurement.position
-    values = (
-        measurement.position,
-        measurement.quaternion,
-        measurement.velocity,
-        measurement.body_rates,
-    )
-    return jnp.concatenate([*values, error, action])
-
-
-def remember(history: Float[Array, "H 20"], instant: Float[Array, "20"]) -> Float[Array, "H 20"]:
-    """Returns the history with one more instant and without its oldest."""
-    return jnp.concatenate([history[1:], instant[None]])
 
 
 def observation(environment: Environment, env_state: EnvState) -> Float[Array, "20H+3K+M"]:

@@ -16,6 +16,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from maidenflight.errors import InputError
 from maidenflight.simulator import policy_form
+from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_form import PolicyForm
 from maidenflight.simulator.tasks import look_ahead
 from maidenflight.simulator.tasks.look_ahead import LookAhead
@@ -244,6 +245,29 @@ class PolicySpec:
                 f"{spec.form} has {', '.join(f'{name} = {getattr(spec, name)}' for name in wrong)}."
             )
         return spec
+
+
+def observe(
+    measurement: Measurement, setpoint: Float[Array, "3"], action: Float[Array, "4"]
+) -> Float[Array, "20"]:
+    """Returns one instant of an observation, in the order of `INSTANT`.
+
+    Source: Gronauer et al. 2022, sec. Simulation Environment; the order and the sign of the error
+    are those of the authors' code and firmware (the paper writes e = r - t).
+    """
+    error = setpoint - measurement.position
+    values = (
+        measurement.position,
+        measurement.quaternion,
+        measurement.velocity,
+        measurement.body_rates,
+    )
+    return jnp.concatenate([*values, error, action])
+
+
+def remember(history: Float[Array, "H 20"], instant: Float[Array, "20"]) -> Float[Array, "H 20"]:
+    """Returns the history with one more instant and without its oldest."""
+    return jnp.concatenate([history[1:], instant[None]])
 
 
 @partial(jax.jit, static_argnums=(0, 1))

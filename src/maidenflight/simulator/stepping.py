@@ -12,7 +12,7 @@ from jax import lax, tree
 from jaxtyping import Array, Bool, Float, Int
 
 from maidenflight.parameters import Parameters, replace
-from maidenflight.simulator.environment import Environment, EnvState, observe, remember
+from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.physics import (
     actuators,
     dynamics,
@@ -24,7 +24,7 @@ from maidenflight.simulator.physics import (
 )
 from maidenflight.simulator.physics.dynamics import Integrator, State
 from maidenflight.simulator.physics.latency import DelayLine
-from maidenflight.simulator.policy_spec import ACTION_SIZE
+from maidenflight.simulator.policy_spec import ACTION_SIZE, observe, remember
 from maidenflight.simulator.tasks import failures
 
 

@@ -32,6 +32,7 @@ from typing import Any
 
 from maidenflight import __version__, inputs, results
 from maidenflight.errors import InputError
+from maidenflight.flying.foreign_policy import imports_code as imports_policy
 from maidenflight.inputs import StrPath
 from maidenflight.settings import PENDING, REQUIRED, Setting, is_code, plain
 from maidenflight.simulator.realities.reality import imports_code
@@ -132,7 +133,7 @@ _CODE = ("task", "control", "randomize")
 
 
 def _code_in(content: Any, setting: str = "") -> Iterator[str]:
-    """Yields the names of Python code among the verbs and realities of a study's tables."""
+    """Yields the names of Python code among the settings of a study's tables."""
     if isinstance(content, dict):
         for name, value in content.items():
             yield from _code_in(value, name)
@@ -143,6 +144,7 @@ def _code_in(content: Any, setting: str = "") -> Iterator[str]:
         (setting in _CODE and is_code(content))
         or (setting == "kind" and ":" in content)
         or (setting == "reality" and imports_code(content))
+        or (setting == "policies" and imports_policy(content))
     ):
         yield content
 
@@ -350,10 +352,9 @@ def _digests(value: str, label: str, known: dict[str, list[str]]) -> list[str]:
             if os.path.isdir(part):
                 files += sorted(path for path in part.rglob("*") if path.is_file())
             elif os.path.isfile(part):
-                # A policy by others is described by one file and stored in another beside it.
-                neighbours = part.parent.iterdir() if part.suffix == ".toml" else ()
                 files.append(part)
-                files += sorted(one for one in neighbours if one.suffix in (".onnx", ".zip"))
+                # A policy of Stable-Baselines3, and the scaling of its observations beside it.
+                files += sorted(part.parent.glob("*.pkl")) if part.suffix == ".zip" else ()
             elif part.suffix in (".toml", ".json", ".csv"):
                 raise InputError(f"{label} = {value!r}: no file {part} in the study's folder.")
         known[value] = [f"{path.name} {results.digest(path)}" for path in files]

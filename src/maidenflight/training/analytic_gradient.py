@@ -161,9 +161,7 @@ SHARDING = Learner(REPLICATED, REPLICATED, SHARDED)  # type: ignore[arg-type]
 
 
 @partial(jax.jit, static_argnums=0)
-def begin(
-    env: Environment, settings: AnalyticGradient, boxes: Distribution, keys: Array
-) -> Learner:
+def init(env: Environment, settings: AnalyticGradient, boxes: Distribution, keys: Array) -> Learner:
     """Returns untrained learners, one per key and distribution of drones, all stacked."""
     return begun(partial(init_learner, env, settings), SHARDING, settings.num_envs, boxes, keys)
 
@@ -257,7 +255,7 @@ def unless_lost(
     return tree.map(lambda old, new: jnp.where(lost, old, new), before, after), lost
 
 
-def update(
+def take_step(
     env: Environment,
     settings: AnalyticGradient,
     box: Distribution,
@@ -265,7 +263,7 @@ def update(
     learner: Learner,
     key: Array,
 ) -> Learner:
-    """Returns one gradient step of one policy.
+    """Returns a learner after one gradient step of one policy.
 
     Each device simulates its environments; gradients are averaged over devices.
 
@@ -366,8 +364,8 @@ def _fly_segment(
     _: Array,
 ) -> Learner:
     """One gradient step along what flights cost."""
-    return update(env, settings, box, partial(segment, env, settings), learner, key)
+    return take_step(env, settings, box, partial(segment, env, settings), learner, key)
 
 
-learn = learning(_fly_segment, SHARDING)
+update = learning(_fly_segment, SHARDING)
 """Stacked learners after updates `first` to `end` - 1; see `learning`."""

@@ -148,7 +148,7 @@ SHARDING = _Learner(**_PARTS)  # type: ignore[arg-type]
 
 
 @partial(jax.jit, static_argnums=0)
-def begin(env: Environment, settings: Distillation, boxes: Distribution, keys: Array) -> _Learner:
+def init(env: Environment, settings: Distillation, boxes: Distribution, keys: Array) -> _Learner:
     """Returns untrained learners with teachers, one per key and distribution of drones."""
 
     def one(box: Distribution, key: Array) -> _Learner:
@@ -226,7 +226,7 @@ def _update(
             hidden_learning_rate=rates * settings.hidden_learning_rate,
         )
         before = Learner(getattr(learner, learned), getattr(learner, optimiser), learner.instances)
-        after = analytic_gradient.update(env, third, box, segment, before, key)
+        after = analytic_gradient.take_step(env, third, box, segment, before, key)
         changed = {learned: after.policy, optimiser: after.optimiser, "instances": after.instances}
         return learner._replace(**changed)
 
@@ -249,5 +249,5 @@ def _update(
     return lax.switch(phase, [teach, imitate, alone])
 
 
-learn = learning(_update, SHARDING)
+update = learning(_update, SHARDING)
 """Stacked learners after updates `first` to `end` - 1; see `learning`."""

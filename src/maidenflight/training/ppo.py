@@ -73,7 +73,7 @@ class _Period(NamedTuple):
 
 
 @partial(jax.jit, static_argnums=0)
-def begin(env: Environment, settings: PPO, boxes: Distribution, keys: Array) -> _Learner:
+def init(env: Environment, settings: PPO, boxes: Distribution, keys: Array) -> _Learner:
     """Returns untrained learners, one per key and distribution of drones, all stacked."""
 
     def one(box: Distribution, key: Array) -> _Learner:
@@ -346,5 +346,5 @@ def _normalizing(policy: Policy, moments: Moments) -> Policy:
     )
 
 
-learn = learning(_update, SHARDING)
+update = learning(_update, SHARDING)
 """Stacked learners after updates `first` to `end` - 1; see `learning`."""

@@ -1,6 +1,6 @@
 """Training policies: one loop for all methods, with evaluation, the best policy and checkpoints.
 
-A method is two functions, `begin` and `learn`, and the frozen dataclass of its settings. The random
+A method is two functions, `init` and `update`, and the frozen dataclass of its settings. The random
 numbers of an update depend on its number alone, so that neither the number of evaluations nor an
 interruption changes the result.
 """
@@ -47,10 +47,10 @@ class Method(NamedTuple):
     Stacked means with a leading axis of P.
     """
 
-    begin: Wrapped
+    init: Wrapped
     """(environment, settings, P stacked distributions of drones, P keys) to P stacked learners,
     each with a field `policy`."""
-    learn: Wrapped
+    update: Wrapped
     """(environment, settings, distributions, learners, P keys, first, end) to the learners after
     updates `first` to `end` - 1."""
     sharding: Any
@@ -59,10 +59,10 @@ class Method(NamedTuple):
 
 METHODS: dict[type, Method] = {
     AnalyticGradient: Method(
-        analytic_gradient.begin, analytic_gradient.learn, analytic_gradient.SHARDING
+        analytic_gradient.init, analytic_gradient.update, analytic_gradient.SHARDING
     ),
-    Distillation: Method(distillation.begin, distillation.learn, distillation.SHARDING),
-    PPO: Method(ppo.begin, ppo.learn, ppo.SHARDING),
+    Distillation: Method(distillation.init, distillation.update, distillation.SHARDING),
+    PPO: Method(ppo.init, ppo.update, ppo.SHARDING),
 }
 """Methods by the class of their settings."""
 
@@ -163,7 +163,7 @@ def train(
     )
     for number in to_score:
         first = ends[number - 1] if number else 0
-        learners = method.learn(env, settings, drones, state.learners, keys, first, ends[number])
+        learners = method.update(env, settings, drones, state.learners, keys, first, ends[number])
         if compilation is not None:
             compilation.join()
         scores = evaluate_together(env, settings.num_envs, learners.policy, starts)
@@ -199,8 +199,8 @@ def _begin(
 
     def start(stages: tuple[int, ...]) -> _State:
         # Of a checkpoint, which has stages, only shapes count.
-        begin = method.begin if stages else partial(_begun, method.begin)
-        learners = begin(env, settings, drones, keys)
+        init = method.init if stages else partial(_init_once, method.init)
+        learners = init(env, settings, drones, keys)
         if spec.initial is not None:
             copies = [spec.initial] * len(keys)
             learners = learners._replace(policy=tree.map(lambda *same: np.stack(same), *copies))
@@ -214,9 +214,9 @@ def _begin(
         earlier = None if checkpoint is None or checkpoint.restart else checkpoint.path
         if earlier is None or not os.path.lexists(earlier):
             # Meanwhile XLA compiles what makes learners and starts, which takes as long.
-            shapes = jax.eval_shape(partial(method.begin, env), settings, drones, keys)
+            shapes = jax.eval_shape(partial(method.init, env), settings, drones, keys)
             shapes = placed(shapes, method.sharding, settings.num_envs)
-            executor.submit(method.learn.trace, env, settings, drones, shapes, keys, 0, 1)
+            executor.submit(method.update.trace, env, settings, drones, shapes, keys, 0, 1)
         state, stages = (
             (start(()), ())
             if earlier is None
@@ -228,11 +228,11 @@ def _begin(
 
 
 @partial(jax.jit, static_argnums=(0, 1), compiler_options=compiler.once())
-def _begun(
-    begin: Wrapped, env: Environment, settings: Settings, drones: Distribution, keys: Array
+def _init_once(
+    init: Wrapped, env: Environment, settings: Settings, drones: Distribution, keys: Array
 ) -> Any:
     """What a method begins with; JAX takes options of the compiler for an outermost `jit` alone."""
-    return begin(env, settings, drones, keys)
+    return init(env, settings, drones, keys)
 
 
 def _advanced(state: _State, learners: Any, scores: Evaluation) -> _State:

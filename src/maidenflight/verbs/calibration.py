@@ -2,14 +2,20 @@
 
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from maidenflight import results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.terminal import Table
 from maidenflight.verb import Progress, Result, Row, Verb
-from maidenflight.verbs import core, shared
+from maidenflight.verbs import shared
 from maidenflight.verbs.identify import Identify
+
+if TYPE_CHECKING:
+    from maidenflight.flights.reading import Flights
+    from maidenflight.identification.drone_file import DroneFile
+    from maidenflight.identification.outcome.estimates import Identification
+    from maidenflight.identification.outcome.progress import Progress as Stage
 
 BUDGET_S = 280.0
 """Time after which no drone is begun any more, if it would end later [s]."""
@@ -18,13 +24,16 @@ _MOST_LOST = 5
 """Drones, none of which stays on the paths, after which no other is tried."""
 
 
-def identification_of(drone: Path, logs: Path) -> tuple["core.DroneFile", Identify]:
+def identification_of(drone: Path, logs: Path) -> tuple["DroneFile", Identify]:
     """Returns a drone file, and the identification that its record describes, of other logs.
 
     Raises:
         InputError: it was not identified by likelihood, or by what is not there any more.
     """
-    file = core.drone_file.read(drone)
+    from maidenflight import parameters
+    from maidenflight.identification import drone_file
+
+    file = drone_file.read(drone)
     settings = file.record.get("settings", {})
     if not isinstance(settings, dict) or settings.get("objective") != "likelihood":
         raise InputError(
@@ -35,12 +44,12 @@ def identification_of(drone: Path, logs: Path) -> tuple["core.DroneFile", Identi
     # Of what the flights chose, the record lists the result.
     known["over"] = "auto" if file.gains else settings.get("over")
     start = str(known.get("start", "crazyflie"))
-    if start not in core.parameters.DRONES:
+    if start not in parameters.DRONES:
         known["start"] = _find_start(drone, file, start)
     return file, Identify(**(known | {"logs": logs, "seed": file.record.get("seed", 0)}))
 
 
-def _find_start(drone: Path, file: "core.DroneFile", name: str) -> str:
+def _find_start(drone: Path, file: "DroneFile", name: str) -> str:
     """Returns the file from which an identification began, beside its result or here."""
     digests = results.recorded_inputs(file.record, str(drone))
     for place in (drone.parent / name, Path(name)):
@@ -97,21 +106,28 @@ def calibrate(
     Raises:
         InputError: see `identification_of`, or no drone stays on the paths.
     """
+    from polars import DataFrame
+
+    from maidenflight.identification.calibration import draw_calibrations
+    from maidenflight.identification.calibration import summarize as summarize_calibration
+    from maidenflight.identification.outcome.progress import Overall
+    from maidenflight.verbs import logs_output
+
     clock, rows = _Clock(draws), list[Row]()
     file, identify = identification_of(Path(drone), logs)
-    flights = identify.read(core.logs.count_files(progress))
+    flights = identify.read(logs_output.count_files(progress))
 
-    def again(logs: Any, key: Any) -> "core.Identification":
-        overall = core.Overall()
+    def again(logs: Any, key: Any) -> "Identification":
+        overall = Overall()
 
-        def move(now: "core.Stage") -> None:
+        def move(now: "Stage") -> None:
             remark = f"drone {clock.done + 1}, {overall.reach(now)[1]}"
             progress.move(int(_BAR_STEPS * clock.share), _BAR_STEPS, remark)
 
         return identify.identify(logs, key, move)
 
     progress.move(0, _BAR_STEPS, "compiling, and flying the first drone")
-    for drawn in core.draw_calibrations(flights.flights, file, again, verb.key):
+    for drawn in draw_calibrations(flights.flights, file, again, verb.key):
         rows += [{"draw": clock.done, **row} for row in drawn]
         if clock.count(is_lost=not drawn):
             break
@@ -120,11 +136,11 @@ def calibrate(
             f"{drone}: none of {clock.done} drones of its posterior stays on the paths of "
             "these logs in simulation. Identify it from more flights."
         )
-    table = core.DataFrame(rows, infer_schema_length=None)
+    table = DataFrame(rows, infer_schema_length=None)
     own, notes = shared.own_files(drone), _notes(file, flights, clock)
     record = verb.make_record([*own, *flights.paths], draws=clock.done)
     run_folder.CALIBRATION.write(output, table, record)
-    summary = core.summarize_calibration(table)
+    summary = summarize_calibration(table)
     return Result(
         content={"draws": clock.done, "lost": clock.lost, "parameters": summary}
         | {"notes": notes, "output": str(output)},
@@ -139,7 +155,7 @@ def calibrate(
     )
 
 
-def _notes(file: "core.DroneFile", flights: "core.Flights", clock: _Clock) -> list[str]:
+def _notes(file: "DroneFile", flights: "Flights", clock: _Clock) -> list[str]:
     """Returns in what the drones or logs are not those of the file."""
     digests = results.recorded_inputs(file.record, file.name)
     notes = []
@@ -157,6 +173,8 @@ def _notes(file: "core.DroneFile", flights: "core.Flights", clock: _Clock) -> li
 
 def _summarize(summary: list[Row], draws: int) -> list[Table | str]:
     """Returns the table of parameters, and in words which intervals are too narrow."""
+    from maidenflight.identification.calibration import uniform_band
+
     rows = []
     for one in summary:
         width = one["width_ratio"]
@@ -166,7 +184,7 @@ def _summarize(summary: list[Row], draws: int) -> list[Table | str]:
             | {"ranks": " ".join(f"{count:d}" for count in one["ranks"])}
             | {"verdict": _verdict(one)}
         )
-    low, high = core.uniform_band(draws)
+    low, high = uniform_band(draws)
     columns = {"parameter": "{name}", "truth in the\n95 % interval": "{held}"}
     columns |= {"width over\nthe file's": "{width}", "ranks": "{ranks}", "": "{verdict}"}
     narrow = [one["parameter"] for one in summary if not one["enough"]]

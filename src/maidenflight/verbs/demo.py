@@ -5,19 +5,22 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Thread
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from maidenflight import manifest, run_folder
 from maidenflight.inputs import StrPath
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Verb
-from maidenflight.verbs import core, shared
+from maidenflight.verbs import shared
 from maidenflight.verbs.export import Export
 from maidenflight.verbs.identify import Identify
 from maidenflight.verbs.record import Record
 from maidenflight.verbs.report import Report
 from maidenflight.verbs.train import Train
 from maidenflight.verbs.transfer import Transfer, tabulate_flights
+
+if TYPE_CHECKING:
+    from polars import DataFrame
 
 DRONE = "crazyflie"
 """Named drone that training is compiled with."""
@@ -63,6 +66,9 @@ class Demo(Verb):
         Identification and training see only the recorded flights; the truth is read again only for
         the summary.
         """
+        from maidenflight.identification.truth import read_truth
+        from maidenflight.verbs import estimates_output
+
         reality = f"virtual:{self.seed}"
         Thread(target=_compile_ahead, args=(stages, reality), daemon=True).start()
         seconds: dict[str, float] = {}
@@ -101,7 +107,7 @@ class Demo(Verb):
         run(Report(runs=(output,)), run_folder.REPORT, "one page to look at")
         identified, flown = stage_results["identify"].value, stage_results["transfer"]
         times = ", ".join(f"{name} {spent:.0f} s" for name, spent in seconds.items())
-        truth = core.read_truth(output / recorded / run_folder.REALITY, identified.estimates)
+        truth = read_truth(output / recorded / run_folder.REALITY, identified.estimates)
         return Result(
             content={
                 "parameters": {
@@ -117,8 +123,8 @@ class Demo(Verb):
                 "simulated": True,
             },
             summary=[
-                *core.estimates_output.tabulate_estimates(identified, truth),
-                *core.estimates_output.summarize(identified),
+                *estimates_output.tabulate_estimates(identified, truth),
+                *estimates_output.summarize(identified),
                 *_summarize_flights(flown.value.table),
                 f"wall time: {times}",
                 *_list_files(output, best),
@@ -145,21 +151,28 @@ class _Stage(Progress):
 
 def _compile_ahead(stages: Stages, reality: str) -> None:
     """Compiles training, by an update for any drone, and flights, while others are recorded."""
-    train, transfer = stages.train, stages.transfer
-    controller, learner = core.control.pwm(), train.learner_settings
-    policies = core.train(
-        core.find_task("circle"),
+    from jax.random import split as split_key
+
+    from maidenflight.experiments import drones
+    from maidenflight.experiments.transfer import transfer
+    from maidenflight.simulator.controllers import control
+    from maidenflight.simulator.tasks.tasks import find_task
+    from maidenflight.training.train import train
+
+    controller, learner = control.pwm(), stages.train.learner_settings
+    policies = train(
+        find_task("circle"),
         controller,
-        core.drones.distribution_of(DRONE, train.randomize or 0.0, controller),
-        core.split_key(train.key, train.policies),
+        drones.distribution_of(DRONE, stages.train.randomize or 0.0, controller),
+        split_key(stages.train.key, stages.train.policies),
         dataclasses.replace(learner, updates=1, evaluations=1),  # type: ignore[call-arg]
-        policy=train.spec,
+        policy=stages.train.spec,
     )
-    drone = core.drones.find_reality(reality, transfer.accept_bounds)
-    core.transfer(policies, drone, transfer.trials, duration=transfer.duration)
+    drone = drones.find_reality(reality, stages.transfer.accept_bounds)
+    transfer(policies, drone, stages.transfer.trials, duration=stages.transfer.duration)
 
 
-def _summarize_flights(table: "core.DataFrame") -> list[Table | str]:
+def _summarize_flights(table: "DataFrame") -> list[Table | str]:
     """Returns the zero-shot flights, each and all."""
     reached = table.filter(table["end_reason"] == "time limit").height
     error = float(table["position_error"].to_numpy().mean())

@@ -7,7 +7,7 @@ from maidenflight import results
 from maidenflight.settings import flag, setting
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Verb
-from maidenflight.verbs import core, shared
+from maidenflight.verbs import shared
 
 
 class Drone(Verb):
@@ -27,10 +27,12 @@ class Drone(Verb):
 
     def compute(self, output: Path | None, progress: Progress) -> Result:
         """Reads and checks the drone; writes it where there is an output."""
+        from maidenflight import parameters
+
         if self.list_names:
             return _list()
         kilograms = None if self.mass is None else self.mass / 1e3
-        parameters, is_named = core.parameters, self.drone in core.parameters.DRONES
+        is_named = self.drone in parameters.DRONES
         read, name = parameters.read_drone(self.drone, kilograms), parameters.name_of(self.drone)
         sources = parameters.sources(self.drone, kilograms) if is_named else {}
         content: dict[str, Any] = {
@@ -53,13 +55,15 @@ class Drone(Verb):
 
 
 def _list() -> Result:
+    from maidenflight import parameters
+
     drones = [
         {
             "name": name,
             "mass": None if one.frameless else round(float(one.make().mass), 6),
             "summary": one.summary,
         }
-        for name, one in core.parameters.DRONES.items()
+        for name, one in parameters.DRONES.items()
     ]
     columns = {"name": "{name}", "what": "{summary}", "mass": "{mass:.4g g}"}
     return Result(

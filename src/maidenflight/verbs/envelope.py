@@ -8,7 +8,7 @@ from maidenflight.errors import InputError
 from maidenflight.settings import choice, flag, plain, setting, several, whole
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row
-from maidenflight.verbs import core, shared
+from maidenflight.verbs import shared
 from maidenflight.verbs.in_realities import InRealities
 
 if TYPE_CHECKING:
@@ -49,30 +49,35 @@ class Envelope(InRealities):
         """Flies; writes `envelope.csv`, whole again after each axis, and a picture."""
         import polars
 
+        from maidenflight.experiments import envelope
+        from maidenflight.reporting.figures.envelope import envelope as envelope_figure
+        from maidenflight.reporting.figures.picture import svg
+        from maidenflight.simulator.tasks.tasks import find_task
+
         fleet, (task, notes) = self.fleet, self.fleet.choose_task(self.chosen_task)
-        record = plain(self.make_flight_record(task, within=core.envelope.WITHIN_M))
+        record = plain(self.make_flight_record(task, within=envelope.WITHIN_M))
         path = output / run_folder.ENVELOPE.name
         parts = _read_parts(path, record) if self.resume else {}
-        axes = dict.fromkeys(self.along or core.envelope.choose_axes(task))
+        axes = dict.fromkeys(self.along or envelope.choose_axes(task))
         plan = [(place, axis) for place in self.realities for axis in axes]
         for number, (place, axis) in enumerate(plan):
             if (place.name, axis) in parts:
                 continue
             progress.move(number, len(plan), f"{axis} in {place.name}")
-            parts[place.name, axis] = core.envelope.envelope(
+            parts[place.name, axis] = envelope.envelope(
                 fleet.every,
                 place,
                 axis,
                 flights=self.flights,
                 key=self.key,
-                task=core.find_task(task),
+                task=find_task(task),
                 names=fleet.names,
             )
             run_folder.ENVELOPE.write(path, polars.concat(parts.values()), record)
         all_rows = polars.concat(parts[place.name, axis] for place, axis in plan)
         run_folder.ENVELOPE.write(path, all_rows, record)
-        summary = core.envelope.summary(all_rows)
-        picture = results.write(path.with_suffix(".svg"), core.svg(core.envelope_figure(summary)))
+        summary = envelope.summary(all_rows)
+        picture = results.write(path.with_suffix(".svg"), svg(envelope_figure(summary)))
         rows = summary.to_dicts()
         return self.conclude(
             {"envelope": rows},

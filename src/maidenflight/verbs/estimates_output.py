@@ -9,7 +9,7 @@ from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.parameters import COMPONENTS, GEOMETRY, QUANTITIES, arm_length
 from maidenflight.reporting.text import with_error
 from maidenflight.terminal import Table
-from maidenflight.verbs.logs import scale_of
+from maidenflight.verbs.logs_output import scale_of
 
 _MAIN = ("thrust_to_weight", "motor_time_constant", "latency")
 """The parameters of the paper."""

@@ -2,7 +2,7 @@
 
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from maidenflight import manifest, names, run_folder
 from maidenflight.deployment import choose_folder, export, keywords_of
@@ -11,7 +11,10 @@ from maidenflight.inputs import StrPath
 from maidenflight.registry import EXPORTERS
 from maidenflight.settings import REQUIRED, choice, name_of, path, setting
 from maidenflight.verb import Output, Progress, Result, Verb
-from maidenflight.verbs import core, shared
+from maidenflight.verbs import shared
+
+if TYPE_CHECKING:
+    from maidenflight.policy_file import PolicyFile
 
 
 class Export(Verb):
@@ -56,9 +59,11 @@ class Export(Verb):
                 f"--propellers: --to {self.to} does not depend on the propellers; leave it out."
             )
 
-    def _propellers(self, file: "core.PolicyFile") -> str:
+    def _propellers(self, file: "PolicyFile") -> str:
         """Those given, else those of the policy's drone; empty where neither says."""
-        own = core.identity.propellers_of(file.identity)
+        from maidenflight.identification import identity
+
+        own = identity.propellers_of(file.identity)
         if self.propellers is not None and own not in ("", self.propellers):
             raise InputError(
                 f"--propellers {self.propellers}: {self.policy} was trained for a drone identified "
@@ -73,12 +78,16 @@ class Export(Verb):
             InputError: the file is no policy, or one of ours of another structure; or what is
                 written cannot hold it, or not fly the frame that it was trained for.
         """
-        file = core.policy_file.read_policy(self.policy, self.control)
+        from maidenflight import parameters, policy_file
+        from maidenflight.deployment.check import check_frame
+        from maidenflight.parameters import crazyflie
+
+        file = policy_file.read_policy(self.policy, self.control)
         interface, rotors = file.interface, file.rotors
         if rotors is not None:
-            drone = core.parameters.replace(core.crazyflie(), **rotors)
-            drone = core.parameters.check(drone, str(self.policy))
-            core.check_frame(self.to, interface, drone)
+            drone = parameters.replace(crazyflie(), **rotors)
+            drone = parameters.check(drone, str(self.policy))
+            check_frame(self.to, interface, drone)
         record = self.make_record([self.policy], policy=None, control=interface.name, rotors=rotors)
         if "seed" not in keywords_of(self.to):
             record.pop("seed")

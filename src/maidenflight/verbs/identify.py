@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Callable, Iterable
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from maidenflight import results, run_folder
 from maidenflight.errors import InputError
@@ -20,7 +20,15 @@ from maidenflight.settings import (
 )
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Verb
-from maidenflight.verbs import core, shared
+from maidenflight.verbs import shared
+
+if TYPE_CHECKING:
+    from maidenflight.flights.log import Flight
+    from maidenflight.flights.reading import Flights
+    from maidenflight.identification.drone_file import DroneFile
+    from maidenflight.identification.methods import Likelihood, Replay
+    from maidenflight.identification.outcome.estimates import Identification
+    from maidenflight.identification.outcome.progress import Progress as Stage
 
 _PAIR = listed(number(-1e9, 1e9), "LOWER,UPPER", "LOWER,UPPER", count=2)
 _BAR_STEPS = 1000
@@ -115,18 +123,29 @@ class Identify(Verb):
 
     def check(self) -> None:
         """Refuses a start that is no drone, and unknown parameters."""
+        from maidenflight import parameters
+
         over = [] if isinstance(self.over, str) else self.over or []
-        core.parameters.check_names([*over, *self.bounds])
+        parameters.check_names([*over, *self.bounds])
         _ = self.first
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Identifies; writes the drone, every evaluation and a picture."""
-        settings, overall = self._objective(), core.Overall()
+        from maidenflight.identification.outcome.progress import Overall
+        from maidenflight.identification.outcome.progress import Progress as Stage
+        from maidenflight.identification.start import note_mass, note_start_at_bounds
+        from maidenflight.reporting.figures.identification import (
+            identification as identification_figure,
+        )
+        from maidenflight.reporting.figures.picture import svg
+        from maidenflight.verbs import estimates_output, logs_output
+
+        settings, overall = self._objective(), Overall()
 
         def show(share: float, remark: str) -> None:
             progress.move(int(_BAR_STEPS * share), _BAR_STEPS, remark)
 
-        def on_progress(now: core.Stage) -> None:
+        def on_progress(now: Stage) -> None:
             show(*overall.reach(now))
             if now.unidentifiable:
                 left_out = ", ".join(now.unidentifiable)
@@ -142,23 +161,23 @@ class Identify(Verb):
         record = self.make_record(inputs, over=over, **dataclasses.asdict(settings))
         start = float(self.first.parameters.thrust_to_weight)
         notes = [
-            *core.note_mass(self.start, self.mass, flights),
-            *core.logs.note_thrust(flights, self.start, start),
-            *core.note_start_at_bounds(self.first, identification.estimates),
+            *note_mass(self.start, self.mass, flights),
+            *logs_output.note_thrust(flights, self.start, start),
+            *note_start_at_bounds(self.first, identification.estimates),
         ]
         identification = dataclasses.replace(identification, notes=(*identification.notes, *notes))
         identification.write(output, record)
         _, evaluations, picture = self.places(output)
         run_folder.EVALUATIONS.write(evaluations, identification.search)
-        figure = core.identification_figure(identification, self.first.parameters)
-        results.write(picture, core.svg(figure))
+        figure = identification_figure(identification, self.first.parameters)
+        results.write(picture, svg(figure))
         return Result(
             content=_to_content(flights, identification)
             | {"output": str(output), "picture": str(picture)},
             summary=[
                 *(self._describe(flights, identification) if self.verbose else []),
-                *core.estimates_output.tabulate_estimates(identification),
-                *core.estimates_output.summarize(identification),
+                *estimates_output.tabulate_estimates(identification),
+                *estimates_output.summarize(identification),
             ],
             written={"drone": [output], "evaluations": [evaluations], "picture": [picture]},
             read={"logs": flights.paths},
@@ -179,22 +198,26 @@ class Identify(Verb):
         )
 
     @cached_property
-    def first(self) -> "core.DroneFile":
+    def first(self) -> "DroneFile":
         """Returns the drone to begin with."""
-        return core.read_start(self.start, self.mass)
+        from maidenflight.identification.start import read_start
+
+        return read_start(self.start, self.mass)
 
     def read(
         self,
         on_file: Callable[[int, int], None],
-        on_flight: "Callable[[core.Flight], None] | None" = None,
-    ) -> "core.Flights":
+        on_flight: "Callable[[Flight], None] | None" = None,
+    ) -> "Flights":
         """Reads the logs.
 
         Args:
             on_file: called with (files read, files found).
             on_flight: called with each flight.
         """
-        return core.read_flights(
+        from maidenflight.flights.reading import read_flights
+
+        return read_flights(
             *(self.logs, on_file, self.most_seconds, self.lead_in, on_flight),
             commands=self.commands,
             battery_law=self.battery_law,
@@ -205,10 +228,10 @@ class Identify(Verb):
 
     def identify(
         self,
-        flights: Iterable["core.Flight"],
+        flights: Iterable["Flight"],
         key: Any,
-        on_progress: "Callable[[core.Stage], None]",
-    ) -> "core.Identification":
+        on_progress: "Callable[[Stage], None]",
+    ) -> "Identification":
         """Identifies the drone from flights.
 
         Args:
@@ -216,7 +239,9 @@ class Identify(Verb):
             key: random key.
             on_progress: called with the stage and how far it is.
         """
-        return core.identify(
+        from maidenflight.identification.identify import identify
+
+        return identify(
             flights,
             self._objective(),
             start=self.first.parameters,
@@ -226,35 +251,43 @@ class Identify(Verb):
             on_progress=on_progress,
         )
 
-    def _compile_early(self, flight: "core.Flight") -> None:
+    def _compile_early(self, flight: "Flight") -> None:
         """Has the programs for a flight compiled while others are read."""
+        from maidenflight.identification.likelihood.compiling import start_compiling
+
         if flight.has_state and self.objective == "likelihood":
-            core.start_compiling(flight, self.lead_in)
+            start_compiling(flight, self.lead_in)
 
     def _describe(
-        self, flights: "core.Flights", identification: "core.Identification"
+        self, flights: "Flights", identification: "Identification"
     ) -> "list[Table | str]":
+        from maidenflight.verbs import estimates_output, logs_output
+
         return [
-            *core.logs.describe_flights(flights, f"; {identification.windows} windows of rows"),
-            *core.estimates_output.tabulate_gains(identification),
-            *core.estimates_output.describe_delays(identification),
-            *core.estimates_output.describe_fit(identification, self.start),
-            *core.estimates_output.describe_advice(identification),
+            *logs_output.describe_flights(flights, f"; {identification.windows} windows of rows"),
+            *estimates_output.tabulate_gains(identification),
+            *estimates_output.describe_delays(identification),
+            *estimates_output.describe_fit(identification, self.start),
+            *estimates_output.describe_advice(identification),
         ]
 
-    def _objective(self) -> "core.Likelihood | core.Replay":
+    def _objective(self) -> "Likelihood | Replay":
+        from maidenflight.identification.methods import Likelihood, Replay
+
         common: dict[str, Any] = {
             "lead_in": self.lead_in,
             "evaluations": self.evaluations,
             "trials": self.trials,
         }
         if self.objective == "likelihood":
-            return core.Likelihood(**common)
+            return Likelihood(**common)
         own: dict[str, Any] = {"method": self.method, "length": self.length}
-        return core.Replay(**common, **{name: own[name] for name in own if own[name] is not None})
+        return Replay(**common, **{name: own[name] for name in own if own[name] is not None})
 
 
-def _to_content(flights: "core.Flights", identification: "core.Identification") -> dict[str, Any]:
+def _to_content(flights: "Flights", identification: "Identification") -> dict[str, Any]:
+    from maidenflight.verbs import logs_output
+
     estimate = ("value", "interval", "trial_mean", "trial_sd", "between_sd", "valley")
     return {
         "parameters": {
@@ -272,6 +305,6 @@ def _to_content(flights: "core.Flights", identification: "core.Identification") 
         "windows": identification.windows,
         "evaluations": identification.evaluations,
         "seconds": round(identification.seconds, 3),
-        "flights": core.logs.to_content(flights),
+        "flights": logs_output.to_content(flights),
         "notes": identification.notes,
     }

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from maidenflight import names
 from maidenflight.errors import InputError
@@ -11,7 +11,14 @@ from maidenflight.registry import EXPORTERS
 from maidenflight.settings import choice, or_code, path, setting
 from maidenflight.terminal import Table
 from maidenflight.verb import Result, Verb
-from maidenflight.verbs import core, shared
+from maidenflight.verbs import shared
+
+if TYPE_CHECKING:
+    from polars import DataFrame
+
+    from maidenflight.experiments.policies import Policies
+    from maidenflight.policy import Policy
+    from maidenflight.simulator.realities.reality import AnyReality
 
 
 class FliesPolicies(Verb):
@@ -40,10 +47,12 @@ class FliesPolicies(Verb):
 
     def check(self) -> None:
         """Refuses what is no policy or no task."""
+        from maidenflight.simulator.tasks.tasks import find_task
+
         if self.get("policies"):
             _ = self.fleet
         if self.chosen_task is not None:
-            core.find_task(self.chosen_task)
+            find_task(self.chosen_task)
 
     @property
     def chosen_task(self) -> str | None:
@@ -52,19 +61,23 @@ class FliesPolicies(Verb):
 
     def longest(self, task: str, duration: float) -> float:
         """Returns how long flights of a task last at most [s]: until a reference of a file ends."""
-        end = core.find_task(task).duration if self.reference is not None else duration
+        from maidenflight.simulator.tasks.tasks import find_task
+
+        end = find_task(task).duration if self.reference is not None else duration
         return min(end, duration)
 
     @cached_property
-    def fleet(self) -> "core.Policies":
+    def fleet(self) -> "Policies":
         """Returns the policies."""
-        return core.read_policies(self.policies, self.control)
+        from maidenflight.experiments.policies import read_policies
+
+        return read_policies(self.policies, self.control)
 
     def conclude(
         self,
         content: Mapping[str, Any],
         summary: Sequence[Table | str],
-        flights: "core.DataFrame",
+        flights: "DataFrame",
         output: Path,
         **parts: Any,
     ) -> Result:
@@ -77,9 +90,11 @@ class FliesPolicies(Verb):
             output: where the results are.
             parts: the other parts of the result.
         """
+        from maidenflight.experiments import comparison
+
         task = parts["record"]["settings"].get("task")
-        best = self.fleet.path_of(core.comparison.choose_best(flights, self.fleet.own_names))
-        rule = core.comparison.RULE
+        best = self.fleet.path_of(comparison.choose_best(flights, self.fleet.own_names))
+        rule = comparison.RULE
         best_line = [f"best: {best} ({rule})"] if best and len(self.fleet.files) > 1 else []
         return Result(
             content={
@@ -96,7 +111,7 @@ class FliesPolicies(Verb):
         )
 
 
-def export_command(path: Path, policy: "core.Policy") -> tuple[object, ...]:
+def export_command(path: Path, policy: "Policy") -> tuple[object, ...]:
     """Returns the words of the command that exports a policy, with what its form needs."""
     return ("export", path, *(("--to", policy.spec.form) if policy.spec.form in EXPORTERS else ()))
 
@@ -117,19 +132,21 @@ class InRealities(FliesPolicies):
 
     def check(self) -> None:
         """Refuses what is no drone or no reality, too."""
+        from maidenflight.experiments import drones
+
         if self.get("drone"):
-            core.drones.read_drone(self.drone or "", self.accept_bounds)
+            drones.read_drone(self.drone or "", self.accept_bounds)
         if self.reality or self.get("drone"):
             _ = self.realities
         super().check()
 
     @cached_property
-    def realities(self) -> "list[core.AnyReality]":
+    def realities(self) -> "list[AnyReality]":
         """Returns where they fly."""
+        from maidenflight.experiments import drones
+
         usual = f"virtual:7@{self.drone}" if self.drone else "virtual:7"
-        return [
-            core.drones.find_reality(name, self.accept_bounds) for name in self.reality or (usual,)
-        ]
+        return [drones.find_reality(name, self.accept_bounds) for name in self.reality or (usual,)]
 
     def make_flight_record(self, task: str, **more: Any) -> dict[str, Any]:
         """Returns how the flights of a task are made, for their files."""

@@ -5,13 +5,18 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from maidenflight.errors import first_few
 from maidenflight.settings import flag, setting
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row, Verb
-from maidenflight.verbs import core, shared
+from maidenflight.verbs import shared
+
+if TYPE_CHECKING:
+    from maidenflight.flights.log import Flight
+    from maidenflight.flights.reading import Flights
+    from maidenflight.flights.summary import Summary
 
 _MARKS = {"fails": "✗", "warns": "!", "passes": "✓", "cannot tell": "?"}
 _GOOD = ("passes", "cannot tell")
@@ -48,20 +53,24 @@ class Log(Verb):
 
     def compute(self, output: Path | None, progress: Progress) -> Result:
         """Reads the logs; writes the usable pieces where there is an output."""
-        maps = core.logs.write_maps(self.logs) if self.map_columns else []
-        flights = core.read_flights(
-            *(self.logs, core.logs.count_files(progress), math.inf),
+        from maidenflight.flights.reading import read_flights
+        from maidenflight.flights.summary import summaries as summarize_flights
+        from maidenflight.verbs import logs_output
+
+        maps = logs_output.write_maps(self.logs) if self.map_columns else []
+        flights = read_flights(
+            *(self.logs, logs_output.count_files(progress), math.inf),
             commands=self.commands,
             battery_law=self.battery_law,
             faulty="use",
         )
         record = self.make_record(flights.paths)
-        written = [] if output is None else core.logs.write_logs(output, _name(flights), record)
-        summaries = core.summaries(flights)
+        written = [] if output is None else logs_output.write_logs(output, _name(flights), record)
+        summaries = summarize_flights(flights)
         logs = [asdict(one) | {"is_calm": one.is_calm} for one in summaries]
         return Result(
             content={
-                **core.logs.to_content(flights),
+                **logs_output.to_content(flights),
                 "logs": logs,
                 "checks": {
                     name: [asdict(one) for one in results]
@@ -74,7 +83,7 @@ class Log(Verb):
                 *_tabulate(logs),
                 *_tabulate_information(summaries),
                 *_tabulate_checks(flights),
-                *core.logs.describe_flights(flights),
+                *logs_output.describe_flights(flights),
                 f"pictures: maidenflight report --logs {self.logs} -o look.html",
             ],
             written={"logs": written} if written else {},
@@ -87,7 +96,7 @@ class Log(Verb):
         )
 
 
-def _name(flights: "core.Flights") -> "dict[str, core.Flight]":
+def _name(flights: "Flights") -> "dict[str, Flight]":
     """Returns pieces of flight by their log's name, with a number where it has several."""
     names = [Path(flight.name).name.split(".")[0] for flight in flights]
     several, count, named = Counter(names), Counter[str](), {}
@@ -97,7 +106,7 @@ def _name(flights: "core.Flights") -> "dict[str, core.Flight]":
     return named
 
 
-def _tabulate_checks(flights: "core.Flights") -> list[Table | str]:
+def _tabulate_checks(flights: "Flights") -> list[Table | str]:
     """Returns the check-up of all logs, a row for each test, and what is wrong in words."""
     tests: dict[str, list[Any]] = {}
     for results in flights.checks.values():
@@ -136,7 +145,7 @@ def _tabulate_checks(flights: "core.Flights") -> list[Table | str]:
     return [*([Table("Check-up against physics", columns, rows)] if rows else []), *faults]
 
 
-def _count_failing(flights: "core.Flights") -> str:
+def _count_failing(flights: "Flights") -> str:
     """Returns how many logs other commands refuse; "" if none."""
     failing = [
         name
@@ -152,14 +161,17 @@ def _count_failing(flights: "core.Flights") -> str:
     )
 
 
-def _tabulate_information(logs: "Sequence[core.Summary]") -> list[Table | str]:
+def _tabulate_information(logs: "Sequence[Summary]") -> list[Table | str]:
     """Returns which logs tell most of which quantity, where there are enough to choose from."""
+    from maidenflight.flights.summary import choose_most_telling
+    from maidenflight.flights.summary import rank as rank_logs
+
     if len(logs) < _FEWEST_RANKED:
         return []
-    ranked = core.rank_logs(logs)
+    ranked = rank_logs(logs)
     rows = [{"log": log.name, **shares} for log, shares in ranked[:_MOST_RANKED]]
     columns = {"log": "{log}"} | {name: f"{{{name}:.0%}}" for name in ranked[0][1]}
-    chosen = [log.name for log in core.choose_most_telling(ranked)]
+    chosen = [log.name for log in choose_most_telling(ranked)]
     return [
         Table("Shares of what all logs tell", columns, rows),
         f"{len(chosen)} of {len(logs)} logs hold 80 % of each, the most telling first: "

@@ -4,12 +4,17 @@ import dataclasses
 import math
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from maidenflight import run_folder
 from maidenflight.errors import InputError
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Verb
-from maidenflight.verbs import core, shared
+from maidenflight.verbs import shared
+
+if TYPE_CHECKING:
+    from maidenflight.identification import closed_loop
+    from maidenflight.identification.drone_file import DroneFile
 
 
 class Match(Verb):
@@ -39,36 +44,48 @@ class Match(Verb):
             _ = self.first
 
     @cached_property
-    def first(self) -> "core.DroneFile":
+    def first(self) -> "DroneFile":
         """Returns the drone to begin with."""
-        return core.read_start(self.start, self.mass)
+        from maidenflight.identification.start import read_start
+
+        return read_start(self.start, self.mass)
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Matches; writes the start with the estimates in place."""
+        from maidenflight.experiments import drones
+        from maidenflight.experiments.policies import read_policies
+        from maidenflight.experiments.real_controller import real_controller
+        from maidenflight.flights.reading import read_flights
+        from maidenflight.identification import closed_loop
+        from maidenflight.identification.behaviour import BEHAVIOUR, flights_of_policies
+        from maidenflight.identification.drone_file import CLOSED_LOOP
+        from maidenflight.identification.outcome.estimates import source_of
+        from maidenflight.verbs import logs_output
+
         progress.move(0, None, "compiling")
-        loaded, loop = core.read_policies(self.policies), core.ClosedLoop()
+        loaded, loop = read_policies(self.policies), closed_loop.ClosedLoop()
         policies = dict(zip(loaded.own_names, loaded.own, strict=True))
-        flights = core.read_flights(
+        flights = read_flights(
             *(self.logs, None, self.most_seconds, 0),
             commands=self.commands,
             battery_law=self.battery_law,
             ignore=self.ignore,
         )
-        matched_flights = core.flights_of_policies(flights.flights, policies)
+        matched_flights = flights_of_policies(flights.flights, policies)
         if not matched_flights:
             raise InputError(
                 f"{self.logs}: none of {len(policies)} policies gives the commands of any of "
                 f"{len(flights)} flights. Give the policies that flew, and logs at their rate that "
                 "hold the estimates which the policies saw."
             )
-        usual = core.drones.choose_prediction(self.first)
-        match = core.match(
+        usual = drones.choose_prediction(self.first)
+        match = closed_loop.match(
             matched_flights,
             policies,
-            core.drones.possible_drones(self.first, usual, self.seed),
+            drones.possible_drones(self.first, usual, self.seed),
             self.key,
             loop,
-            core.real_controller,
+            real_controller,
             lambda done, of, cost: progress.move(done, of, f"difference {cost:.3g}"),
             flights.flights,
         )
@@ -76,10 +93,10 @@ class Match(Verb):
         record = self.make_record(
             [*flights.paths, *loaded.paths, *start],
             policies=None,
-            objective=core.CLOSED_LOOP,
+            objective=CLOSED_LOOP,
             **dataclasses.asdict(loop),
         )
-        source = core.source_of([flight for own in matched_flights.values() for flight in own])
+        source = source_of([flight for own in matched_flights.values() for flight in own])
         match.put_into(self.first, source, record).write(output)
         values = {
             name: {"value": value, "standard_error": error}
@@ -87,7 +104,7 @@ class Match(Verb):
         }
         behaviour = {
             name: {"before": round(float(before), 4), "after": round(float(after), 4)}
-            for name, before, after in zip(core.BEHAVIOUR, match.before, match.after, strict=True)
+            for name, before, after in zip(BEHAVIOUR, match.before, match.after, strict=True)
         }
         return Result(
             content={
@@ -96,7 +113,7 @@ class Match(Verb):
                 "policies": match.policies,
                 "compared": match.flights,
                 "evaluations": match.evaluations,
-                "flights": core.logs.to_content(flights),
+                "flights": logs_output.to_content(flights),
                 "output": str(output),
             },
             summary=[
@@ -113,17 +130,20 @@ class Match(Verb):
         )
 
 
-def _tabulate(match: "core.Match") -> list[Table]:
+def _tabulate(match: "closed_loop.Match") -> list[Table]:
+    from maidenflight.identification.behaviour import BEHAVIOUR
+    from maidenflight.verbs import logs_output
+
     rows = []
     for name, (value, error) in match.estimates.items():
-        scale, unit = core.logs.scale_of(name, value)
+        scale, unit = logs_output.scale_of(name, value)
         low, high = max(value - 1.96 * error, 0.0) * scale, (value + 1.96 * error) * scale
         rows.append({"name": name, "value": value * scale, "low": low, "high": high, "unit": unit})
     columns = {"parameter": "{name}", "value": "{value:.4g}"}
     columns |= {"95 % interval": "{low:.4g} .. {high:.4g}", "unit": "{unit}"}
     shares = [
         {"of": name, "before": math.exp(before), "after": math.exp(after)}
-        for name, before, after in zip(core.BEHAVIOUR, match.before, match.after, strict=True)
+        for name, before, after in zip(BEHAVIOUR, match.before, match.after, strict=True)
     ]
     return [
         Table("Parameters of the closed loop", columns, rows),

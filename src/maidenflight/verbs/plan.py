@@ -2,11 +2,15 @@
 
 import dataclasses
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from maidenflight.settings import flag, listed, number, setting
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Verb
-from maidenflight.verbs import core, shared
+from maidenflight.verbs import shared
+
+if TYPE_CHECKING:
+    from maidenflight.identification.design import planning
 
 
 class Plan(Verb):
@@ -60,17 +64,20 @@ class Plan(Verb):
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Plans; writes the plan."""
+        from maidenflight import parameters
+        from maidenflight.experiments import drones
+        from maidenflight.identification.design import planning
+        from maidenflight.simulator.realities.virtual_drone import must_be_virtual
+
         cure = "Plan for a drone's TOML file or name, or virtual:SEED."
-        reality = core.must_be_virtual(
-            core.drones.find_reality(self.drone, self.accept_bounds), cure
-        )
-        flight_plan = core.planning.plan(
+        reality = must_be_virtual(drones.find_reality(self.drone, self.accept_bounds), cure)
+        flight_plan = planning.plan(
             reality,
-            core.planning.Request(
+            planning.Request(
                 *(self.room, self.seconds, self.interest, self.rate, self.motors),
                 firmware=self.firmware,
                 seed=self.seed,
-                is_named=self.drone in core.parameters.DRONES,
+                is_named=self.drone in parameters.DRONES,
             ),
             self.key,
             on_stage=progress.move,
@@ -107,13 +114,15 @@ class Plan(Verb):
         )
 
 
-def _summarize(flight_plan: "core.planning.PlanResult") -> list[Table | str]:
+def _summarize(flight_plan: "planning.PlanResult") -> list[Table | str]:
     """Returns the manoeuvres, the intervals to expect, and how far the drone goes."""
+    from maidenflight.verbs import logs_output
+
     plan = flight_plan.plan
     blocks = [{"name": one.manoeuvre.name, "seconds": one.seconds} for one in plan.blocks]
     rows = []
     for name, one in plan.expected.items():
-        scale, unit = core.logs.scale_of(name, one.plausible)
+        scale, unit = logs_output.scale_of(name, one.plausible)
         widths = {key: scale * width for key, width in dataclasses.asdict(one).items()}
         remark = "not determined" if name in flight_plan.unidentifiable else ""
         rows.append(widths | {"name": name, "unit": unit, "remark": remark})

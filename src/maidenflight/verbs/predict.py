@@ -8,7 +8,7 @@ from maidenflight import names, run_folder
 from maidenflight.settings import number, path, setting, whole
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row
-from maidenflight.verbs import core, shared
+from maidenflight.verbs import shared
 from maidenflight.verbs.in_realities import FliesPolicies
 
 
@@ -50,29 +50,39 @@ class Predict(FliesPolicies):
 
     def check(self) -> None:
         """Refuses what is no drone, too."""
+        from maidenflight.experiments import drones
+        from maidenflight.identification.outcome.ensembles import posterior_ensemble
+
         if self.get("drone"):
-            file = core.drones.read_drone(self.drone, self.accept_bounds)
+            file = drones.read_drone(self.drone, self.accept_bounds)
             if self.randomize == names.POSTERIOR:
-                core.posterior_ensemble(file.parameters, file.posterior, file.name)
+                posterior_ensemble(file.parameters, file.posterior, file.name)
         super().check()
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Predicts; writes a row a flight."""
+        from maidenflight.experiments import comparison, drones, flight_times
+        from maidenflight.experiments.real_controller import FIRMWARE as REAL_FIRMWARE
+        from maidenflight.experiments.real_controller import real_controller
+        from maidenflight.experiments.verdict import verdicts as judge_controls
+        from maidenflight.simulator.controllers import control
+        from maidenflight.simulator.tasks.tasks import find_task
+
         fleet, (tasks, notes) = self.fleet, self.fleet.choose_tasks(self.chosen_task)
         progress.move(0, None, "compiling")
-        usual = core.drones.choose_prediction(self.drone)
+        usual = drones.choose_prediction(self.drone)
         randomization = usual if self.randomize is None else self.randomize
-        prediction = core.flight_times.predict_flight_times(
+        prediction = flight_times.predict_flight_times(
             fleet.own,
-            core.drones.possible_drones(self.drone, randomization, self.seed, self.today),
+            drones.possible_drones(self.drone, randomization, self.seed, self.today),
             self.key,
             trials=self.trials,
             duration=self.longest(tasks[0], self.duration),
-            controller_for=core.real_controller
-            if self.firmware == core.REAL_FIRMWARE
-            else partial(core.control.controller_for, firmware=self.firmware),
+            controller_for=real_controller
+            if self.firmware == REAL_FIRMWARE
+            else partial(control.controller_for, firmware=self.firmware),
             names=fleet.own_names,
-            policy_tasks=[core.find_task(task) for task in tasks],
+            policy_tasks=[find_task(task) for task in tasks],
             on_policy=lambda done, of: progress.move(done, of, "policies flown"),
         )
         drone = shared.own_files(self.drone)
@@ -80,23 +90,23 @@ class Predict(FliesPolicies):
         run_folder.PREDICTION.write(output, prediction, record)
         parts = prediction.partition_by("policy", maintain_order=True)
         ends = [Counter(part["end_reason"].to_list()) for part in parts]
-        summary = core.flight_times.summary(prediction)
+        summary = flight_times.summary(prediction)
         rows = summary.to_dicts()
         means = [round(row["mean"], 6) for row in rows]
-        quantiles = {f"{one / 100:g}": f"quantile_{one}" for one in core.flight_times.QUANTILES}
-        outlives = core.flight_times.outlives(prediction)
+        quantiles = {f"{one / 100:g}": f"quantile_{one}" for one in flight_times.QUANTILES}
+        outlives = flight_times.outlives(prediction)
         against_best = outlives[:, max(range(len(rows)), key=lambda place: rows[place]["mean"])]
-        verdicts = []
+        verdicts: list[str] = []
         if randomization == names.POSTERIOR:
-            known = core.drones.read_drone(self.drone, self.accept_bounds)
-            verdicts = core.verdicts(prediction, known, self.longest(tasks[0], self.duration))
+            known = drones.read_drone(self.drone, self.accept_bounds)
+            verdicts = judge_controls(prediction, known, self.longest(tasks[0], self.duration))
         policies = [
             {
                 "file": str(path),
                 "control": row["control"],
                 "task": task,
                 "mean_duration": mean,
-                **{name: row[name] for name in ("position_error", *core.comparison.LARGEST)},
+                **{name: row[name] for name in ("position_error", *comparison.LARGEST)},
                 "quantiles": {share: round(row[name], 6) for share, name in quantiles.items()},
                 "end_reasons": dict(reasons.most_common()),
                 "outlives": dict(zip(summary["policy"], chances.round(3).tolist(), strict=True)),
@@ -116,8 +126,8 @@ class Predict(FliesPolicies):
             rows=rows,
             notes=[
                 *notes,
-                *core.comparison.describe_margins(summary),
-                *core.flight_times.describe_alike(summary, against_best),
+                *comparison.describe_margins(summary),
+                *flight_times.describe_alike(summary, against_best),
             ],
             value=prediction,
         )

@@ -6,7 +6,7 @@ from typing import Any
 from maidenflight import names, run_folder
 from maidenflight.settings import choice, number, path, setting, text, whole
 from maidenflight.verb import Output, Progress, Result, Verb
-from maidenflight.verbs import core, shared
+from maidenflight.verbs import shared
 
 
 class Record(Verb):
@@ -57,20 +57,27 @@ class Record(Verb):
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Flies; writes a CSV a flight, and the true parameters where they are known."""
+        from maidenflight.experiments import drones
+        from maidenflight.flights import flight_plan
+        from maidenflight.flying import recording
+        from maidenflight.identification.drone_file import DroneFile
+        from maidenflight.parameters import Parameters
+        from maidenflight.verbs import logs_output
+
         progress.move(0, None, "compiling and flying")
-        plan = None if self.plan is None else core.flight_plan.read(self.plan)
+        plan = None if self.plan is None else flight_plan.read(self.plan)
         planned = {} if plan is None else plan.record.get("settings", {})
         name = self.reality or str(planned.get("drone", "virtual:7"))
-        drone = core.drones.find_reality(name, self.accept_bounds)
+        drone = drones.find_reality(name, self.accept_bounds)
         count = self.flights or (4 if plan is None else 1)
         seconds = self.duration if plan is None else plan.seconds
         settled: dict[str, Any] = {"reality": drone.name, "flights": count}
         if plan is not None:
             settled |= {"duration": seconds, "controller": None, "excitation": None}
             how = self.key, count, self.rate, self.firmware
-            recorded = core.recording.record_plan(drone, plan, *how)
+            recorded = recording.record_plan(drone, plan, *how)
         else:
-            recorded = core.recording.record(
+            recorded = recording.record(
                 *(drone, self.key, count, seconds, self.excitation),
                 rate=self.rate,
                 firmware=self.firmware,
@@ -78,10 +85,10 @@ class Record(Verb):
             )
         plans = shared.own_files(self.plan)
         record = self.make_record(plans, **settled)
-        logs = core.logs.write_logs(output, {one.name: one for one in recorded}, record)
+        logs = logs_output.write_logs(output, {one.name: one for one in recorded}, record)
         truth, own = output / run_folder.REALITY, getattr(drone, "parameters", None)
-        if isinstance(own, core.Parameters):
-            core.DroneFile(own, record=record).write(truth)
+        if isinstance(own, Parameters):
+            DroneFile(own, record=record).write(truth)
         else:
             truth.unlink(missing_ok=True)
         truth_files = [truth] if truth.exists() else []

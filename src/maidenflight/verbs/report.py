@@ -1,16 +1,13 @@
-"""`Report`: one page of a run, or its flights in rerun."""
+"""`Report`: one page of a run, or of several."""
 
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from maidenflight import run_folder
-from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
-from maidenflight.registry import VIEWERS
-from maidenflight.settings import path, setting, several, text
+from maidenflight.settings import path, setting, several
 from maidenflight.verb import Output, Progress, Result, Verb
-from maidenflight.verbs import core
 
 _MARK = b"<footer>Written by maidenflight "
 """What every report holds."""
@@ -34,14 +31,6 @@ class Report(Verb):
     runs: tuple[Path, ...] = setting(
         several(path("a run"), empty=True), (), argument=True, files=True, name="run"
     )
-    view: str | None = setting(
-        text(metavar="FILE"),
-        None,
-        "Show the flights in rerun's viewer instead, or write them to an .rrd FILE for it; needs "
-        "the extra viewer.",
-        bare=".",
-        recorded=False,
-    )
     logs: tuple[Path, ...] = setting(
         several(path(), empty=True),
         (),
@@ -57,10 +46,8 @@ class Report(Verb):
     prediction: Path | None = _file("Table of predicted flights.")
     study: Path | None = _file("Table of a study.")
 
-    def choose_output(self, output: StrPath | None) -> Path | None:
-        """Returns the page, or the file for rerun; None for its viewer."""
-        if self.view is not None:
-            return None if self.view == "." else Path(self.view)
+    def choose_output(self, output: StrPath | None) -> Path:
+        """Returns the page."""
         if output is not None:
             return Path(output)
         folder = self._find_source()
@@ -84,25 +71,15 @@ class Report(Verb):
             return None
         return next(iter(self.runs), None if self._files else Path())
 
-    def compute(self, output: Path | None, progress: Progress) -> Result:
-        """Writes the page, or shows the flights."""
+    def compute(self, output: Path, progress: Progress) -> Result:
+        """Writes the page."""
+        from maidenflight.reporting.page import report, report_comparison
+
         progress.move(0, None, "reading the run")
-        if self.view is not None:
-            if len(self.runs) > 1:
-                raise InputError(f"--view shows one run, not {len(self.runs)}. Give one.")
-            flights = core.read_flights_of(self._find_source(), self._files)
-            VIEWERS["flights"](flights, output)
-            place = "sent to the viewer" if output is None else f"written to {output}"
-            return Result(
-                content={"flights": len(flights), "file": None if output is None else str(output)},
-                summary=[f"{len(flights)} flights {place}"],
-                value=flights,
-            )
-        assert output is not None
         if len(self.runs) > 1:
-            page = core.report_comparison(self.runs, output, **self._files)
+            page = report_comparison(self.runs, output, **self._files)
         else:
-            page = core.report(self._find_source(), output, **self._files)
+            page = report(self._find_source(), output, **self._files)
         return Result(
             content={"report": str(page)},
             summary=[f"written {page}; open it in a browser"],

@@ -2,13 +2,16 @@
 
 import dataclasses
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from maidenflight import run_folder
 from maidenflight.settings import REQUIRED, flag, path, setting, table, text, whole
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Verb
-from maidenflight.verbs import core
+
+if TYPE_CHECKING:
+    from maidenflight.studies.status import Progress as Status
+    from maidenflight.studies.study import Study
 
 
 class Sweep(Verb):
@@ -69,32 +72,40 @@ class Sweep(Verb):
 
     def discard(self, output: Any) -> None:
         """Removes the results that the study would find there."""
-        store = core.open_store(str(output))
+        from maidenflight.studies.store import opened as open_store
+
+        store = open_store(str(output))
         for task in self._read_study().tasks:
             store.remove(task.key)
 
-    def _read_study(self) -> "core.Study":
-        return core.read_study(self.study, self.cpus, self.gpus, trust=self.trust)
+    def _read_study(self) -> "Study":
+        from maidenflight.studies.study import read_study
+
+        return read_study(self.study, self.cpus, self.gpus, trust=self.trust)
 
     def compute(self, output: Any, progress: Progress) -> Result:
         """Computes what is not there; gathers one table."""
-        study, address = self._read_study(), str(output)
-        store = core.open_store(address)
-        if self.status:
-            state = core.read_status(store, study)
-            return Result(content=dataclasses.asdict(state), summary=_summarize(state, address))
-        last: list[core.Status] = []
+        from maidenflight.studies import sweeping
+        from maidenflight.studies.engine import Resources
+        from maidenflight.studies.status import Progress as Status
+        from maidenflight.studies.status import read_status
+        from maidenflight.studies.store import opened as open_store
 
-        def on_progress(now: "core.Status") -> None:
+        study, address = self._read_study(), str(output)
+        store = open_store(address)
+        if self.status:
+            state = read_status(store, study)
+            return Result(content=dataclasses.asdict(state), summary=_summarize(state, address))
+        last: list[Status] = []
+
+        def on_progress(now: "Status") -> None:
             last[:] = [now]
             progress.move(now.done, now.tasks, now.describe())
 
-        resources = core.Resources(self.workers, self.cpus, self.gpus, self.slurm)
-        failures = core.sweeping.compute(
-            study, store, self.on, resources, self.retries, on_progress
-        )
-        waiting = core.sweeping.blocked(study, failures)
-        rows = core.sweeping.gather(study, store, failures.keys() | waiting)
+        resources = Resources(self.workers, self.cpus, self.gpus, self.slurm)
+        failures = sweeping.compute(study, store, self.on, resources, self.retries, on_progress)
+        waiting = sweeping.blocked(study, failures)
+        rows = sweeping.gather(study, store, failures.keys() | waiting)
         now = last[0]
         return Result(
             content={
@@ -111,12 +122,14 @@ class Sweep(Verb):
                 f"{rows.height} rows, written to {address}/{run_folder.STUDY.name}",
             ],
             next=("report", address),
-            error=core.sweeping.describe_failures(study, failures, address) if failures else "",
+            error=sweeping.describe_failures(study, failures, address) if failures else "",
             value=rows,
         )
 
 
-def _summarize(now: "core.Status", output: str) -> list[Table | str]:
+def _summarize(now: "Status", output: str) -> list[Table | str]:
+    from maidenflight.studies.status import clock
+
     running, rate = now.state == "running", now.policies_per_hour
     rows: dict[str, Any] = {
         "state": {"silent": "no driver writes; begin again"}.get(now.state, now.state),
@@ -126,8 +139,8 @@ def _summarize(now: "core.Status", output: str) -> list[Table | str]:
         "failed": len(now.failed),
         "begun again": now.repeated,
         "policies an hour": "" if rate is None else f"{rate:.0f}",
-        "time": core.clock(now.seconds),
-        "time left": core.clock(now.seconds_left) if running else "",
+        "time": clock(now.seconds),
+        "time left": clock(now.seconds_left) if running else "",
     }
     columns = {"": "{name}", " ": "{value}"}
     return [

@@ -1,15 +1,14 @@
 """`Train`: policies for a drone."""
 
 import dataclasses
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from maidenflight import cores, names, results, run_folder
 from maidenflight.errors import InputError
-from maidenflight.registry import EXPORTERS, LOGGERS, VIEWERS
+from maidenflight.registry import EXPORTERS, LOGGERS
 from maidenflight.settings import (
     PENDING,
     choice,
@@ -22,19 +21,24 @@ from maidenflight.settings import (
     setting,
     several,
     table,
-    text,
     whole,
 )
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row, Verb
-from maidenflight.verbs import core, shared
+from maidenflight.verbs import shared
+
+if TYPE_CHECKING:
+    from maidenflight.identification.drone_file import DroneFile
+    from maidenflight.policy import Policy
+    from maidenflight.policy_file import PolicyFile
+    from maidenflight.simulator.policy_spec import PolicySpec
+    from maidenflight.training.settings import Settings
+    from maidenflight.training.train import Progress as Training
 
 _OF_RAPTOR = ("control", "history", "look_ahead", "look_ahead_spacing", "memory", "hidden")
 """Settings that RAPTOR's form settles."""
 _OF_A_POLICY = (*_OF_RAPTOR, "paper_scales", "form")
 """Settings that the policy settles from which training starts."""
-WATCHED_DURATION_S = 10.0
-"""Longest flight of a policy in the view of training [s]."""
 LEAST_SURVIVAL = 0.1
 """Survival below which a policy is reported as not flying."""
 
@@ -180,15 +184,6 @@ class Train(Verb):
         group="Watching",
         rare=True,
     )
-    view: str | None = setting(
-        text(metavar="FILE"),
-        None,
-        "Show evaluations and flights of the best policy while training runs: in rerun's viewer, "
-        "or in an .rrd FILE for it.",
-        rare=True,
-        recorded=False,
-        bare=".",
-    )
     seed: int = shared.seed()
 
     def check_early(self) -> None:
@@ -201,52 +196,69 @@ class Train(Verb):
 
     def check(self) -> None:
         """Refuses what is no drone, task or policy, and settings of no method."""
+        from maidenflight.simulator.controllers import control
+        from maidenflight.simulator.tasks.tasks import find_task
+
         if self.drone is not PENDING:
             _ = self.drone_file
-        core.find_task(self.task)
-        core.control.find_controller(self.control)
+        find_task(self.task)
+        control.find_controller(self.control)
         _ = self.learner_settings
 
     @cached_property
-    def drone_file(self) -> "core.DroneFile":
+    def drone_file(self) -> "DroneFile":
         """Returns the drone, with the changes of `set`."""
-        file = core.drones.read_drone(self.drone, self.accept_bounds)
-        changed = {name: core.float32(value) for name, value in self.changes.items()}
-        drone = core.parameters.replace(file.parameters, **changed)
-        return dataclasses.replace(file, parameters=core.parameters.check(drone, self.drone))
+        from numpy import float32
+
+        from maidenflight import parameters
+        from maidenflight.experiments import drones
+
+        file = drones.read_drone(self.drone, self.accept_bounds)
+        changed = {name: float32(value) for name, value in self.changes.items()}
+        drone = parameters.replace(file.parameters, **changed)
+        return dataclasses.replace(file, parameters=parameters.check(drone, self.drone))
 
     @cached_property
-    def start(self) -> "core.PolicyFile | None":
+    def start(self) -> "PolicyFile | None":
         """Returns the policy that training starts from instead of random weights."""
-        return None if self.initial is None else core.policy_file.read_policy(self.initial)
+        from maidenflight import policy_file
+
+        return None if self.initial is None else policy_file.read_policy(self.initial)
 
     @cached_property
-    def spec(self) -> "core.PolicySpec":
+    def spec(self) -> "PolicySpec":
         """Returns what the policies see and remember, and their layers."""
+        from maidenflight.simulator.policy_spec import PolicySpec
+        from maidenflight.simulator.tasks.look_ahead import LookAhead
+        from maidenflight.training import defaults
+
         if self.start is not None:
             return self.start.spec
-        points = core.defaults.choose_points(self.task)
+        points = defaults.choose_points(self.task)
         points = points if self.look_ahead is None else self.look_ahead
-        ahead = core.LookAhead(points, self.look_ahead_spacing)
-        spec = core.PolicySpec(self.history, ahead, self.memory, form=self.form)
-        method = self.method or core.defaults.choose_method(spec, initial=False)
-        hidden = self.hidden or core.defaults.choose_hidden(self.control, method, ahead.points)
+        ahead = LookAhead(points, self.look_ahead_spacing)
+        spec = PolicySpec(self.history, ahead, self.memory, form=self.form)
+        method = self.method or defaults.choose_method(spec, initial=False)
+        hidden = self.hidden or defaults.choose_hidden(self.control, method, ahead.points)
         return dataclasses.replace(spec, hidden=hidden)
 
     @cached_property
-    def learner_settings(self) -> "core.Settings":
+    def learner_settings(self) -> "Settings":
         """Returns the settings of the method.
 
         Raises:
             InputError: the method does not train such policies, or has no such setting.
         """
+        from maidenflight.training import defaults
+        from maidenflight.training.settings import override
+
         further = self.start is not None
-        method = self.method or core.defaults.choose_method(self.spec, further)
-        method_settings = core.defaults.choose_settings(
+        method = self.method or defaults.choose_method(self.spec, further)
+        method_settings = defaults.choose_settings(
             self._control, self.task, method, self.spec, further
         )
         updates = {} if self.updates is None else {"updates": self.updates}
-        return core.override(method_settings, {**updates, **self.learner})
+        return override(method_settings, {**updates, **self.learner})
 
     @property
     def _control(self) -> str:
@@ -254,7 +266,9 @@ class Train(Verb):
 
     @property
     def _randomization(self) -> float | str:
-        usual = core.defaults.choose_randomization(self.task, self._control)
+        from maidenflight.training import defaults
+
+        usual = defaults.choose_randomization(self.task, self._control)
         return usual if self.randomize is None else self.randomize
 
     @property
@@ -264,14 +278,21 @@ class Train(Verb):
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Trains; writes a JSON a policy, `training.csv` with their scores, and a checkpoint."""
+        from maidenflight.experiments import drones
+        from maidenflight.identification import identity
+        from maidenflight.training import checkpoint, folder, loggers
+        from maidenflight.training.scores import Scores, describe_spread
+        from maidenflight.training.settings import recorded
+        from maidenflight.training.train import Progress as Training
+
         saved, spec = output / run_folder.CHECKPOINT, self.spec
         if self.resume and not saved.exists():
-            remedy = core.folder.how_to_start(output)
+            remedy = folder.how_to_start(output)
             raise InputError(f"{saved}: no training to resume. {remedy}")
         learner: Any = self.learner_settings
         if self.resume and self.updates is None:
-            learner = dataclasses.replace(learner, updates=max(core.checkpoint.stages(saved)))
-        scores = core.Scores(learner, self.resume)
+            learner = dataclasses.replace(learner, updates=max(checkpoint.stages(saved)))
+        scores = Scores(learner, self.resume)
         drone = shared.own_files(self.drone)
         record = self.make_record(
             [*drone, *shared.own_files(self.initial)],
@@ -281,35 +302,34 @@ class Train(Verb):
             method=type(learner).__name__,
             **(spec.to_dict() | {"look_ahead": spec.look_ahead.points}),
             look_ahead_spacing=spec.look_ahead.spacing,
-            **core.recorded(learner),
+            **recorded(learner),
         )
         for left in results.leftovers(output) if output.is_dir() else ():
             left.unlink(missing_ok=True)
-        boards = core.loggers.opened(self.log, output, self.policies, record["settings"])
-        with boards as show, self._watched() as watch:
+        boards = loggers.opened(self.log, output, self.policies, record["settings"])
+        with boards as show:
 
-            def on_progress(now: core.Training) -> None:
+            def on_progress(now: Training) -> None:
                 show(now)
                 line = scores.add(now)
                 progress.move(now.update, learner.updates, line)
                 progress.log(f"update {now.update} of {learner.updates}: {line}")
-                watch(now)
 
             progress.move(0, learner.updates, "compiling, until the first score")
             policies = self._train(learner, saved, on_progress)
-        if len(stages := core.checkpoint.stages(saved)) > 1:
+        if len(stages := checkpoint.stages(saved)) > 1:
             record["settings"]["extended_from"] = list(stages[:-1])
         record["cores"] = cores.count()
-        record["drone"] = core.identity.identity_of(self.drone_file)
-        written = core.folder.write_policies(
+        record["drone"] = identity.identity_of(self.drone_file)
+        written = folder.write_policies(
             output, policies, record, self.drone_file.parameters, scores.table
         )
         best = scores.best
         rows = [{"policy": f"policy_{number}", **one} for number, one in enumerate(best, 1)]
         return Result(
             content={"policies": [str(path) for path in written["policies"]], "scores": best},
-            summary=[*_tabulate(rows), *core.describe_spread(best)],
-            notes=core.drones.describe_unknown(self.drone_file),
+            summary=[*_tabulate(rows), *describe_spread(best)],
+            notes=drones.describe_unknown(self.drone_file),
             written=written,
             read={"drone": drone},
             record=record,
@@ -319,51 +339,36 @@ class Train(Verb):
         )
 
     def _train(
-        self, learner: "core.Settings", saved: Path, on_progress: "Callable[[core.Training], None]"
-    ) -> "tuple[core.Policy, ...]":
+        self, learner: "Settings", saved: Path, on_progress: "Callable[[Training], None]"
+    ) -> "tuple[Policy, ...]":
         """Trains over the drones that the settings say."""
+        from jax.random import split as split_key
+
+        from maidenflight.deployment.check import check_export
+        from maidenflight.experiments import drones
+        from maidenflight.simulator.tasks.tasks import find_task, with_yaw_penalty
+        from maidenflight.training import defaults
+        from maidenflight.training.checkpoint import Checkpoint
+        from maidenflight.training.train import train
+
         file, start = self.drone_file, None if self.start is None else self.start.policy
-        controller = core.defaults.choose_controller(
+        controller = defaults.choose_controller(
             self._control,
             *(file.parameters, file.full_scale_counts, start, self._has_paper_scales, self.rate),
         )
         if self.target is not None:
-            core.check_export(self.target, controller.interface, self.spec, file.parameters)
-        task = core.find_task(self.task)
-        return core.train(
-            core.with_yaw_penalty(task, self.yaw_penalty) if self.yaw_penalty else task,
+            check_export(self.target, controller.interface, self.spec, file.parameters)
+        task = find_task(self.task)
+        return train(
+            with_yaw_penalty(task, self.yaw_penalty) if self.yaw_penalty else task,
             controller,
-            core.drones.distribution_of(file, self._randomization, controller),
-            core.split_key(self.key, self.policies),
+            drones.distribution_of(file, self._randomization, controller),
+            split_key(self.key, self.policies),
             learner,
             policy=self.spec if start is None else start,
             on_progress=on_progress,
-            checkpoint=core.Checkpoint(saved, restart=not self.resume),
+            checkpoint=Checkpoint(saved, restart=not self.resume),
         )
-
-    @contextmanager
-    def _watched(self) -> "Iterator[Callable[[core.Training], None]]":
-        """Shows each evaluation in rerun, where `view` asks for it."""
-        if self.view is None:
-            yield lambda progress: None
-            return
-        view = VIEWERS["training"]
-        with view(self._fly, None if self.view == "." else Path(self.view)) as watch:
-            yield watch
-
-    def _fly(self, policy: "core.Policy") -> "core.Flight":
-        """Flies a policy once, on the drone at the centre of training, to be watched."""
-        controller = core.control.controller_for(policy.interface)
-        centre = core.control.in_fitting_steps(self.drone_file.parameters, controller)
-        test_flights = core.transfer(
-            [policy],
-            [core.VirtualDrone(core.parameters.name_of(self.drone), centre)],
-            1,
-            task=core.find_task(self.task),
-            controller=controller,
-            duration=WATCHED_DURATION_S,
-        )
-        return test_flights.flights[0]
 
     def discard_state(self, output: Path) -> None:
         """Removes the checkpoint, which is larger than the policies."""

@@ -8,7 +8,7 @@ from maidenflight import names, run_folder
 from maidenflight.settings import choice, number, setting, several, whole
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row
-from maidenflight.verbs import core, shared
+from maidenflight.verbs import shared
 from maidenflight.verbs.in_realities import InRealities
 
 _FEW = 12
@@ -44,6 +44,11 @@ class Transfer(InRealities):
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Flies; writes `flights.csv` with a row a flight, and every flight's log."""
+        from maidenflight.experiments import comparison
+        from maidenflight.experiments.transfer import fly_firmware, transfer
+        from maidenflight.simulator.tasks.tasks import find_task
+        from maidenflight.verbs import logs_output
+
         fleet, own = self.fleet, self.fleet.own
         task, notes = fleet.choose_task(self.chosen_task)
         progress.move(0, None, "compiling and flying")
@@ -51,32 +56,32 @@ class Transfer(InRealities):
             own = [replace(one, interface=replace(one.interface, rate=self.rate)) for one in own]
         flying: Any = self.realities, self.trials, self.key
         longest = self.longest(task, self.duration)
-        how: Any = {"task": core.find_task(task), "duration": longest}
-        transfer = core.transfer([*own, *fleet.foreign], *flying, names=fleet.names, **how)
+        how: Any = {"task": find_task(task), "duration": longest}
+        evaluation = transfer([*own, *fleet.foreign], *flying, names=fleet.names, **how)
         counts = {"counts": own[0].interface.full_scale_counts} if own else {}
-        rivals, left_out = core.fly_firmware(self.against, *flying, **counts, **how)
+        rivals, left_out = fly_firmware(self.against, *flying, **counts, **how)
         record = self.make_flight_record(task)
-        logs = core.logs.write_logs(output, {one.name: one for one in transfer.flights}, record)
-        table = run_folder.FLIGHTS.write(output / run_folder.FLIGHTS.name, transfer.table)
-        flights, summary = transfer.table.to_dicts(), core.comparison.summarize(transfer.table)
-        notes += core.comparison.describe_limit_cycles(summary)
-        notes += core.comparison.describe_margins(summary) + left_out
+        logs = logs_output.write_logs(output, {one.name: one for one in evaluation.flights}, record)
+        table = run_folder.FLIGHTS.write(output / run_folder.FLIGHTS.name, evaluation.table)
+        flights, summary = evaluation.table.to_dicts(), comparison.summarize(evaluation.table)
+        notes += comparison.describe_limit_cycles(summary)
+        notes += comparison.describe_margins(summary) + left_out
         rows = summary.to_dicts()
-        against = [row for one in rivals for row in core.comparison.summarize(one).to_dicts()]
+        against = [row for one in rivals for row in comparison.summarize(one).to_dicts()]
         return self.conclude(
             {"flights": flights, "summary": rows, "against": against},
             [
                 *([tabulate_flights(flights)] if len(flights) <= _FEW else []),
                 _tabulate([*rows, *against]),
             ],
-            transfer.table,
+            evaluation.table,
             output,
             written={"flights": [table], "flight_logs": logs},
             read={"policies": fleet.inputs},
             record=record,
             rows=rows,
             notes=notes,
-            value=transfer,
+            value=evaluation,
         )
 
 

@@ -11,7 +11,7 @@ from maidenflight.inputs import StrPath
 from maidenflight.settings import PENDING, REQUIRED, flag, listed, number, setting, whole
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row, Verb
-from maidenflight.verbs import core, shared
+from maidenflight.verbs import shared
 from maidenflight.verbs.calibration import calibrate
 
 _WORSE = 1.2
@@ -96,37 +96,50 @@ class Validate(Verb):
         Commands stand for what they did where the drone was identified, unless logs or the setting
         say it.
         """
+        from maidenflight.flights.reading import COMMANDS, read_flights
+        from maidenflight.identification import drone_file
+        from maidenflight.identification.held_out import note_not_held_out, note_other_law
+        from maidenflight.identification.likelihood.one_step import log_likelihood
+        from maidenflight.identification.outcome.bounds import at_bounds
+        from maidenflight.identification.replay.prediction import (
+            predicted_windows,
+            prediction_error,
+            with_own_trim,
+            without_torque,
+        )
+        from maidenflight.parameters import crazyflie
+        from maidenflight.verbs import logs_output
+
         if self.calibration:
             return calibrate(self, self.drone, self.logs, self.draws, output, progress)
-        file = core.drone_file.read(self.drone)
+        file = drone_file.read(self.drone)
         name = Path(self.drone).name
-        models = {name: file.parameters, "paper's crazyflie": core.crazyflie()}
+        models = {name: file.parameters, "paper's crazyflie": crazyflie()}
         law, commands = self.battery_law, self.commands
-        read = partial(core.read_flights, self.logs, battery_law=law, faulty=self.faulty)
-        flights = read(core.logs.count_files(progress), commands=commands)
+        read = partial(read_flights, self.logs, battery_law=law, faulty=self.faulty)
+        flights = read(logs_output.count_files(progress), commands=commands)
         known = None if file.source is None else file.source.commands
-        if commands is None and known in core.COMMANDS and all(one.assumed for one in flights):
+        if commands is None and known in COMMANDS and all(one.assumed for one in flights):
             commands = known
             flights = read(commands=commands)
         progress.move(0, None, "compiling and predicting")
         key, horizons = self.key, list(self.horizons)
         trimmed = _TRIMMED.format(name)
-        own = {trimmed: partial(core.with_own_trim, file.parameters)}
-        errors = core.prediction_error(flights, models | own, horizons, key=key)
-        windows = core.predicted_windows(flights, models, max(horizons), key=key)
+        own = {trimmed: partial(with_own_trim, file.parameters)}
+        errors = prediction_error(flights, models | own, horizons, key=key)
+        windows = predicted_windows(flights, models, max(horizons), key=key)
         drone, places = shared.own_files(self.drone), self.places(output)
         record = self.make_record([*drone, *flights.paths], commands=commands)
         run_folder.VALIDATION.write(places[0], errors, record)
         run_folder.WINDOWS.write(places[1], windows, record)
-        rivals = models | {_UNTURNED.format(name): core.without_torque(file.parameters)}
+        rivals = models | {_UNTURNED.format(name): without_torque(file.parameters)}
         likelihoods = {
-            rival: float(core.log_likelihood(flights.flights, model))
-            for rival, model in rivals.items()
+            rival: float(log_likelihood(flights.flights, model)) for rival, model in rivals.items()
         }
         notes = [
-            *core.note_not_held_out(file, flights.paths),
-            *core.note_other_law(file, law),
-            *core.at_bounds(file.estimates).values(),
+            *note_not_held_out(file, flights.paths),
+            *note_other_law(file, law),
+            *at_bounds(file.estimates).values(),
         ]
         simulated, rows = any(one.simulated for one in flights), errors.to_dicts()
         doubts = _compare(name, likelihoods, rows)
@@ -148,14 +161,14 @@ class Validate(Verb):
                 "log_likelihoods": likelihoods,
                 "doubts": doubts,
                 "errors": rows,
-                "flights": core.logs.to_content(flights),
+                "flights": logs_output.to_content(flights),
                 "simulated": simulated,
                 "notes": notes,
                 "output": str(output),
             },
             summary=[
                 f"verdict: {verdict}",
-                *core.logs.describe_flights(flights, f"; {rows[0]['windows']} windows of rows"),
+                *logs_output.describe_flights(flights, f"; {rows[0]['windows']} windows of rows"),
                 *_tabulate(likelihoods, rows, simulated),
                 f"in {output}: SI units, and 95 % intervals over {rows[0]['segments']} segments of "
                 "flight",
@@ -179,11 +192,14 @@ def _compare(
     Judged after about `_JUDGED_S`, while a flight does not yet diverge, by attitude, or by body
     rates where there is none.
     """
+    from maidenflight.identification.outcome.estimates import SURE_NATS
+    from maidenflight.reporting.text import ERRORS
+
     nearest = min((row["horizon"] for row in errors), key=lambda one: abs(one - _JUDGED_S))
     rows = {row["model"]: row for row in errors if row["horizon"] == nearest}
     own, doubts = rows[model or name], []
     compared = "attitude" if own["attitude"] == own["attitude"] else "body_rates"
-    unit = core.ERRORS[compared]
+    unit = ERRORS[compared]
     for other, row in rows.items():
         if other not in (name, _TRIMMED.format(name)) and own[compared] > _WORSE * row[compared]:
             doubts.append(
@@ -193,7 +209,7 @@ def _compare(
     doubts += [
         f"the likelihood of {other} is {value - likelihoods[name]:.2f} nats a row higher"
         for other, value in likelihoods.items()
-        if value > likelihoods[name] + core.SURE_NATS
+        if value > likelihoods[name] + SURE_NATS
     ]
     return doubts
 
@@ -205,20 +221,23 @@ def _tabulate(
 
     `*` marks what is worse than the persistence baseline.
     """
-    baseline = {row["horizon"]: row for row in errors if row["model"] == core.PERSISTENCE}
+    from maidenflight.identification.replay.prediction import PERSISTENCE
+    from maidenflight.reporting.text import ERRORS
+
+    baseline = {row["horizon"]: row for row in errors if row["model"] == PERSISTENCE}
     rows: list[Row] = []
     for row in errors:
         first = row["model"] == errors[0]["model"]
         cells = {"model": row["model"], "ahead": f"{row['horizon']:.2g} s" if first else ""}
-        for name, format in core.ERRORS.items():
+        for name, format in ERRORS.items():
             worse = not row[name] <= baseline[row["horizon"]][name]
             value = f"{row[name] * format.scale:#.3g}".removesuffix(".")
             cells[name] = f"{'* ' if worse else ''}{value}"
         rows.append(cells)
     columns = {"ahead": "{ahead}", "model": "{model}"}
-    columns |= {f"{one.name}\n{one.unit}": f"{{{name}}}" for name, one in core.ERRORS.items()}
+    columns |= {f"{one.name}\n{one.unit}": f"{{{name}}}" for name, one in ERRORS.items()}
     flight = "simulated" if simulated else "real"
-    worse = any(row[name].startswith("*") for row in rows for name in core.ERRORS)
+    worse = any(row[name].startswith("*") for row in rows for name in ERRORS)
     return [
         Table(
             "Likelihood of each row given the rows before, more is better",
@@ -226,5 +245,5 @@ def _tabulate(
             [{"name": name, "value": value} for name, value in likelihoods.items()],
         ),
         Table(f"Open-loop prediction errors on {flight} flight, root mean squares", columns, rows),
-        *([f"* worse than the baseline, {core.PERSISTENCE}"] if worse else []),
+        *([f"* worse than the baseline, {PERSISTENCE}"] if worse else []),
     ]

@@ -145,6 +145,55 @@ def test_a_spoilt_flight_is_named_by_the_test_that_it_concerns(what: str) -> Non
     assert words in found.sentence
 
 
+def stepped(by: float, flight: Flight) -> Flight:
+    """Commands that are so many times as large from the middle on."""
+    command = flight.command.copy()
+    command[len(command) // 2 :] *= FLOAT(by)
+    return replace(flight, command=command)
+
+
+SIDES: Mapping[str, tuple[Callable[[float, Flight], Flight], Sequence[float], Sequence[float]]] = {
+    "body_rate scale": (lambda by, one: scaled(one, body_rates=by), (0.87, 1.15), (0.8, 1.3)),
+    "velocity scale": (lambda by, one: scaled(one, velocity=by), (0.75, 1.35), (0.6, 1.7)),
+    "gyro delay": (partial(shifted, "body_rates"), (-0.008, 0.01), (0.03,)),
+    "clock": (faster, (0.92, 1.08), (0.8, 1.25)),
+    "accelerometer": (lambda by, one: scaled(one, accelerometer=by), (0.92, 1.08), (0.8, 1.3)),
+    "command delay": (partial(shifted, "command"), (0.0, 0.02), (-0.05, 0.06)),
+    "thrust curve": (
+        lambda power, one: replace(one, command=one.command ** FLOAT(power)),
+        (0.9, 1.3),
+        (0.5, 2.2),
+    ),
+    "thrust to weight": (lambda by, one: scaled(one, command=by), (0.5, 1.3), (0.05, 2.0)),
+    "one drone": (stepped, (0.97, 1.03), (0.85, 1.15)),
+}
+"""By test: what is changed by an amount, amounts within its threshold, and beyond it."""
+CERTAIN = {
+    "body_rate scale": (0.6, 1.6),
+    "velocity scale": (0.45, 2.2),
+    "gyro delay": (0.07,),
+    "accelerometer": (0.5, 1.8),
+    "command delay": (0.06, -0.13),
+}
+"""Amounts at which a test that warns first fails."""
+
+
+@pytest.mark.parametrize(
+    ("test", "amount", "verdicts"),
+    [
+        *((test, by, {"passes"}) for test, (_, inside, _) in SIDES.items() for by in inside),
+        *((test, by, {WARNS, FAILS}) for test, (*_, beyond) in SIDES.items() for by in beyond),
+        *((test, by, {FAILS}) for test, amounts in CERTAIN.items() for by in amounts),
+    ],
+)
+def test_a_test_answers_on_both_sides_of_its_threshold(
+    test: str, amount: float, verdicts: set[str]
+) -> None:
+    flight = recorded() if test != "one drone" else replace(recorded(), rotor_speed=None)
+    found = results(SIDES[test][0](amount, flight))[test]
+    assert found.verdict in verdicts, found.sentence
+
+
 def test_yaw_that_answers_the_wrong_way_round_is_a_warning() -> None:
     flight = turned("attitude", Z, turned("body_rates", Z, recorded()))
     found = results(flight)["yaw direction"]

@@ -12,13 +12,13 @@ from app_in_firmware import LEGACY, App, built, hovering
 from jax.flatten_util import ravel_pytree
 
 from flying_policy import flying_policy
-from maidenflight.integrations.plant.running_plant import POSE_EVERY, RunningPlant
 from maidenflight.parameters import replace
 from maidenflight.simulator.controllers import firmware
 from maidenflight.simulator.controllers.control import NOTHING
 from maidenflight.simulator.controllers.firmware import ABSOLUTE, DISABLE
 from maidenflight.simulator.physics import battery, dynamics, rotations
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone, virtual_drone
+from maidenflight_plant.running_plant import POSE_EVERY, RunningPlant
 
 CLIMB_S, ENABLED_S, GRAVITY = 1.0, 1.7, 9.80665
 SUPPLY = battery.Supply(battery.PLUS, 65535.0, battery=True)

@@ -1,6 +1,6 @@
 """Each guard of the app trips in flight within 100 ms of its fault, and hands back to the PID.
 
-`benchmarks/guards.py` flies 30 times 20 s without a fault, in which none must trip.
+`plant/guards.py` flies 30 times 20 s without a fault, in which none must trip.
 """
 
 import shutil
@@ -12,8 +12,8 @@ import pytest
 from app_in_firmware import COMPILERS, App
 from app_in_plant import Fault, Loop, Pid, app_for, sprightly
 
-from maidenflight.integrations.plant.running_plant import RunningPlant
 from maidenflight.integrations.radio.blocks import REASONS
+from maidenflight_plant.running_plant import RunningPlant
 
 pytestmark = pytest.mark.skipif(
     not COMPILERS or not shutil.which("make"), reason="no C compiler or no make on this machine"

@@ -23,7 +23,7 @@ import time
 import zlib
 from typing import Any
 
-from plant import LEVEL, OFF, POSITION, STEP, Plant
+from simple_physics import LEVEL, OFF, POSITION, STEP, Plant
 
 from maidenflight.integrations.radio.blocks import LIMITS
 from maidenflight.integrations.radio.crazyflie import Crazyflie

@@ -15,7 +15,7 @@ import pytest
 pytest.importorskip("cflib")
 
 from fake_drone import FakeDrone, Stepped
-from plant import MOTOR_TIME_CONSTANT, THRUST_TO_WEIGHT
+from simple_physics import MOTOR_TIME_CONSTANT, THRUST_TO_WEIGHT
 
 import maidenflight as mf
 from maidenflight import parameters, results

@@ -7,7 +7,6 @@ import pytest
 
 from maidenflight import parameters
 from maidenflight.errors import InputError
-from maidenflight.integrations.plant.running_plant import plant_of
 from maidenflight.registry import REALITIES
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.realities.additions import jump_of, split, with_additions
@@ -163,9 +162,8 @@ def test_what_appears_in_flight_is_what_would_hold_from_the_start() -> None:
     [
         lambda drone: drone.environment(tasks.circle(), control.pwm()),
         Stepped,
-        lambda drone: plant_of(drone, 65535.0),
     ],
-    ids=["environment", "stepped", "plant"],
+    ids=["environment", "stepped"],
 )
 def test_where_a_change_in_flight_is_not_simulated_it_is_refused(use) -> None:
     with pytest.raises(InputError, match="near-7"):

@@ -82,8 +82,10 @@ def resampled(
         flight: as read.
         time: time of each row [s].
     """
+    if len(time) < 3 or not np.isfinite(time).all():
+        return flight, time, []
     step = np.diff(time)
-    if len(step) < 2 or not np.isfinite(time).all() or step.min() <= 0:
+    if step.min() <= 0:
         return flight, time, []
     uneven = np.abs(step - flight.period) > flight.period / 2
     if not MAX_UNEVEN < uneven.mean() < 0.5:

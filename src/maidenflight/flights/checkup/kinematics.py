@@ -339,9 +339,9 @@ def gyro_delay(pieces: Sequence[Flight]) -> float | None:
             continue
         first, second = (one[:, :2] - one[:, :2].mean(axis=0) for one in turn(piece, rows))
         later = second[most : most + count]
-        for place, shift in enumerate(shifts):
+        for index, shift in enumerate(shifts):
             early = first[most + shift : most + shift + count]
-            sums[:, place] += np.sum(early * later), np.sum(early**2), np.sum(later**2)
+            sums[:, index] += np.sum(early * later), np.sum(early**2), np.sum(later**2)
     if not sums.any():
         return None
     match = sums[0] / np.sqrt(np.maximum(sums[1] * sums[2], 1e-12))

@@ -79,12 +79,12 @@ def _follow(pieces: Sequence[Flight]) -> Float[np.ndarray, "4"] | None:
         high = min(_BAND_HZ[1], 0.4 / step)
         band = scipy.signal.butter(2, (_BAND_HZ[0], high), "band", fs=1 / step, output="sos")
         speed = scipy.signal.sosfiltfilt(band, speed, axis=0)
-        for place, lag in enumerate(LAGS_S):
+        for index, lag in enumerate(LAGS_S):
             memory = np.exp(-step / lag)
             late = scipy.signal.sosfiltfilt(band, _lag(commanded, memory), axis=0)
-            sums[0, place] += (late * speed).sum(axis=0)
-            sums[1, place] += (late**2).sum(axis=0)
-            sums[2, place] += (speed**2).sum(axis=0)
+            sums[0, index] += (late * speed).sum(axis=0)
+            sums[1, index] += (late**2).sum(axis=0)
+            sums[2, index] += (speed**2).sum(axis=0)
     if not sums.any():
         return None
     return (sums[0] / np.sqrt(np.maximum(sums[1] * sums[2], 1e-12))).max(axis=0)

@@ -111,5 +111,6 @@ def period(time: Float[np.ndarray, "N"]) -> float:
     if len(steps) == 0:
         return 0.01
     middle = np.median(steps)
-    mean = np.mean(steps[np.abs(steps - middle) <= abs(middle) / 2])
+    near = steps[np.abs(steps - middle) <= abs(middle) / 2]
+    mean = np.mean(near) if len(near) else middle
     return float(np.round(mean, 4 if abs(np.round(mean, 4) - mean) <= 2e-3 * abs(mean) else 6))

@@ -288,8 +288,8 @@ def _tag2_3svariable(data: Iterator[int], _: Any = None) -> tuple[int, int, int]
         bits = lead << 16 | next(data) << 8 | next(data)
         return _signed(bits >> 14, 8), _signed(bits >> 7, 7), _signed(bits, 7)
     numbers = []
-    for place in range(3):
-        size = (lead >> 2 * place & 3) + 1
+    for index in range(3):
+        size = (lead >> 2 * index & 3) + 1
         raw = bytes(next(data) for _ in range(size))
         numbers.append(int.from_bytes(raw, "little", signed=True))
     return numbers[0], numbers[1], numbers[2]

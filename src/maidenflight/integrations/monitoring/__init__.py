@@ -1,1 +1,1 @@
-"""Training and flights in programs by others: TensorBoard, Weights & Biases and rerun."""
+"""Training in programs by others: TensorBoard, and Weights & Biases."""

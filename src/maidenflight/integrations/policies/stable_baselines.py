@@ -2,16 +2,15 @@
 
 `model.zip`, as `model.save` writes it, of PPO, A2C, SAC, TD3 and DDPG with an `MlpPolicy`; the
 action is `model.predict(..., deterministic=True)`, of observations scaled by `VecNormalize` if its
-file is named. These files hold pickled Python objects, which could run any code when they are read:
+file is given. These files hold pickled Python objects, which could run any code when they are read:
 `unpickling` reads numbers and known classes only, and refuses others.
 
-What trained in `maidenflight.integrations.gym` needs no description: the environment notes in its
-space of observations, which the file holds, what an observation is (`interface.NOTE`).
+An environment of `maidenflight.integrations.gym` notes in its space of observations, which the file
+holds, what an observation is (`interface.NOTE`).
 """
 
 import importlib
 import zipfile
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,15 +27,6 @@ SCALING = "vecnormalize.pkl"
 """Name of the file of `VecNormalize` that is looked for beside a policy of our environments."""
 _UNREAD = ("ep_info_buffer", "ep_success_buffer", "_last_obs", "_last_episode_starts")
 """Objects of `model.zip` that only a training needs."""
-INSTANT = [
-    "position",
-    "quaternion_xyzw",
-    "velocity",
-    "body_rates",
-    "setpoint_offset",
-    "last_action",
-]
-"""Inputs of `described.INPUTS` that are an instant of our environments."""
 
 
 class Model(NamedTuple):
@@ -44,22 +34,6 @@ class Model(NamedTuple):
 
     algorithm: Any
     scaling: Any
-
-    @property
-    def range(self) -> tuple[float, float]:
-        """Of the actions.
-
-        Raises:
-            InputError: they are not four of one range.
-        """
-        space = self.algorithm.action_space
-        low, high = (np.ravel(getattr(space, name, ())) for name in ("low", "high"))
-        if len(low) != 4 or np.ptp(low) or np.ptp(high) or not np.isfinite([low, high]).all():
-            raise InputError(
-                f"a policy of Stable-Baselines3 with actions of {space}; expected a Box of four "
-                "numbers of one range, one for each motor."
-            )
-        return float(low[0]), float(high[0])
 
     def act(self, numbers: Float[np.ndarray, "N"]) -> Float[np.ndarray, "4"]:
         """Returns the deterministic action.
@@ -109,31 +83,28 @@ def read_model(path: StrPath, scaling: StrPath | None = None) -> Model:
     return Model(algorithm, None if scaling is None else _scaling(scaling, algorithm))
 
 
-def layout(path: StrPath, model: Model) -> dict[str, Any]:
-    """Returns a description, as of a TOML file, of a policy of our own environments.
+def environment_of(path: StrPath, model: Model) -> tuple[int, PolicySpec]:
+    """Returns actions a second [Hz] and observations of the environment that trained a policy.
 
     Raises:
-        InputError: it was trained elsewhere, or does not command the motors.
+        InputError: it is none of ours, was wrapped, or does not command the motors.
     """
     note = getattr(model.algorithm.observation_space, NOTE, None)
-    if note is None:
+    space = model.algorithm.action_space
+    low, high = (np.ravel(getattr(space, name, ())) for name in ("low", "high"))
+    if note is None or [*low, *high] != [-1.0] * 4 + [1.0] * 4:
         raise InputError(
             f"{path}: trained in an environment that is none of maidenflight.integrations.gym, or "
-            "that was wrapped, so what its numbers are is not known. Describe it in a TOML file "
-            f"with network = {Path(path).name!r} and give that (docs/evaluation.md)."
+            "that was wrapped, so what its numbers are is not known. Write a class that says it, "
+            "such as examples/own_sb3_policy.py, and give MODULE:NAME (docs/evaluation.md)."
         )
     if note["control"] != "pwm":
         raise InputError(
             f"{path}: a {note['control']} policy; of those by others only such fly that command "
             "the motors. Train with control='pwm'."
         )
-    return {
-        "rate": note["rate"],
-        "inputs": INSTANT,
-        "range": list(model.range),
-        "commands": "thrust",
-        **{name: note[name] for name in PolicySpec.OBSERVED if note.get(name) is not None},
-    }
+    known = {name: note[name] for name in PolicySpec.OBSERVED if note.get(name) is not None}
+    return note["rate"], PolicySpec.from_dict(known)
 
 
 def _algorithm(path: StrPath) -> str:

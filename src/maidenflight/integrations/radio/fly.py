@@ -12,7 +12,7 @@ from maidenflight.errors import InputError
 from maidenflight.integrations.radio.blocks import LIMITS
 from maidenflight.settings import choice, flag, number, path, setting, text, whole
 from maidenflight.verb import Output, Progress, Result, Verb
-from maidenflight.verbs import core, shared
+from maidenflight.verbs import shared
 
 if TYPE_CHECKING:
     from maidenflight.integrations.radio.preflight import Expected
@@ -136,27 +136,33 @@ class Fly(Verb):
 
     def _expected(self) -> tuple["Expected", dict[str, object]]:
         """What must be on board, and what records say of the policy."""
+        from maidenflight import policy_file
+        from maidenflight.deployment.c import digest
+        from maidenflight.identification import drone_file, identity
         from maidenflight.integrations.radio.preflight import Expected
 
         if self.policy is None:
             return Expected(), {}
-        file = core.policy_file.read_policy(self.policy)
-        digest, own = core.digest(file.policy), file.identity
+        file = policy_file.read_policy(self.policy)
+        code, own = digest(file.policy), file.identity
         if self.drone is not None:
-            flies = core.identity.identity_of(core.drone_file.read(self.drone))
-            core.identity.check_same_drone(str(self.policy), own, flies)
-        recorded = {"file": self.policy.name, "sha256": digest, "drone": own}
-        return Expected(code=digest[:8], propellers=core.identity.propellers_of(own)), recorded
+            flies = identity.identity_of(drone_file.read(self.drone))
+            identity.check_same_drone(str(self.policy), own, flies)
+        recorded = {"file": self.policy.name, "sha256": code, "drone": own}
+        return Expected(code=code[:8], propellers=identity.propellers_of(own)), recorded
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Flies; writes a log a flight. Says on standard error what the drone does."""
+        from maidenflight.flights import flight_plan
+        from maidenflight.flights.flight_plan import FlightPlan
+
         if self.recover:
             return _recover(output)
         from maidenflight.integrations.radio.flight import COMPLETE
         from maidenflight.integrations.radio.session import Care, Course, record
 
         pid, real = self.pilot == "pid", (self.uri or "").startswith(("radio://", "usb://"))
-        course: core.FlightPlan | Course = Course(
+        course: FlightPlan | Course = Course(
             self.task,
             self.duration or (30.0 if pid else 10.0),
             self.height,
@@ -177,7 +183,7 @@ class Fly(Verb):
             settings={"policy": policy} if policy else {},
         )
         if self.plan is not None:
-            course = core.flight_plan.read(self.plan)
+            course = flight_plan.read(self.plan)
         count = self.flights or (4 if pid and self.plan is None else 1)
         uri = self.uri or ""
         session_result = record(uri, output, course, count, self.seed, say=_say, care=care)

@@ -56,9 +56,9 @@ def _panel(
     if error in flights.columns:
         width = scale * flights[error].cast(polars.Float64).to_numpy()
     rows: list[Spec] = [
-        {"series": "flight", "x": number, "place": place, "name": flight, "y": value}
+        {"series": "flight", "x": number, "place": index, "name": flight, "y": value}
         | {"error": spread, "low": value - spread, "high": value + spread}
-        for place, (number, flight, value, spread) in enumerate(
+        for index, (number, flight, value, spread) in enumerate(
             zip(flights["number"], flights["flight"], values, width, strict=True)
         )
     ]

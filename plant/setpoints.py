@@ -4,7 +4,7 @@ Writes a table of paper/notes/training.md: what the app makes of velocity and ac
 set-points, in place of the reference's future. Plant, estimator and PID as in `guards.py`.
 
     maidenflight train --drone crazyflie --task tracking -o tracking
-    python benchmarks/setpoints.py tracking/policy_1.json --reference places.csv
+    python plant/setpoints.py tracking/policy_1.json --reference places.csv
 """
 
 from pathlib import Path
@@ -14,8 +14,7 @@ import click
 import jax
 import jax.numpy as jnp
 import numpy as np
-from guards import Flights
-from page import write
+from guards import Flights, write
 
 from maidenflight.simulator.tasks.tasks import find_task
 

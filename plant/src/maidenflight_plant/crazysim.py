@@ -15,8 +15,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from maidenflight.integrations.plant.lock_step import listening
-from maidenflight.integrations.plant.running_plant import POSE_EVERY, STEP, RunningPlant
+from maidenflight_plant.lock_step import listening
+from maidenflight_plant.running_plant import POSE_EVERY, STEP, RunningPlant
 
 FIRMWARE_PORT, GROUND_PORT = 19950, 19850
 HANDSHAKE, PROBE = b"\xf3", b"\xff"

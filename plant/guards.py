@@ -4,7 +4,7 @@ Writes a table of paper/notes/export.md. Estimator and PID of the firmware are o
 is what `export` writes, compiled for this computer (tests/integrations/exporters/app_in_plant.py).
 
     maidenflight train --drone crazyflie_2.1+ --yaw-penalty 0.1 --policies 1 -o policies
-    python benchmarks/guards.py policies/policy_1.json
+    python plant/guards.py policies/policy_1.json
 """
 
 import sys
@@ -15,15 +15,15 @@ from typing import Any
 
 import click
 import numpy as np
-from page import write
 
 from maidenflight import policy_file
-from maidenflight.integrations.plant.running_plant import find_plant
 from maidenflight.integrations.radio.blocks import REASONS
+from maidenflight_plant.running_plant import find_plant
 
-TESTS = Path(__file__).parents[1] / "tests"
-for folder in ("", "integrations/exporters"):
-    sys.path.insert(0, str(TESTS / folder))
+ROOT = Path(__file__).parents[1]
+for folder in ("benchmarks", "tests", "tests/integrations/exporters"):
+    sys.path.insert(0, str(ROOT / folder))
+write: Any = import_module("page").write
 app_in_firmware: Any = import_module("app_in_firmware")
 app_in_plant: Any = import_module("app_in_plant")
 faults: Any = import_module("test_app_in_plant")

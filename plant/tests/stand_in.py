@@ -12,11 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from maidenflight.integrations.plant.running_plant import SIZE
 from maidenflight.simulator.controllers import firmware
 from maidenflight.simulator.controllers.control import NOTHING
 from maidenflight.simulator.controllers.firmware import ABSOLUTE, DISABLE, VELOCITY, StateEstimate
 from maidenflight.simulator.physics import battery, rotations
+from maidenflight_plant.running_plant import SIZE
 
 STRUCTURES = ("position", "pwm", "attitude", "attitude_rate")
 MODES = {

@@ -10,12 +10,12 @@ import threading
 
 import numpy as np
 import pytest
-import stand_in
 
+import stand_in
 from maidenflight.errors import InputError
-from maidenflight.integrations.plant import lock_step
-from maidenflight.integrations.plant.running_plant import find_plant
 from maidenflight.simulator.tasks.tasks import STANDING_HEIGHT_M
+from maidenflight_plant import lock_step
+from maidenflight_plant.running_plant import find_plant
 
 OFF = (0, 0, 0, 0)
 
@@ -133,7 +133,7 @@ def test_what_has_physics_of_its_own_is_no_plant(monkeypatch, tmp_path):
 
 def flown(structure, seconds):
     """A flight by the command, and a digest of all that the plant said."""
-    command = [sys.executable, "-m", "maidenflight.integrations.plant", "virtual:7", "--pipe"]
+    command = [sys.executable, "-m", "maidenflight", "plant", "virtual:7", "--pipe"]
     pilot, said = stand_in.Firmware(structure), hashlib.sha256()
     with subprocess.Popen(
         [*command, "--duration", str(seconds)],

@@ -7,11 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maidenflight.integrations.plant import running_plant as plant
 from maidenflight.parameters import noiseless
 from maidenflight.simulator.physics import battery, dynamics
 from maidenflight.simulator.realities.virtual_drone import virtual_drone
 from maidenflight.simulator.tasks.tasks import STANDING_HEIGHT_M
+from maidenflight_plant import running_plant as plant
 
 pytestmark = pytest.mark.slow
 

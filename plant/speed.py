@@ -3,7 +3,7 @@
 Flies each control structure from take-off for 30 s, the stand-in in this process and the plant in
 another, and times the flight from its second second on, when both have compiled.
 
-    python benchmarks/plant.py
+    python plant/speed.py
 """
 
 import statistics
@@ -14,16 +14,17 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from maidenflight.integrations.plant import lock_step
+from maidenflight_plant import lock_step
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "integrations" / "plant"))
+sys.path.insert(0, str(Path(__file__).parent / "tests"))
 stand_in: Any = import_module("stand_in")
 
 SECONDS = 30
 COMMAND = [
     sys.executable,
     "-m",
-    "maidenflight.integrations.plant",
+    "maidenflight",
+    "plant",
     "virtual:7",
     "--pipe",
     "--duration",

@@ -24,7 +24,7 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 
 from maidenflight.errors import InputError
-from maidenflight.integrations.plant.running_plant import POSE_EVERY, SIZE, RunningPlant
+from maidenflight_plant.running_plant import POSE_EVERY, SIZE, RunningPlant
 
 SENSORS = struct.Struct(f"<II{SIZE}f")
 MOTORS = struct.Struct("<I4H")

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from maidenflight.errors import InputError
-from maidenflight.integrations.plant import crazysim
-from maidenflight.integrations.plant.running_plant import find_plant
+from maidenflight_plant import crazysim
+from maidenflight_plant.running_plant import find_plant
 
 
 @pytest.fixture(scope="module")

@@ -1,1 +1,0 @@
-"""A simulated drone for a firmware elsewhere, in lock-step or for CrazySim."""
