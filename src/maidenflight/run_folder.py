@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from maidenflight import inputs, manifest, results
+from maidenflight import budget, inputs, manifest, results
 from maidenflight.errors import InputError
 from maidenflight.inputs import Fields, StrPath
 
@@ -88,7 +88,7 @@ class Table:
         """
         import polars
 
-        content = inputs.readable(path)
+        content = inputs.readable(path, budget.TABLE)
         lines = (line for line in content.split("\n") if line.strip() and line[0] != "#")
         names = next(lines, "").split(",")
         problem = "a column is there twice" if len(set(names)) < len(names) else ""

@@ -248,7 +248,7 @@ def _format_of(table: Table, names: Iterable[str] = LOG_FORMATS) -> TableFormat 
 
 def _tables(file: Path, name: str, names: Iterable[str] = LOG_FORMATS) -> Iterator[Table]:
     """The table in a file, of a long one in parts."""
-    if file.name.endswith(TABLES) and file.stat().st_size > tables.PART:
+    if file.name.endswith(TABLES) and tables.is_long(file):
         return tables.parts(file, name)
     return iter([_table(file, name, names)])
 

@@ -12,7 +12,7 @@ import numpy as np
 import polars
 from jaxtyping import Float
 
-from maidenflight import inputs, manifest, results, run_folder
+from maidenflight import budget, inputs, manifest, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.flights import log
@@ -257,13 +257,13 @@ def _is_own(path: Path) -> bool:
     """Whether a file is a log of ours, by its first line."""
     try:
         first = next(iter(inputs.comments(path)), "") if path.suffix == ".csv" else ""
-    except (OSError, UnicodeDecodeError):
+    except (OSError, ValueError):
         return False
     return first.startswith(log.FAMILY)
 
 
 def _own(path: Path, records: dict[str, Mapping[str, Any]]) -> Flight:
-    text = inputs.readable(path)
+    text = inputs.readable(path, budget.WHOLE_LOG)
     if not text.startswith(log.MARK):
         raise InputError(
             f"{path}: not a flight log of maidenflight; its first line should begin with "
