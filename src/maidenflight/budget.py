@@ -89,7 +89,7 @@ COMMENTS = Budget("the comments of a file", {"bytes": MB})
 """The lines with `#` above a table, its record among them."""
 LOG = Budget("a log", {"bytes": 4000 * MB, "bytes a line": MB, "columns": 4000, "rows": 10 * MB})
 """Flight logs of all formats, unpacked; tables are read in parts of 8 MB or 60,000 rows."""
-WHOLE_LOG = Budget("a log that is read at once", {"bytes": 256 * MB, "fields": 4000})
+WHOLE_LOG = Budget("a log that is read at once", {"bytes": 256 * MB, "fields": 1000})
 """Of a Crazyflie's card, ULog, DataFlash and blackbox; and our own logs beside a report."""
 DEFINITIONS = Budget("the definitions of a recording's messages", {"bytes": 2 * MB})
 """In MCAP and SQLite recordings; what follows of them becomes code of `rosbags`."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from maidenflight import budget, inputs, manifest, results
 from maidenflight.errors import InputError
-from maidenflight.inputs import Fields, StrPath
+from maidenflight.inputs import StrPath
 
 if TYPE_CHECKING:
     from polars import DataFrame
@@ -275,14 +275,3 @@ def write_stages(folder: StrPath, seed: int, seconds: Mapping[str, float]) -> Pa
     """Writes how long each stage of a demo took [s]."""
     content = json.dumps({"seed": seed, "stages": dict(seconds)}, indent=1)
     return results.write(Path(folder, STAGES), f"{content}\n")
-
-
-def read_stages(path: Path) -> dict[str, float]:
-    """Returns how long each stage took [s].
-
-    Raises:
-        InputError: the file says no seconds.
-    """
-    cure = "Remove the file, or run the demo again."
-    fields = Fields(inputs.json_file(path, cure), str(path), "demo", cure).table("stages")
-    return {stage: fields.number(stage, 0.0, 1e9) for stage in fields.content}

@@ -9,7 +9,7 @@ import numpy as np
 import tomlkit
 
 from maidenflight import budget, inputs, results
-from maidenflight.errors import InputError
+from maidenflight.errors import InputError, printable
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import named
 from maidenflight.parameters.components import check, plain
@@ -235,4 +235,4 @@ def full_scale_counts(drone: StrPath) -> float | None:
 
 def name_of(drone: StrPath) -> str:
     """Returns what to call a drone: its name, or its file's name without the ending."""
-    return str(drone) if str(drone) in DRONES else Path(drone).stem
+    return str(drone) if str(drone) in DRONES else printable(Path(drone).stem)

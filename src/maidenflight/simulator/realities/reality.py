@@ -7,7 +7,6 @@ A reality is a `VirtualDrone`, of which many fly at once in JAX, or anything tha
 import dataclasses
 import os
 from difflib import get_close_matches
-from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -172,7 +171,7 @@ def _virtual_about(drawn_name: str, centre: str) -> VirtualDrone:
         )
     law = law_for(parameters.full_scale_counts(centre))
     drone = virtual_drone(int(seed), kind, parameters.read_drone(centre), law)
-    return dataclasses.replace(drone, name=f"{drone.name}-{Path(centre).stem}")
+    return dataclasses.replace(drone, name=f"{drone.name}-{parameters.name_of(centre)}")
 
 
 def check_reality(candidate: Any) -> AnyReality:
