@@ -38,7 +38,7 @@ from fuzz_recordings import recording_readers
 from fuzz_runs import run_readers
 from page import write
 
-from maidenflight.errors import InputError
+from maidenflight.errors import InputError, require_packages
 
 LONGEST = 5.0
 """Time that a reader may take [s]."""
@@ -355,6 +355,7 @@ def table(found: dict[str, Counts]) -> str:
 )
 def main(inputs: int, seed: int, wanted: str | None, only: int | None, output: str) -> None:
     """Reads and counts."""
+    require_packages("rosbags", "pyulog", "orangebox", "pymavlink")
     chosen = [
         reader for reader in known_readers().values() if wanted is None or wanted in reader.name
     ]

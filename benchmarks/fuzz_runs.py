@@ -123,9 +123,6 @@ def unsound_run(read: runs.Run) -> str:
         "posterior": not all(np.isfinite(draws).all() for draws in read.posterior.values()),
         "objective": read.objective not in OBJECTIVES,
         "a period": not all(0 < flight.period < 1 for flight in (*read.recorded, *read.flights)),
-        "seconds": not all(
-            np.isfinite(seconds) and seconds >= 0 for seconds in read.seconds.values()
-        ),
         "durations": read.table is not None
         and not (read.table["duration"].is_finite() & (read.table["duration"] >= 0)).all(),
         "nothing where something was": read.table is None

@@ -180,6 +180,7 @@ TRAINING = Table(
         "policy": float,
         **dict.fromkeys(("episode_return", "survival", "position_error"), float),
     },
+    digits=5,
 )
 """Scores of policies in training, a row a policy and evaluation."""
 EVALUATIONS = Table("identification.csv", {"objective": float}, digits=9)
