@@ -1,7 +1,7 @@
 """Known vulnerabilities of the locked versions, and the licences of what each extra installs.
 
     python benchmarks/audit.py                          # asks PyPI by pip-audit
-    python benchmarks/audit.py --licences docs/licences.md
+    python benchmarks/audit.py --licences paper/notes/licences.md
 
 Licences are read of packages that are installed; `--also` names folders with further ones. A table
 lists every package that an extra brings, by licence.
