@@ -7,7 +7,6 @@ import base64
 import gzip
 import io
 import json
-import pickle
 import sqlite3
 import sys
 import zipfile
@@ -264,7 +263,8 @@ def model_code() -> bytes:
 
 def model_wrapped_code() -> bytes:
     """The same within Stable-Baselines3's own class, whose state is a pickle that it reads."""
-    state = pickle.dumps(evil_call("os.system", "touch touched"), 2)[2:-1]
+    inner = evil_call("os.system", "touch touched")
+    state = b"B" + len(inner).to_bytes(4, "little") + inner
     wrapper = b"cstable_baselines3.common.vec_env.base_vec_env\nCloudpickleWrapper\n"
     return with_object("observation_space", wrapper + b")\x81" + state + b"b.")
 

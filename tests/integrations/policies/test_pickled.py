@@ -30,7 +30,7 @@ def evil_pickles(place: Path) -> dict[str, bytes]:
         "NEWOBJ": b"\x80\x02cbuiltins\nexec\nV" + code.encode() + b"\n\x85\x81.",
         "NEWOBJ_EX": b"\x80\x04cbuiltins\nexec\nV" + code.encode() + b"\n\x85}\x92.",
         "STACK_GLOBAL": b"\x80\x04Vbuiltins\nVexec\n\x93V" + code.encode() + b"\n\x85R.",
-        "BUILD": named + b")\x81" + pickle.dumps(inner, 2)[2:-1] + b"b.",
+        "BUILD": named + b")\x81" + b"B" + len(inner).to_bytes(4, "little") + inner + b"b.",
         "a name with dots": b"\x80\x04Vmaidenflight\nVos.system\n\x93Vtouch "
         + str(place).encode()
         + b"\n\x85R.",
