@@ -14,6 +14,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from importlib.metadata import Distribution, distributions
 from pathlib import Path
+from typing import Any
 
 import click
 from packaging.requirements import Requirement
@@ -68,7 +69,7 @@ def audit(lock: Path) -> tuple[list[str], list[str], list[str]]:
 
 def licence_of(package: Distribution) -> str:
     """Returns the licence that a package states, by its usual name."""
-    about = package.metadata
+    about: Any = package.metadata
     classifiers = [
         text.rpartition("::")[2]
         for text in about.get_all("Classifier") or []
