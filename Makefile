@@ -18,7 +18,7 @@ define install
   && $(BIN)/python -m pip install --quiet --editable '.$(1)' $(3); }
 endef
 
-.PHONY: demo test test-all night lint docs paper format lock oldest release-check clean
+.PHONY: demo test test-all night lint docs paper format lock oldest audit release-check clean
 
 demo: $(VENV)/.installed
 	$(BIN)/maidenflight demo
@@ -103,7 +103,11 @@ oldest: $(VENV)/.installed-dev
 	UV_CONSTRAINT= UV_BUILD_CONSTRAINT= VIRTUAL_ENV=build/oldest $(BIN)/uv pip install --resolution lowest-direct --editable '.[dev]' --editable ./plant
 	build/oldest/bin/python -m pytest -n auto --dist loadfile -m 'not slow'
 
-# Everything a release is: sdist and wheel, their metadata, the changelog's entry; then the demo and the quick tests on the wheel,
+# Known vulnerabilities of the locked versions, as far as PyPI can be asked.
+audit: $(VENV)/.installed-dev
+	PATH="$(BIN):$$PATH" $(BIN)/python benchmarks/audit.py
+
+# Everything a release is: sdist and wheel, their metadata, the list of parts (SBOM), the changelog's entry; then the demo and the quick tests on the wheel,
 # in an environment of its own; of the sdist's sources tests read only the text. A person then runs `uv publish`.
 release-check: $(VENV)/.installed-dev
 	rm -rf dist build/release && mkdir -p build/release
@@ -112,6 +116,7 @@ release-check: $(VENV)/.installed-dev
 	$(BIN)/uv tool run twine check --strict dist/*
 	$(BIN)/uv venv --clear --python $(BIN)/python build/release/venv
 	VIRTUAL_ENV=build/release/venv $(BIN)/uv pip install --quiet --compile-bytecode "$$(ls dist/*.whl)[dev]" ./plant
+	$(BIN)/uv tool run --from cyclonedx-bom cyclonedx-py environment --output-reproducible --output-file dist/maidenflight.cdx.json build/release/venv/bin/python
 	cd build/release && venv/bin/maidenflight demo -o run --overwrite
 	tar -xzf dist/*.tar.gz -C build/release --strip-components 1
 	cd build/release && venv/bin/python -c 'import maidenflight; assert "site-packages" in maidenflight.__file__'

@@ -15,7 +15,7 @@ import jax
 from page import write
 
 import maidenflight as mf
-from maidenflight.errors import InputError
+from maidenflight.errors import InputError, require_packages
 from maidenflight.flights.checkup.checkup import check_up
 from maidenflight.flights.checkup.result import FAILS, UNKNOWN, WARNS, CheckResult
 from maidenflight.flights.log import Flight
@@ -148,6 +148,7 @@ def _row(name: str, cells: Sequence[Counter[str]]) -> str:
 @click.option("--only", default="", help="Spoilings whose name contains this.")
 def main(data: Path, only: str) -> None:
     """Measures both sets and writes the page."""
+    require_packages("rosbags", "pyulog", "orangebox", "pymavlink")
     tables: dict[str, dict[str, Counter[str]]] = {}
     lines, report = [], []
     for which in PATTERNS:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import maidenflight as mf
 from maidenflight import cores
+from maidenflight.errors import require_packages
 from maidenflight.settings import number, setting, whole
 from maidenflight.verb import Progress, Result, Verb
 
@@ -37,6 +38,8 @@ def main() -> None:
     options.add_argument("--on", default="local")
     options.add_argument("--tasks", type=int, default=1000)
     arguments = options.parse_args()
+    engine = arguments.on.partition(":")[0]
+    require_packages(*{"ray": ["ray"], "slurm": ["submitit"]}.get(engine, []))
     # Workers import this file by its name.
     places = [str(Path(__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])]
     os.environ["PYTHONPATH"] = os.pathsep.join(places)

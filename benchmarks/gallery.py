@@ -17,16 +17,19 @@ import tempfile
 from pathlib import Path
 
 import click
-from PIL import Image
 from rich.console import Console
 from rich.text import Text
 
+from maidenflight.errors import require_packages
 from maidenflight.reporting import run as runs
 from maidenflight.reporting.figures.corner import corner
 from maidenflight.reporting.figures.delays import delay_posterior
 from maidenflight.reporting.figures.picture import svg
 from maidenflight.reporting.figures.training import learning_curves
 from maidenflight.reporting.sections.head import NAMES
+
+require_packages("PIL")
+from PIL import Image  # noqa: E402
 
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 _MAIDENFLIGHT = (sys.executable, "-m", "maidenflight")

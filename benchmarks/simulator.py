@@ -28,6 +28,7 @@ from maidenflight_speed import LAYOUTS
 from page import write
 
 from maidenflight.compiler import FUSED, SMALLEST, has_older_emitter
+from maidenflight.errors import require_packages
 
 FOLDER = Path(__file__).parent
 VERSION = "0.4.0"
@@ -362,6 +363,7 @@ def details(measurements: Measurements) -> str:
 )
 def main(quick: bool, output: Path, crazyflow: str | None) -> None:
     """Measures both and writes the tables into the page OUTPUT and a chart beside it."""
+    require_packages("gymnasium")
     repeats, processes = (3, 1) if quick else (9, 5)
     where = machine(repeats, processes)
     sides = {

@@ -19,6 +19,7 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
+from maidenflight.errors import require_packages
 from maidenflight.settings import setting, whole
 from maidenflight.verb import Progress, Result, Verb
 
@@ -136,6 +137,7 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--study", type=Path)
     arguments = options.parse_args()
+    require_packages("submitit")
     signal.signal(signal.SIGTERM, lambda *_: sys.exit("ended"))
     places = [str(Path(__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])]
     os.environ["PYTHONPATH"] = os.pathsep.join(places)

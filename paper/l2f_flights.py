@@ -23,6 +23,7 @@ from identified_drones import drones_of
 from jaxtyping import Float
 
 from maidenflight import policy_file
+from maidenflight.errors import require_packages
 from maidenflight.experiments.transfer import firmware_pilot
 from maidenflight.flying.engine import fly_all
 from maidenflight.flying.foreign_policy import foreign_policy
@@ -129,6 +130,7 @@ def row(
 
 def main() -> None:
     """Flies all references with all pilots."""
+    require_packages("foundation_policy")
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("drone", type=Path)
     parser.add_argument("policies", type=Path)

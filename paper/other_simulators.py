@@ -22,6 +22,7 @@ from agreement import agreement
 
 import maidenflight as mf
 from maidenflight import compiler, policy_file, results
+from maidenflight.errors import require_simulators
 from maidenflight.experiments.drones import choose_prediction, find_reality, possible_drones
 from maidenflight.experiments.flight_times import predict_flight_times
 from maidenflight.flying.scenario import start_of
@@ -134,6 +135,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--reality", action="append", required=True, help="may be repeated")
     parser.add_argument("-o", "--output", type=Path, default=Path("other_simulators"))
     options = parser.parse_args(arguments)
+    require_simulators(options.reality)
     folders = {name: options.output / name.replace(":", "_") for name in options.reality}
     drones = {name: identify_drone(name, folder) for name, folder in folders.items()}
     trainings = train_policies(drones[options.reality[0]], options.output / "policies")

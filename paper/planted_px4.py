@@ -23,6 +23,7 @@ from scipy.signal import butter
 
 import maidenflight as mf
 from maidenflight import results
+from maidenflight.errors import require_packages
 from maidenflight.flights.checked_log import check_log
 from maidenflight.flights.formats import Logged
 from maidenflight.flights.log import Flight
@@ -230,6 +231,7 @@ def judge_drones(seeds: range) -> Iterator[dict[str, Any]]:
 
 def main() -> None:
     """Writes the table and prints it."""
+    require_packages("pyulog")
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--drones", type=int, default=6)
     parser.add_argument("--first", type=int, default=0, help="seed of the first")

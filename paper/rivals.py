@@ -26,6 +26,7 @@ import numpy as np
 import polars
 
 from maidenflight import results
+from maidenflight.errors import require_packages
 from maidenflight.experiments import envelope, transfer
 from maidenflight.flights.log import thinned
 from maidenflight.flying import engine
@@ -344,6 +345,7 @@ def main() -> None:
     parser.add_argument("--raptor", action="store_true", help="needs foundation-policy")
     parser.add_argument("-o", "--output", type=Path, default=Path("rivals"))
     options = parser.parse_args()
+    require_packages(*(["foundation_policy"] if options.raptor else []))
     extra = Sources(options.authors, options.raptor)
     flights = table(
         options.output,

@@ -21,7 +21,7 @@ from scipy.signal import butter, sosfiltfilt
 
 import maidenflight as mf
 from maidenflight import results
-from maidenflight.errors import InputError
+from maidenflight.errors import InputError, require_packages
 from maidenflight.experiments.drones import find_reality
 from maidenflight.flights.log import Flight, by_log, thinned
 from maidenflight.flights.reading import read_flights
@@ -339,6 +339,7 @@ starts; their lag is that about hover, and inertia that of the start's mass and 
 
 def main() -> None:
     """Writes the board."""
+    require_packages("pyulog", "orangebox", "pymavlink")
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, required=True, help="folder of the public logs")
     every = [*DRONES, *SIMULATED]

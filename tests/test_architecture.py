@@ -31,7 +31,8 @@ ORDER = [
 ]
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names.split()}
 FREE = set(
-    "cache compiler cores errors inputs manifest names registry results run_folder settings".split()
+    "budget cache compiler cores errors inputs manifest names registry results run_folder "
+    "settings".split()
 )
 """May be imported by all, and import no stage."""
 APART = {"identification", "training", "deployment"}

@@ -3,6 +3,7 @@ what it held, and two runs do not mix."""
 
 import errno
 import gc
+import hashlib
 import os
 import re
 import signal
@@ -16,10 +17,11 @@ from typing import Any
 
 import jax
 import pytest
+from filelock import FileLock
 
 import maidenflight
 from commands import Command
-from maidenflight import manifest, parameters, policy, policy_file, results
+from maidenflight import cache, manifest, parameters, policy, policy_file, results
 from maidenflight.errors import InputError
 from maidenflight.registry import VERBS
 from maidenflight.simulator.policy_spec import PolicySpec
@@ -242,11 +244,59 @@ def test_a_place_is_given_back(tmp_path: Path) -> None:
 
 
 def test_a_place_given_back_leaves_nothing(tmp_path: Path, monkeypatch: Any) -> None:
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr("maidenflight.cache.folder", lambda: tmp_path / "cache")
     back = results.claim(tmp_path / "made")
-    assert [path.suffix for path in tmp_path.iterdir()] == [".lock"]
+    assert [path.suffix for path in (tmp_path / "cache" / "locks").iterdir()] == [".lock"]
     back()
-    assert list(tmp_path.iterdir()) == []
+    assert list((tmp_path / "cache" / "locks").iterdir()) == []
+
+
+def test_what_others_put_into_the_temporary_folder_blocks_no_run(
+    tmp_path: Path, monkeypatch: Any
+) -> None:
+    """A lock of another user's under the name that ours would have, or had in earlier versions."""
+    shared = tmp_path / "tmp"
+    shared.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(shared))
+    monkeypatch.setattr("maidenflight.cache.folder", lambda: tmp_path / "cache")
+    place = tmp_path / "made"
+    name = hashlib.sha256(os.fsencode(place.resolve())).hexdigest()[:16]
+    held = [FileLock(shared / f"maidenflight-{os.getuid()}-{name}.lock")]
+    (shared / f"maidenflight-{os.getuid()}").mkdir()
+    held.append(FileLock(shared / f"maidenflight-{os.getuid()}" / f"{name}.lock"))
+    for lock in held:
+        lock.acquire()
+    back = results.claim(place)
+    with pytest.raises(InputError, match="another maidenflight"):
+        results.claim(place)
+    back()
+    for lock in held:
+        lock.release()
+
+
+@pytest.mark.parametrize("evil", ["link", "open to all", "a file"])
+def test_a_folder_that_others_may_write_to_holds_no_locks(
+    evil: str, tmp_path: Path, monkeypatch: Any
+) -> None:
+    """The home cannot be written to, and in the temporary folder somebody was quicker."""
+    home = tmp_path / "home"
+    home.write_text("")
+    monkeypatch.setattr("maidenflight.cache.folder", lambda: home / "cache")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    place = tmp_path / f"maidenflight-{os.getuid()}"
+    assert cache.find_private_folder("locks") == place / "locks"
+    (place / "locks").rmdir()
+    place.rmdir()
+    if evil == "link":
+        (tmp_path / "theirs").mkdir()
+        place.symlink_to(tmp_path / "theirs")
+    elif evil == "a file":
+        place.write_text("")
+    else:
+        place.mkdir()
+        place.chmod(0o777)
+    assert cache.find_private_folder("locks") is None
+    results.claim(tmp_path / "made")()
 
 
 def test_a_place_that_is_given_back_while_another_asks_for_it_is_claimed_anew(
@@ -254,7 +304,6 @@ def test_a_place_that_is_given_back_while_another_asks_for_it_is_claimed_anew(
 ) -> None:
     import fcntl
 
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     given, backs = fcntl.flock, [results.claim(tmp_path / "made")]
 
     def just_before(descriptor: int, how: int) -> None:

@@ -88,12 +88,3 @@ def test_numbered_files_are_found_in_their_order(tmp_path):
 )
 def test_evaluations_lie_beside_their_drone(drone, evaluations):
     assert run_folder.evaluations_path(drone).as_posix() == evaluations
-
-
-@pytest.mark.parametrize("stages", ["3", '{"train": "long"}', '{"train": -1}', '{"train": true}'])
-def test_seconds_of_stages_read_back_and_others_are_refused(tmp_path, stages):
-    path = run_folder.write_stages(tmp_path, 7, {"record": 1.5, "train": 30.0})
-    assert run_folder.read_stages(path) == {"record": 1.5, "train": 30.0}
-    path.write_text(f'{{"stages": {stages}}}')
-    with pytest.raises(InputError):
-        run_folder.read_stages(path)

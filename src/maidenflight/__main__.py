@@ -1,5 +1,6 @@
 """The process of a command: `maidenflight`, or `python -m maidenflight`."""
 
+import os
 import signal
 import sys
 
@@ -10,6 +11,9 @@ def main() -> None:
     A process that was interrupted leaves at once, since Python's own end would crash where threads
     of XLA are still compiling.
     """
+    # Processes that a command starts look for modules where this one does, not in the folder in
+    # which the user happens to be, which may be anybody's.
+    os.environ.setdefault("PYTHONSAFEPATH", "1")
     try:
         from maidenflight import cli
         from maidenflight.cli import interruption

@@ -1,7 +1,9 @@
-"""The user's cache folder: compiled programs, and tables of contents of Crazyflies."""
+"""The user's cache folder: compiled programs, tables of contents of Crazyflies, locks."""
 
 import os
 import platform
+import stat
+import tempfile
 import warnings
 import zlib
 from contextlib import suppress
@@ -16,6 +18,34 @@ _CACHE_BYTES = 500_000_000
 def folder() -> Path:
     """Returns the user's cache folder."""
     return platformdirs.user_cache_path("maidenflight", appauthor=False)
+
+
+def find_private_folder(name: str) -> Path | None:
+    """Makes a folder that is the user's alone, so that nobody else can fill or hold what is in it.
+
+    It lies in the cache folder or, of a home that cannot be written to, in the temporary one.
+
+    Returns:
+        The folder; none where neither can be written to, or others may write to them.
+    """
+    owner = os.getuid() if hasattr(os, "getuid") else 0
+    for place in (folder(), Path(tempfile.gettempdir(), f"maidenflight-{owner}")):
+        with suppress(OSError):
+            for each in (place, place / name):
+                each.mkdir(mode=0o700, parents=True, exist_ok=True)
+                if not _is_own(each, owner):
+                    break
+            else:
+                with tempfile.TemporaryFile(dir=place / name):
+                    return place / name
+    return None
+
+
+def _is_own(place: Path, owner: int) -> bool:
+    """Whether a folder is no link, and nobody but its owner may write to it."""
+    status = place.lstat()
+    is_private = status.st_uid == owner and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    return stat.S_ISDIR(status.st_mode) and (is_private or os.name == "nt")
 
 
 def keep_compiled() -> None:

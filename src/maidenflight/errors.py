@@ -2,9 +2,10 @@
 
 import errno
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
+from importlib.util import find_spec
 from os import PathLike
 from typing import Any
 
@@ -69,6 +70,41 @@ def imported(package: str, extra: str, purpose: str, remark: str = "") -> Any:
     """Returns an optional package; arguments and errors as of `optional`."""
     with optional(package, extra, purpose, remark):
         return import_module(package)
+
+
+_EXTRAS = {
+    **{"gymnasium": "gym", "PIL": "gym", "rosbags": "rosbag", "pyulog": "ulog"},
+    **{"orangebox": "blackbox", "pymavlink": "ardupilot", "submitit": "slurm"},
+    "foundation_policy": "raptor",
+}
+"""The extra that brings a package, where it has another name."""
+_SIMULATORS = ("pybullet", "l2f", "crazyflow")
+"""Realities by the packages that simulate them."""
+
+
+def require_packages(*packages: str) -> None:
+    """Ends a script, before it has begun, that needs packages which are not installed.
+
+    Args:
+        packages: what it imports, of the extras; one that is called as the extra, or as above.
+
+    Raises:
+        SystemExit: with a line that says which are lacking, and how to install them.
+    """
+    lacking = [package for package in packages if find_spec(package) is None]
+    if lacking:
+        extras = ",".join(dict.fromkeys(_EXTRAS.get(package, package) for package in lacking))
+        raise SystemExit(f"Needs {', '.join(lacking)}: pip install '.[{extras}]'")
+
+
+def require_simulators(realities: Iterable[str]) -> None:
+    """Ends a script whose realities, such as `l2f:crazyflie`, need what is not installed.
+
+    Raises:
+        SystemExit: see `require_packages`.
+    """
+    kinds = (name.partition(":")[0] for name in realities)
+    require_packages(*dict.fromkeys(kind for kind in kinds if kind in _SIMULATORS))
 
 
 class WriteError(InputError):

@@ -7,65 +7,45 @@ brackets a thousand deep are an error of the text like any other.
 
 import errno
 import gzip
-import io
 import json
 import os
+import re
 import tomllib
+from collections import Counter
 from collections.abc import Collection, Iterator
-from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
+from maidenflight import budget
+from maidenflight.budget import Budget
 from maidenflight.errors import InputError
 
 if TYPE_CHECKING:
     import numpy as np
 
-MOST_GROWTH, UNBOUNDED, MOST_BYTES = 200, 64_000_000, 4_000_000_000
-"""By how much a compressed file may grow, up to how many bytes by any factor, and what none may
-exceed. Logs of numbers grow 3 to 20 times; a bomb, up to 1,000 times and more."""
 LARGEST = 3.4e38
 """What no number of a file exceeds; float32 reaches a little further."""
 GZIP = b"\x1f\x8b"
 """How a gzip file begins."""
+_DOTTED = re.compile(
+    r"""(?<![\w".'-])(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
+    r"""(?:[ \t]*+\.[ \t]*+(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')){16,}+"""
+)
+"""A key of many names, which Python's `tomllib` takes the square of their number for."""
 StrPath = str | os.PathLike[str]
 """A path as a user gives it."""
 
 
-def content(path: StrPath) -> bytes:
-    """Returns the bytes of a file.
+def content(path: StrPath, limits: Budget) -> bytes:
+    """Returns the bytes of a file of a kind.
 
     Raises:
         OSError: it cannot be read, or is a pipe, a socket or a device.
+        ValueError: it is longer than such files may be.
     """
-    return _ordinary(path).read_bytes()
-
-
-def check_growth(packed: int, plain: int) -> None:
-    """Checks how much compressed data grows, before it does or while it does.
-
-    Args:
-        packed: bytes of the file.
-        plain: bytes of what it holds.
-
-    Raises:
-        ValueError: more than a log does.
-    """
-    if plain > min(max(UNBOUNDED, MOST_GROWTH * packed), MOST_BYTES):
-        raise ValueError(
-            f"{packed / 1e6:.1f} MB that unpack to {plain / 1e6:.0f} MB or more, as no log does"
-        )
-
-
-def gunzip(raw: bytes) -> bytes:
-    """Returns the content of a gzip file's bytes, one or several members.
-
-    Raises:
-        ValueError: it grows more than a log does.
-        EOFError: it is cut off.
-        OSError, zlib.error: it is damaged.
-    """
-    return b"".join(_unpack(io.BytesIO(raw), len(raw), UNBOUNDED))
+    with _ordinary(path).open("rb") as file:
+        limits.check("bytes", os.fstat(file.fileno()).st_size)
+        return file.read()
 
 
 def blocks(path: StrPath, size: int) -> Iterator[bytes]:
@@ -76,13 +56,17 @@ def blocks(path: StrPath, size: int) -> Iterator[bytes]:
         size: bytes at a time, at most.
 
     Raises:
-        ValueError, EOFError, OSError, zlib.error: see `gunzip` and `content`.
+        ValueError: it is longer than a log, or grows more than one does.
+        EOFError: it is cut off.
+        OSError, zlib.error: it is damaged, or see `content`.
     """
     with _ordinary(path).open("rb") as file:
         packed = file.read(len(GZIP)) == GZIP
         file.seek(0)
+        length = os.fstat(file.fileno()).st_size
+        budget.LOG.check("bytes", length)
         if packed:
-            yield from _unpack(file, os.fstat(file.fileno()).st_size, size)
+            yield from _unpack(file, length, size)
         else:
             yield from iter(lambda: file.read(size), b"")
 
@@ -92,7 +76,7 @@ def _unpack(file: BinaryIO, packed: int, size: int) -> Iterator[bytes]:
     with gzip.GzipFile(fileobj=file) as unpacked:
         for block in iter(lambda: unpacked.read(size), b""):
             plain += len(block)
-            check_growth(packed, plain)
+            budget.LOG.check_growth(packed, plain)
             yield block
 
 
@@ -117,29 +101,30 @@ def _ordinary(path: StrPath) -> Path:
     return path
 
 
-def text(path: StrPath) -> str:
+def text(path: StrPath, limits: Budget) -> str:
     """Returns the text of a file in UTF-8, lines ended by a line feed.
 
     Raises:
-        OSError: see `content`.
+        OSError, ValueError: see `content`.
         UnicodeDecodeError: not UTF-8.
     """
-    return content(path).decode("utf-8").replace("\r\n", "\n")
+    return content(path, limits).decode("utf-8").replace("\r\n", "\n")
 
 
-def readable(path: StrPath, kind: str = "text") -> str:
+def readable(path: StrPath, limits: Budget, kind: str = "text") -> str:
     """Returns the text of a file that a user gives.
 
     Args:
         path: the file.
+        limits: of such files.
         kind: what it should be, for the error.
 
     Raises:
         InputError: it cannot be read.
     """
     try:
-        return text(path)
-    except (OSError, UnicodeDecodeError) as error:
+        return text(path, limits)
+    except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read as {kind} ({error}).") from error
 
 
@@ -155,7 +140,7 @@ def toml_file(path: StrPath, kind: str, cure: str) -> dict[str, Any]:
         InputError: it cannot be read, or is not TOML.
     """
     try:
-        return from_toml(text(path))
+        return from_toml(text(path, budget.TOML))
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read as {kind} ({error}). {cure}") from error
 
@@ -166,7 +151,7 @@ def json_file(path: StrPath, cure: str) -> Any:
     Raises:
         InputError: it cannot be read, or is not JSON.
     """
-    content = readable(path)
+    content = readable(path, budget.JSON)
     try:
         return from_json(content)
     except ValueError as error:
@@ -180,11 +165,16 @@ def comments(path: StrPath) -> list[str]:
 
     Raises:
         OSError: see `content`.
-        UnicodeDecodeError: not UTF-8.
+        ValueError: not UTF-8, or longer than comments are.
     """
-    path = _ordinary(path)
-    with path.open(encoding="utf-8") as file:
-        return [line.rstrip("\n") for line in takewhile(lambda line: line.startswith("#"), file)]
+    lines: list[str] = []
+    most, total = budget.COMMENTS.limits["bytes"], 0
+    with _ordinary(path).open(encoding="utf-8") as file:
+        while (line := file.readline(most + 1)).startswith("#"):
+            lines.append(line.rstrip("\n"))
+            total += len(line)
+            budget.COMMENTS.check("bytes", total)
+    return lines
 
 
 def from_json(text: str) -> Any:
@@ -219,8 +209,11 @@ def from_toml(text: str) -> dict[str, Any]:
     """Returns the content of a TOML text.
 
     Raises:
-        ValueError: not TOML, or nested too deep.
+        ValueError: not TOML, nested too deep, or with a key of too many names.
     """
+    budget.TOML.check("bytes", len(text))
+    dots = max((key.group().count(".") for key in _DOTTED.finditer(text)), default=0)
+    budget.TOML.check("names in a dotted key", dots + 1)
     try:
         return tomllib.loads(text)
     except RecursionError as error:
@@ -230,8 +223,7 @@ def from_toml(text: str) -> dict[str, Any]:
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     content = dict(pairs)
     if len(content) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
+        twice = Counter(name for name, _ in pairs).most_common(1)[0][0]
         raise ValueError(f"{twice[:40]!r} is there twice in one object")
     return content
 

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from maidenflight import inputs, results
+from maidenflight import budget, inputs, results
 from maidenflight.errors import InputError
 from maidenflight.gru import Gru
 from maidenflight.inputs import StrPath
@@ -71,7 +71,7 @@ class PolicyFile:
             raise InputError(f"{path}: a folder, not a policy. {cure}")
         if not path.exists():
             raise InputError(f"{path}: cannot be read as a policy: no such file. {_SUCH_AS}")
-        return from_json(inputs.readable(path, "a policy"), str(path), control)
+        return from_json(inputs.readable(path, budget.JSON, "a policy"), str(path), control)
 
     def write(self, path: StrPath) -> Path:
         """Writes the policy with its record.

@@ -14,8 +14,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from maidenflight import __version__, inputs
-from maidenflight.errors import InputError, WriteError
+from maidenflight import __version__, cache, inputs
+from maidenflight.errors import InputError, WriteError, printable
 from maidenflight.inputs import StrPath
 
 _LEFTOVER = re.compile(r"\..+\.[a-z0-9_]{8}\.part")
@@ -39,7 +39,8 @@ def write(path: StrPath, content: str | bytes) -> Path:
         WriteError: the folder or the file cannot be written; its former content stays.
     """
     path = Path(path)
-    payload = content.encode() if isinstance(content, str) else content
+    # Names of files need not be UTF-8; what is written always is.
+    payload = content.encode(errors="replace") if isinstance(content, str) else content
     temporary: str | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -77,9 +78,10 @@ def claim(path: StrPath, timeout: float = _LOCK_TIMEOUT) -> Callable[[], None]:
     """
     from filelock import FileLock, Timeout
 
-    place = hashlib.sha256(str(Path(path).resolve()).encode()).hexdigest()[:16]
-    owner = os.getuid() if hasattr(os, "getuid") else 0
-    file = Path(tempfile.gettempdir(), f"maidenflight-{owner}-{place}.lock")
+    folder = cache.find_private_folder("locks")
+    if folder is None:
+        return lambda: None
+    file = folder / f"{hashlib.sha256(os.fsencode(Path(path).resolve())).hexdigest()[:16]}.lock"
     lock = FileLock(file, timeout, mode=0o600, thread_local=False, fallback_to_soft=False)
     try:
         lock.acquire()
@@ -88,7 +90,7 @@ def claim(path: StrPath, timeout: float = _LOCK_TIMEOUT) -> Callable[[], None]:
             f"{path}: another maidenflight is writing there. Wait for it, or choose another place "
             "with -o."
         ) from None
-    except (OSError, NotImplementedError):  # no folder or file system for locks
+    except (OSError, NotImplementedError):  # no file system for locks
         return lambda: None
 
     def release() -> None:
@@ -147,7 +149,16 @@ def record(
     if inputs:
         content["inputs"] = [f"{Path(path).name} sha256:{digest(path)}" for path in inputs]
     content["settings"] = {name: value for name, value in settings.items() if value is not None}
-    return content
+    return _printable(content)
+
+
+def _printable(value: Any) -> Any:
+    """Replaces bytes of names that are no UTF-8, which no file in UTF-8 can hold."""
+    if isinstance(value, Mapping):
+        return {name: _printable(one) for name, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_printable(one) for one in value]
+    return printable(value) if isinstance(value, str) else value
 
 
 def recorded_inputs(record: Mapping[str, Any], place: str) -> dict[str, str]:

@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from maidenflight import inputs, manifest, results
+from maidenflight import budget, inputs, manifest, results
 from maidenflight.errors import InputError
-from maidenflight.inputs import Fields, StrPath
+from maidenflight.inputs import StrPath
 
 if TYPE_CHECKING:
     from polars import DataFrame
@@ -88,7 +88,7 @@ class Table:
         """
         import polars
 
-        content = inputs.readable(path)
+        content = inputs.readable(path, budget.TABLE)
         lines = (line for line in content.split("\n") if line.strip() and line[0] != "#")
         names = next(lines, "").split(",")
         problem = "a column is there twice" if len(set(names)) < len(names) else ""
@@ -180,6 +180,7 @@ TRAINING = Table(
         "policy": float,
         **dict.fromkeys(("episode_return", "survival", "position_error"), float),
     },
+    digits=5,
 )
 """Scores of policies in training, a row a policy and evaluation."""
 EVALUATIONS = Table("identification.csv", {"objective": float}, digits=9)
@@ -275,14 +276,3 @@ def write_stages(folder: StrPath, seed: int, seconds: Mapping[str, float]) -> Pa
     """Writes how long each stage of a demo took [s]."""
     content = json.dumps({"seed": seed, "stages": dict(seconds)}, indent=1)
     return results.write(Path(folder, STAGES), f"{content}\n")
-
-
-def read_stages(path: Path) -> dict[str, float]:
-    """Returns how long each stage took [s].
-
-    Raises:
-        InputError: the file says no seconds.
-    """
-    cure = "Remove the file, or run the demo again."
-    fields = Fields(inputs.json_file(path, cure), str(path), "demo", cure).table("stages")
-    return {stage: fields.number(stage, 0.0, 1e9) for stage in fields.content}

@@ -39,6 +39,9 @@ class Values:
     """All values, where these are a few texts."""
     repeats: bool = False
     """Whether the command line's option is repeated, a word each."""
+    names_code: Callable[[str], bool] = lambda text: False
+    """Whether a text among them names Python code, which no file that others may have written
+    sets."""
 
     def check(self, value: Any) -> Any:
         """Returns the value that the verb sees.
@@ -133,6 +136,7 @@ def several(one: Values, expected: str = "", empty: bool = False) -> Values:
         one.metavar,
         one.choices,
         repeats=True,
+        names_code=one.names_code,
     )
 
 
@@ -179,6 +183,7 @@ def or_code(values: Values) -> Values:
         parse=lambda word: word if is_code(word) else values.parse(word),
         convert=lambda value: value if is_code(value) else values.convert(value),
         metavar=f"{values.metavar.removesuffix(']')}|MODULE:NAME]",
+        names_code=lambda text: is_code(text) or values.names_code(text),
     )
 
 
@@ -211,7 +216,18 @@ def table(one: Values, expected: str, metavar: str = "NAME=VALUE") -> Values:
         lambda value: {name: one.convert(each) for name, each in pairs(value)},
         metavar,
         repeats=True,
+        names_code=one.names_code,
     )
+
+
+def find_code(values: Values, value: Any) -> str | None:
+    """Returns the first text in a value, or in what it holds, that names Python code."""
+    if isinstance(value, str):
+        return value if values.names_code(value) else None
+    inner = value.values() if isinstance(value, Mapping) else value
+    if not isinstance(value, Mapping | list | tuple):
+        return None
+    return next((code for one in inner if (code := find_code(values, one))), None)
 
 
 @dataclass(frozen=True)
@@ -236,6 +252,8 @@ class Setting:
     """Whether its values name files or folders, or may; their content then names a result."""
     producer: str = ""
     """The verb whose task in a study may make it."""
+    consent: bool = False
+    """Whether it answers a question of trust or safety: nobody but who runs the command may."""
     recorded: bool = True
     """Whether results depend on it: records hold it, and a study may set it."""
 

@@ -30,18 +30,20 @@ def test_a_gzip_bomb_is_refused_within_little_memory(tmp_path: Path) -> None:
     tracemalloc.stop()
 
 
-def test_members_and_padding_of_a_gzip_file_are_read_and_a_cut_is_noticed() -> None:
-    packed = gzip.compress(b"a,b\n") + gzip.compress(b"1,2\n") + bytes(512)
-    assert inputs.gunzip(packed) == b"a,b\n1,2\n"
+def test_members_and_padding_of_a_gzip_file_are_read_and_a_cut_is_noticed(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv.gz"
+    path.write_bytes(gzip.compress(b"a,b\n") + gzip.compress(b"1,2\n") + bytes(512))
+    assert b"".join(inputs.blocks(path, 3)) == b"a,b\n1,2\n"
+    path.write_bytes(gzip.compress(bytes(100_000))[:-20])
     with pytest.raises(EOFError):
-        inputs.gunzip(gzip.compress(bytes(100_000))[:-20])
+        list(inputs.blocks(path, 1000))
 
 
 def test_a_parquet_bomb_is_refused_by_its_footer() -> None:
     packed = io.BytesIO()
-    polars.DataFrame({"t": np.zeros(20_000_000, np.int8)}).write_parquet(packed)
+    polars.DataFrame({"t": np.zeros(9_000_000, np.int8)}).write_parquet(packed)
     assert len(packed.getvalue()) < 100_000
-    with pytest.raises(InputError, match=r"that unpack to 160 MB or more"):
+    with pytest.raises(InputError, match=r"that unpack to 72 MB or more"):
         tables.parsed(packed.getvalue(), Path("log.parquet"), "log")
 
 

@@ -424,13 +424,13 @@ def test_what_may_not_be_read_is_refused(tmp_path):
 def test_a_file_that_cannot_be_opened_is_refused(tmp_path, monkeypatch):
     log.write(tmp_path / "good.csv", driven(ROWS))
     log.write(tmp_path / "secret.csv", driven(ROWS))
-    whole = type(tmp_path).read_bytes
+    whole = type(tmp_path).open
 
-    def read_bytes(path):
+    def open_(path, *arguments, **options):
         if path.name == "secret.csv":
             raise PermissionError(13, "Permission denied")
-        return whole(path)
+        return whole(path, *arguments, **options)
 
-    monkeypatch.setattr(type(tmp_path), "read_bytes", read_bytes)
+    monkeypatch.setattr(type(tmp_path), "open", open_)
     (said,) = read_flights(tmp_path).refused
     assert "secret.csv: cannot be read as a flight log ([Errno 13] Permission denied)" in said

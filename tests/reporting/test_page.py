@@ -232,7 +232,6 @@ PARTS = {
     "validation_windows.csv": 'id="windows"',
     "policies/training.csv": 'id="learning"',
     "transfer": '<section id="flights">',
-    "demo.json": "Time of each stage",
     "reality.toml": 'data-column="truth"',
 }
 
@@ -246,6 +245,12 @@ def test_a_whole_run_shows_every_part(run, tmp_path):
     assert "87.1 .. 88.9" in content
     assert "no real drone flew" in content
     assert "<span class=badge>simulated</span>" in content
+
+
+def test_the_page_does_not_depend_on_how_long_stages_took(run, tmp_path):
+    before = page(run, tmp_path)
+    (run / "demo.json").write_text(json.dumps({"stages": {"record": 99.5, "train": 77.0}}))
+    assert page(run, tmp_path) == before
 
 
 @pytest.mark.parametrize("missing", PARTS)
@@ -477,7 +482,6 @@ def test_a_folder_without_a_run_is_refused(tmp_path):
             "flights.csv: 3 flight logs, but 4 rows",
         ),
         ("recorded/flight_01.csv", "# maidenflight flight 1\n0\n", "not a flight log"),
-        ("demo.json", "{", "not valid JSON"),
         ("validation.csv", "model,horizon\nmine,0.1\n", "missing column position"),
         ("validation_windows.csv", "# record: {\nwindow\n1\n", "holds no valid JSON"),
         (

@@ -1,5 +1,6 @@
 """The command line: verbs as commands, their errors, and Ctrl-C. `--help` imports nothing heavy."""
 
+import io
 import sys
 
 import click
@@ -28,6 +29,10 @@ def main(*, in_own_process: bool = False) -> None:
     Args:
         in_own_process: see `interruption.handle_sigint`.
     """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            # Of terminals in Latin-1, and of names that are no UTF-8.
+            stream.reconfigure(errors="backslashreplace")
     try:
         with interruption.handle_sigint(in_own_process=in_own_process):
             commands(prog_name="maidenflight", standalone_mode=False)

@@ -1,4 +1,8 @@
-"""A folder's own settings: `maidenflight.toml` holds what its commands need no options for."""
+"""A folder's own settings: `maidenflight.toml` holds what its commands need no options for.
+
+A folder may come from anybody. So this file sets what data may set: nothing in it names code, and
+nothing answers a question of trust or safety, which who runs the command does.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -7,11 +11,18 @@ from typing import Any
 from maidenflight import inputs
 from maidenflight.errors import InputError
 from maidenflight.registry import VERBS
+from maidenflight.settings import Setting, find_code
 from maidenflight.verb import Verb
 
 FILE = "maidenflight.toml"
-SHARED = ("drone", "task", "control")
-"""Settings that stand above all tables, for every command that has them as an option."""
+_FLY = ("transfer", "predict", "envelope")
+SHARED: Mapping[str, tuple[str, ...]] = {
+    "drone": ("train", *_FLY),
+    "task": ("train", *_FLY),
+    "control": ("train",),
+}
+"""Settings that stand above all tables, and the commands that take them: `drone`, `validate` and
+`plan` have their drone as an argument, `report` and `fly` another meaning of it."""
 
 
 def read_project() -> dict[str, Any]:
@@ -37,20 +48,39 @@ def read_project() -> dict[str, Any]:
 def settings_for(verb: type[Verb], content: Mapping[str, Any]) -> dict[str, Any]:
     """Returns a command's settings of the file's content.
 
-    Those of the command's own table count more than those above all tables, which fill no
-    argument. TOML has no table of the command `drone` beside a drone above all tables.
+    Those of the command's own table count more than those above all tables. TOML has no table of
+    the command `drone` beside a drone above all tables.
 
     Raises:
-        InputError: its table names no setting.
+        InputError: its table names no setting, or one that only the command line sets.
     """
     declared = {name: one for name, (_, one) in verb.settings().items()}
-    own = content.get(verb.name, {})
+    table = content.get(verb.name, {})
+    own = table if isinstance(table, dict) else {}
+    shared = {
+        name: content[name]
+        for name, verbs in SHARED.items()
+        if name in content and verb.name in verbs and name in declared
+    }
     for name in own:
         if name not in declared:
             raise InputError(f"{FILE}: [{verb.name}] {name}; expected {', '.join(declared)}.")
-    shared = {
-        name: content[name]
-        for name in SHARED
-        if name in content and name in declared and not declared[name].argument
-    }
-    return {**shared, **own}
+    settings = {**shared, **own}
+    for name, value in settings.items():
+        _refuse_what_only_users_say(name, declared[name], value)
+    return settings
+
+
+def _refuse_what_only_users_say(name: str, setting: Setting, value: Any) -> None:
+    """Refuses answers to questions of trust or safety, and names of code."""
+    option = name if setting.argument else f"--{name.replace('_', '-')}"
+    if setting.consent:
+        raise InputError(
+            f"{FILE}: {name} is for who runs the command to say, since a folder may come from "
+            f"anybody. Remove it there, and give {option} if you mean it."
+        )
+    if code := find_code(setting.values, value):
+        raise InputError(
+            f"{FILE}: {name} names Python code, {code}, which anybody may have written. Remove it "
+            f"there, look at the code, and give {option} {code} if you mean it."
+        )

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from maidenflight import names, policy_file, run_folder
-from maidenflight.errors import InputError, first_few
+from maidenflight.errors import InputError, first_few, printable
 from maidenflight.flying.foreign_policy import foreign_policy
 from maidenflight.flying.pilots import ForeignPolicy
 from maidenflight.inputs import StrPath
@@ -161,7 +161,7 @@ def read_policies(places: Sequence[StrPath], control: str | None = None) -> Poli
 def shortest_names(paths: Sequence[Path]) -> list[str]:
     """Returns the last parts of paths, as many as tell all of them apart."""
     for depth in range(1, max((len(path.parts) for path in paths), default=0)):
-        short = ["/".join(path.parts[-depth:]) for path in paths]
+        short = [printable("/".join(path.parts[-depth:])) for path in paths]
         if len(set(short)) == len(short):
             return short
-    return list(map(str, paths))
+    return [printable(str(path)) for path in paths]

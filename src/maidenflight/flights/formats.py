@@ -15,7 +15,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from maidenflight import inputs, results
-from maidenflight.errors import InputError
+from maidenflight.errors import InputError, printable
 from maidenflight.flights import compensation, log, tables
 from maidenflight.flights.log import Flight
 from maidenflight.flights.maps import column_map, proposal
@@ -223,7 +223,7 @@ def _no_law(name: str) -> str:
 
 
 def _name(file: Path) -> str:
-    return "/".join(filter(None, (file.parent.name, file.name)))
+    return printable("/".join(filter(None, (file.parent.name, file.name))))
 
 
 def _beginning(file: Path) -> bytes:
@@ -248,7 +248,7 @@ def _format_of(table: Table, names: Iterable[str] = LOG_FORMATS) -> TableFormat 
 
 def _tables(file: Path, name: str, names: Iterable[str] = LOG_FORMATS) -> Iterator[Table]:
     """The table in a file, of a long one in parts."""
-    if file.name.endswith(TABLES) and file.stat().st_size > tables.PART:
+    if file.name.endswith(TABLES) and tables.is_long(file):
         return tables.parts(file, name)
     return iter([_table(file, name, names)])
 

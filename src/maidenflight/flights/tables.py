@@ -17,9 +17,9 @@ import numpy as np
 import polars
 from jaxtyping import Float
 
-from maidenflight import inputs
+from maidenflight import budget, inputs
 from maidenflight.errors import InputError
-from maidenflight.flights import not_logs
+from maidenflight.flights import not_logs, parquet
 
 _LARGEST = float(np.finfo(np.float32).max)
 _PARQUET, _UTF16 = b"PAR1", (b"\xff\xfe", b"\xfe\xff")
@@ -100,6 +100,7 @@ def parts(path: Path, name: str) -> Iterator[Table]:
                 continue
             # The last part is as long as the others, so that its rows are no short piece.
             whole = rest[: rest.rfind(b"\n", 0, PART) + 1 if block else None]
+            budget.LOG.check("bytes a line", 0 if whole else len(rest))
             rest = rest[len(whole) :]
             if not head:
                 whole = whole.removeprefix(codecs.BOM_UTF8)
@@ -108,6 +109,17 @@ def parts(path: Path, name: str) -> Iterator[Table]:
             if whole:
                 yield from_text(decoded(head + whole, name, line), name, line)
                 line += whole.count(b"\n")
+                budget.LOG.check("rows", line)
+
+
+def is_long(path: Path) -> bool:
+    """Returns whether a table, decompressed, is one that is read in parts.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    with _opened(path):
+        return len(next(inputs.blocks(path, PART + 1), b"")) > PART
 
 
 def _head(raw: bytes) -> bytes:
@@ -134,11 +146,18 @@ def parsed(raw: bytes, path: Path, name: str) -> Table:
 
 
 def content(path: Path) -> bytes:
-    """Bytes of a file, decompressed."""
+    """Returns the bytes of a file that is read at once, decompressed.
+
+    Raises:
+        InputError: it cannot be read, or is longer than such files are.
+    """
     with _opened(path):
-        raw = inputs.content(path)
-        if raw[:2] == inputs.GZIP:
-            raw = inputs.gunzip(raw)
+        length, blocks = 0, []
+        for block in inputs.blocks(path, PART):
+            length += len(block)
+            budget.WHOLE_LOG.check("bytes", length)
+            blocks.append(block)
+        raw = b"".join(blocks)
     if raw[:2] == inputs.GZIP:
         raise InputError(
             f"{path}: cannot be read as a flight log (compressed twice). Decompress it once."
@@ -237,6 +256,10 @@ def _frame(body: bytes) -> polars.DataFrame:
 
 
 def _names(header: str, name: str, line: int) -> list[str]:
+    try:
+        budget.LOG.check("columns", header.count(",") + 1)
+    except ValueError as error:
+        raise InputError(f"{name}: line {line} has {error}. Give a flight log.") from error
     names = [cell.strip().strip('"').strip() for cell in header.split(",")]
     if "\x00" in header:
         raise InputError(
@@ -282,49 +305,20 @@ def _why_unreadable(body: str, name: str, columns: int, lines: tuple[int, int], 
 
 
 def _parquet_parts(path: Path, name: str) -> Iterator[Table]:
-    frame, rows, head = _open_parquet(path, path.stat().st_size, name)
+    frame, rows, head = parquet.open_parquet(path, path.stat().st_size, name)
     starts = range(0, max(1, rows - PART_ROWS + 1), PART_ROWS)
     for start in starts:
-        with _parquet_errors(name):
+        with parquet.explain_errors(name):
             part = frame.slice(start, None if start == starts[-1] else PART_ROWS).collect()
         yield Table(name, part, head=head, first_row=start)
 
 
 def _from_parquet(raw: bytes, name: str) -> Table:
-    frame, rows, head = _open_parquet(io.BytesIO(raw), len(raw), name)
+    frame, rows, head = parquet.open_parquet(io.BytesIO(raw), len(raw), name)
     if rows == 0:
         raise InputError(f"{name}: no rows. Leave the file out.")
-    with _parquet_errors(name):
+    with parquet.explain_errors(name):
         return Table(name, frame.collect(), head=head)
-
-
-def _open_parquet(
-    source: Path | io.BytesIO, size: int, name: str
-) -> tuple[polars.LazyFrame, int, dict[str, str]]:
-    """The rows of a Parquet file, not yet read, their number and what its metadata say."""
-    with _parquet_errors(name):
-        frame = polars.scan_parquet(source)
-        rows = frame.select(polars.len()).collect().item()
-        inputs.check_growth(size, 8 * rows * len(frame.collect_schema()))
-        if isinstance(source, io.BytesIO):
-            source.seek(0)
-        return frame, rows, polars.read_parquet_metadata(source)
-
-
-@contextmanager
-def _parquet_errors(name: str) -> Iterator[None]:
-    try:
-        yield
-    except (
-        polars.exceptions.PolarsError,
-        polars.exceptions.PanicException,
-        ValueError,
-        OSError,
-        OverflowError,
-    ) as error:
-        raise InputError(
-            f"{name}: not a readable Parquet file ({str(error).splitlines()[0]}). Copy it again."
-        ) from error
 
 
 def numbers(table: Table, columns: Iterable[str]) -> dict[str, Float[np.ndarray, "N"]]:

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-from maidenflight import inputs, results
-from maidenflight.errors import InputError
+from maidenflight import budget, inputs, results
+from maidenflight.errors import InputError, printable
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import named
 from maidenflight.parameters.components import check, plain
@@ -189,11 +189,13 @@ def document(path: StrPath) -> dict[str, Any]:
         InputError: no file that can be read as text, or not TOML.
     """
     try:
-        text = inputs.text(path)
+        text = inputs.text(path, budget.TOML)
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(
             f"{path}: no such drone; give a TOML file or one of: {', '.join(DRONES)}."
         ) from error
+    except ValueError as error:
+        raise InputError(f"{path}: not a drone's TOML file ({error}). Give another.") from error
     return _parsed(text, str(path))
 
 
@@ -233,4 +235,4 @@ def full_scale_counts(drone: StrPath) -> float | None:
 
 def name_of(drone: StrPath) -> str:
     """Returns what to call a drone: its name, or its file's name without the ending."""
-    return str(drone) if str(drone) in DRONES else Path(drone).stem
+    return str(drone) if str(drone) in DRONES else printable(Path(drone).stem)

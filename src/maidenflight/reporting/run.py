@@ -12,8 +12,8 @@ import numpy as np
 import polars
 from jaxtyping import Float
 
-from maidenflight import inputs, manifest, results, run_folder
-from maidenflight.errors import InputError
+from maidenflight import budget, inputs, manifest, results, run_folder
+from maidenflight.errors import InputError, printable
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.flights import log
 from maidenflight.flights.log import Flight
@@ -78,8 +78,6 @@ class Run:
     """Results of the tasks of a study, a row of each after the other."""
     records: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """How each file was made, by the file's name."""
-    seconds: Mapping[str, float] = field(default_factory=dict)
-    """Wall time of each stage."""
     missing_files: Sequence[str] = ()
     """Names of files that the run's manifest lists and that are no longer there."""
     other_files: Mapping[str, list[str]] = field(default_factory=dict)
@@ -168,7 +166,6 @@ def read_run(source: StrPath | None = None, options: FileOptions | None = None) 
         table=table,
         flights=flights,
         records={name: one for name, one in records.items() if isinstance(one, dict) and one},
-        seconds=run_folder.read_stages(first["stages"]) if "stages" in first else {},
         refused=tuple(refused),
         missing_files=files.missing,
         other_files=files.others,
@@ -203,7 +200,7 @@ def _digests(record: Mapping[str, Any], path: Path | None) -> frozenset[str]:
 
 def _name(path: Path) -> str:
     """A file of a folder, as records name it."""
-    return "/".join(filter(None, (path.parent.name, path.name)))
+    return printable("/".join(filter(None, (path.parent.name, path.name))))
 
 
 def _recorded(
@@ -242,13 +239,13 @@ def _is_own(path: Path) -> bool:
     """Whether a file is a log of ours, by its first line."""
     try:
         first = next(iter(inputs.comments(path)), "") if path.suffix == ".csv" else ""
-    except (OSError, UnicodeDecodeError):
+    except (OSError, ValueError):
         return False
     return first.startswith(log.FAMILY)
 
 
 def _own(path: Path, records: dict[str, Mapping[str, Any]]) -> Flight:
-    text = inputs.readable(path)
+    text = inputs.readable(path, budget.WHOLE_LOG)
     if not text.startswith(log.MARK):
         raise InputError(
             f"{path}: not a flight log of maidenflight; its first line should begin with "

@@ -40,7 +40,6 @@ _GROUPS: tuple[tuple[Kind, ...], ...] = (
     ("logs", "truth"),
     ("prediction",),
     ("study",),
-    ("stages",),
 )
 """Kinds of files that stand together, of one entry, the main one first."""
 _USUAL = {

@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from maidenflight import cache, inputs, results
+from maidenflight import budget, cache, inputs, results
 from maidenflight.errors import InputError, WriteError, imported
 
 RESULT = "result.json"
@@ -60,7 +60,7 @@ class Folder:
         """Returns what `RESULT` of it holds."""
         path = self._results / key / RESULT
         try:
-            return json.loads(path.read_text(encoding="utf-8"))
+            return inputs.from_json(inputs.text(path, budget.JSON))
         except (OSError, ValueError) as error:
             raise InputError(
                 f"{path}: not a whole result ({error}). Remove its folder, and sweep again."
@@ -103,7 +103,7 @@ class Folder:
     def read(self, name: str) -> str | None:
         """Its content; None where there is none."""
         with suppress(FileNotFoundError):
-            return inputs.text(self._path / name)
+            return inputs.text(self._path / name, budget.JSON)
         return None
 
     def drop(self, name: str) -> None:

@@ -24,21 +24,20 @@ import json
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import chdir
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from maidenflight import __version__, inputs, results
+from maidenflight import __version__, budget, inputs, results
 from maidenflight.errors import InputError
-from maidenflight.flying.foreign_policy import imports_code as imports_policy
 from maidenflight.inputs import StrPath
-from maidenflight.settings import PENDING, REQUIRED, Setting, is_code, plain
-from maidenflight.simulator.realities.reality import imports_code
+from maidenflight.registry import VERBS
+from maidenflight.settings import PENDING, REQUIRED, Setting, find_code, plain
 from maidenflight.verb import Verb, find_verb
 
-MAX_TASKS = 1_000_000
+MAX_TASKS = budget.STUDY.limits["tasks"]
 """Tasks of a study at most."""
 _ENTRIES = ("name", "kind", "settings", "grid", "inputs")
 
@@ -120,7 +119,7 @@ def read_study(path: StrPath, cpus: int = 1, gpus: int = 0, *, trust: bool = Fal
     content = inputs.toml_file(path, "a study", cure)
     if unknown := content.keys() - {"task"}:
         raise InputError(f"{path}: {min(unknown)} is unknown. {cure}")
-    if not trust and (code := next(_code_in(content), None)):
+    if not trust and (code := _find_code(content)):
         raise InputError(
             f"{path}: {code} is Python code, which anybody may have written. Look at it, then add "
             "--trust (in Python trust=True)."
@@ -128,25 +127,20 @@ def read_study(path: StrPath, cpus: int = 1, gpus: int = 0, *, trust: bool = Fal
     return of(content.get("task"), Path(path).resolve().parent, str(path), cpus, gpus)
 
 
-_CODE = ("task", "control", "randomize")
-"""Settings that may name Python code."""
-
-
-def _code_in(content: Any, setting: str = "") -> Iterator[str]:
-    """Yields the names of Python code among the settings of a study's tables."""
-    if isinstance(content, dict):
-        for name, value in content.items():
-            yield from _code_in(value, name)
-    elif isinstance(content, list):
-        for value in content:
-            yield from _code_in(value, setting)
-    elif isinstance(content, str) and (
-        (setting in _CODE and is_code(content))
-        or (setting == "kind" and ":" in content)
-        or (setting == "reality" and imports_code(content))
-        or (setting == "policies" and imports_policy(content))
-    ):
-        yield content
+def _find_code(content: Mapping[str, Any]) -> str | None:
+    """Returns the first name of Python code among the verbs and settings of a study's tables."""
+    entries = content.get("task")
+    for entry in entries if isinstance(entries, list) else []:
+        kind = entry.get("kind") if isinstance(entry, dict) else None
+        if isinstance(kind, str) and ":" in kind:
+            return kind
+        settings = settings_of(find_verb(str(kind))) if kind in VERBS else {}
+        for part in (entry.get("settings"), entry.get("grid")) if settings else ():
+            for name, value in part.items() if isinstance(part, dict) else ():
+                one = settings.get(name.partition(".")[0])
+                if one is not None and (code := find_code(one.values, value)):
+                    return code
+    return None
 
 
 def of(

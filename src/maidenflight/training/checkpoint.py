@@ -6,6 +6,7 @@ Each belongs to an evaluation of a stage of training. Reading one never runs cod
 import hashlib
 import io
 import json
+import math
 import os
 import struct
 import zipfile
@@ -19,7 +20,7 @@ import numpy as np
 from jax import tree
 from jax.experimental import multihost_utils
 
-from maidenflight import __version__, inputs, results
+from maidenflight import __version__, budget, inputs, results
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 
@@ -125,6 +126,20 @@ class _Saved(NamedTuple):
     leaves: list[np.ndarray]
 
 
+def _check_head(packed: zipfile.ZipFile, entry: str) -> None:
+    """Checks that an array's numbers are there, before NumPy makes room for them.
+
+    Raises:
+        ValueError: they are not.
+    """
+    with packed.open(entry) as file:
+        version = np.lib.format.read_magic(file)
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else None
+        shape, _, kind = (read or np.lib.format.read_array_header_2_0)(file)
+    if math.prod(shape) * kind.itemsize > packed.getinfo(entry).file_size:
+        raise ValueError(f"{entry} is of shape {shape}, which is not there")
+
+
 def _read(path: str | PathLike[str]) -> _Saved:
     """What `save` wrote.
 
@@ -132,9 +147,10 @@ def _read(path: str | PathLike[str]) -> _Saved:
         InputError: the file is damaged, or of another version.
     """
     try:
-        raw = inputs.content(path)
-        with zipfile.ZipFile(io.BytesIO(raw)) as packed:
-            inputs.check_growth(len(raw), sum(entry.file_size for entry in packed.infolist()))
+        raw = inputs.content(path, budget.NETWORK)
+        with budget.NETWORK.open_zip(raw) as packed:
+            for entry in packed.namelist():
+                _check_head(packed, entry)
         with np.load(io.BytesIO(raw), allow_pickle=False) as content:
             title, version, *words = str(content["title"]).split("\n")
             stages, fingerprint = words if title == _TITLE else ("", "")

@@ -4,7 +4,8 @@ from pathlib import Path
 from typing import Any
 
 from maidenflight import names, run_folder
-from maidenflight.settings import choice, number, path, setting, text, whole
+from maidenflight.errors import InputError
+from maidenflight.settings import choice, number, path, setting, whole
 from maidenflight.verb import Output, Progress, Result, Verb
 from maidenflight.verbs import shared
 
@@ -19,7 +20,7 @@ class Record(Verb):
     output = Output("flights", "Folder for the logs.")
 
     reality: str | None = setting(
-        text("a reality", "REALITY"),
+        shared.REALITY,
         None,
         f"What flies: {shared.REALITIES}.",
         shared.FLIGHTS,
@@ -68,6 +69,11 @@ class Record(Verb):
         plan = None if self.plan is None else flight_plan.read(self.plan)
         planned = {} if plan is None else plan.record.get("settings", {})
         name = self.reality or str(planned.get("drone", "virtual:7"))
+        if self.reality is None and shared.REALITY.names_code(name):
+            raise InputError(
+                f"{self.plan}: made for {name}, Python code that anybody may have written. Look at "
+                f"it, and give --reality {name} if you mean it."
+            )
         drone = drones.find_reality(name, self.accept_bounds)
         count = self.flights or (4 if plan is None else 1)
         seconds = self.duration if plan is None else plan.seconds

@@ -1,5 +1,6 @@
 """Settings that several verbs have, and what the command line says of them."""
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -46,6 +47,29 @@ LARGEST = {
 """Columns of the largest tilt, body rate and distance of flights, beside the limits of guards."""
 
 
+def _names_reality_in_code(text: str) -> bool:
+    if ":" not in text:
+        return False
+    from maidenflight.simulator.realities.reality import imports_code
+
+    return imports_code(text)
+
+
+def _names_policy_in_code(text: str) -> bool:
+    from maidenflight.flying.foreign_policy import imports_code
+
+    return imports_code(text)
+
+
+REALITY = dataclasses.replace(text("a reality", "REALITY"), names_code=_names_reality_in_code)
+"""Names of realities, and MODULE:FACTORY of one's own."""
+POLICY = dataclasses.replace(
+    text("a policy file or a folder of them"), names_code=_names_policy_in_code
+)
+"""Policies, and MODULE:NAME of one's own."""
+DRONE = dataclasses.replace(REALITY, expected="a drone's name or TOML file", metavar="DRONE")
+
+
 def seed(default: int = 0) -> Any:
     """Declares the random seed."""
     return setting(
@@ -64,7 +88,7 @@ def logs() -> Any:
 def policies() -> Any:
     """Declares the policies that a verb flies."""
     return setting(
-        several(text("a policy file or a folder of them")),
+        several(POLICY),
         argument=True,
         files=True,
         producer="train",
@@ -73,13 +97,12 @@ def policies() -> Any:
 
 def drone(default: Any, help: str = "", **more: Any) -> Any:
     """Declares the drone of a verb."""
-    values = text("a drone's name or TOML file", "DRONE")
-    return setting(values, default, help, group=DRONES, files=True, producer="identify", **more)
+    return setting(DRONE, default, help, group=DRONES, files=True, producer="identify", **more)
 
 
 def realities(default: Any, help: str) -> Any:
     """Declares where policies fly."""
-    return setting(several(text("a reality", "REALITY")), default, help, group=FLIGHTS, files=True)
+    return setting(several(REALITY), default, help, group=FLIGHTS, files=True)
 
 
 def accept_bounds() -> Any:
@@ -91,6 +114,7 @@ def accept_bounds() -> Any:
         "interval is too narrow.",
         group=DRONES,
         rare=True,
+        consent=True,
     )
 
 

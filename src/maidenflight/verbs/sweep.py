@@ -36,6 +36,7 @@ class Sweep(Verb):
         "local",
         "Where tasks run: local, ray, ray:ADDRESS, slurm or slurm:PARTITION.",
         "Machines",
+        consent=True,
     )
     workers: int | None = setting(
         whole(1, 100_000), None, "Tasks at once at most; as many as there is room for by default."
@@ -53,11 +54,13 @@ class Sweep(Verb):
         table(text(), "options of sbatch by name, such as account=lab"),
         {},
         "Option of sbatch, such as account=lab or time=120; may be repeated.",
+        consent=True,
     )
     trust: bool = setting(
         flag(),
         False,
         "Import the Python code, MODULE:NAME, that the study names as a kind or a reality.",
+        consent=True,
         recorded=False,
     )
     status: bool = setting(flag(), False, "Only print how far the study is.", recorded=False)

@@ -319,7 +319,7 @@ class Train(Verb):
             policies = self._train(learner, saved, on_progress)
         if len(stages := checkpoint.stages(saved)) > 1:
             record["settings"]["extended_from"] = list(stages[:-1])
-        record["cores"] = cores.count()
+        record["cores"] = cores.count_devices()
         record["drone"] = identity.identity_of(self.drone_file)
         written = folder.write_policies(
             output, policies, record, self.drone_file.parameters, scores.table

@@ -1,6 +1,7 @@
 """Recordings of ROS 2: written by rosbags' own writer and read back."""
 
 import contextlib
+import dataclasses
 import sqlite3
 import sys
 import tracemalloc
@@ -15,7 +16,7 @@ from numpy.testing import assert_allclose
 
 import maidenflight as mf
 from made_flights import sensed
-from maidenflight import inputs
+from maidenflight import budget
 from maidenflight.errors import InputError
 from maidenflight.flights import compensation
 from maidenflight.flights.log import Flight
@@ -259,8 +260,7 @@ def test_a_recording_whose_chunks_grow_more_than_logs_do_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = made.bag(tmp_path / "bag", made.px4_messages(sensed(60)))
-    monkeypatch.setattr(inputs, "UNBOUNDED", 1000)
-    monkeypatch.setattr(inputs, "MOST_GROWTH", 0.1)
+    monkeypatch.setattr(budget, "LOG", dataclasses.replace(budget.LOG, free=1000, growth=0.1))
     with pytest.raises(InputError, match=r"bag\.mcap: .* unpack to .* as no log does"):
         read_flights(path)
 

@@ -1,159 +1,221 @@
-"""Policies of Stable-Baselines3 act as its own `predict`, of our environments or by a class."""
+"""Policies of Stable-Baselines3 act as its own `predict`, described or of our environments.
 
+Files and predictions are its own (`stable_baselines/make.py`).
+"""
+
+import base64
+import io
+import json
+import pickle
+import shutil
+import subprocess
 import sys
+import zipfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
+from test_pickled import NAMES, evil_pickles
 
+from maidenflight import budget
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
 from maidenflight.flying.foreign_policy import foreign_policy
 from maidenflight.flying.pilots import ForeignPolicy
-from maidenflight.integrations.policies.environment_policy import EnvironmentPolicy
+from maidenflight.integrations.policies.stable_baselines import environment_of, read_model
 from maidenflight.simulator.controllers.interface import NOTE
-from maidenflight.simulator.physics.sensors import Measurement
-from maidenflight.simulator.policy_spec import PolicySpec, observe, points_at, remember
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.tasks import tasks
 from maidenflight.simulator.tasks.look_ahead import LookAhead
 from numpy_drone import NumpyDrone
 
-EXAMPLES = Path(__file__).parents[3] / "examples"
-AHEAD = PolicySpec(history=3, look_ahead=LookAhead(2, 0.3))
+FOLDER = Path(__file__).parent / "stable_baselines"
+PREDICTIONS: dict[str, Any] = json.loads((FOLDER / "predictions.json").read_text())
 
 
-@pytest.fixture(scope="module")
-def learners() -> Any:
-    reason = "needs pip install stable-baselines3 torch==2.13.0"
-    pytest.importorskip("gymnasium", reason=reason)
-    return pytest.importorskip("stable_baselines3", reason=reason)
+@pytest.mark.parametrize("name", PREDICTIONS)
+def test_it_acts_as_it_predicts(name: str) -> None:
+    scaling = FOLDER / "vecnormalize.pkl" if name == "scaled" else None
+    model = read_model(FOLDER / f"{name}.zip", scaling)
+    for seen, action in zip(*PREDICTIONS[name].values(), strict=True):
+        np.testing.assert_allclose(model.act(np.array(seen)), action, atol=2e-6)
+    with pytest.raises(ValueError, match="it takes"):
+        model.act(np.zeros(3))
 
 
-def trained(learners: Any, name: str, folder: Path, **settings: Any) -> Any:
-    """A policy as it begins, of an environment of ours, saved as `model.zip`."""
-    import gymnasium
-
-    environment = gymnasium.make("maidenflight.integrations.gym:maidenflight/Circle-v0", **settings)
-    memory = {"buffer_size": 10} if name in ("SAC", "TD3") else {"n_steps": 64}
-    layers = {"net_arch": [16], "log_std_init": -1.0} if name in ("PPO", "A2C") else {}
-    size = {"policy_kwargs": layers or {"net_arch": [16]}}
-    model = getattr(learners, name)(
-        "MlpPolicy", environment, seed=1, device="cpu", **memory, **size
+def test_nothing_of_its_package_or_of_pytorch_is_imported() -> None:
+    code = (
+        "import sys; from maidenflight.integrations.policies import stable_baselines as one\n"
+        f"one.read_model({str(FOLDER / 'ppo.zip')!r})\n"
+        "print({'torch', 'stable_baselines3', 'gymnasium'} & set(sys.modules))"
     )
-    model.save(folder / "model")
-    return model
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "set()\n"
 
 
-def instants(count: int) -> list[Measurement]:
-    drawn = np.random.default_rng(0).normal(0.0, 0.3, (count, 13))
-    drawn[:, 6:10] /= np.linalg.norm(drawn[:, 6:10], axis=1, keepdims=True)
-    parts = (drawn[:, :3], drawn[:, 3:6], drawn[:, 6:10], drawn[:, 10:])
-    return [Measurement(*(jnp.asarray(part[row]) for part in parts)) for row in range(count)]
+def copied(name: str, folder: Path) -> Path:
+    return Path(shutil.copy(FOLDER / f"{name}.zip", folder))
 
 
-def agrees(policy: ForeignPolicy, act: Any, spec: PolicySpec) -> None:
-    """The policy commands what `act` gives of observations that our simulator makes."""
-    hover, task = 0.55, tasks.circle()
-    fly, seen = policy.begin(hover, task), None
-    action = np.full(4, 2 * hover - 1)
-    for number, measurement in enumerate(instants(5)):
-        setpoint = np.array([0.1, -0.2, 1.0])
-        instant = observe(measurement, jnp.asarray(setpoint), jnp.asarray(action))
-        past = jnp.stack([instant] * spec.history) if seen is None else remember(seen, instant)
-        seen = past
-        points = np.asarray(points_at(spec, task.reference, number / 100))
-        near = (points - np.asarray(measurement.position)).ravel()
-        action = act(np.concatenate([np.ravel(past), near]).astype(np.float32))
-        made = fly(measurement, setpoint)
-        np.testing.assert_allclose(made, (np.clip(action, -1, 1) + 1) / 2, atol=1e-6)
-
-
-@pytest.mark.parametrize("name", ["PPO", "A2C", "SAC", "TD3"])
-def test_it_acts_as_it_predicts(learners: Any, name: str, tmp_path: Path) -> None:
-    model = trained(learners, name, tmp_path)
-    policy = foreign_policy(tmp_path / "model.zip")
-    assert isinstance(policy, EnvironmentPolicy)
+def test_one_of_our_environments_flies(tmp_path: Path) -> None:
+    policy = foreign_policy(copied("ppo", tmp_path))
     assert isinstance(policy, ForeignPolicy)
-    assert (policy.name, policy.rate, policy.command_rate) == ("model", 100, 100)
-    agrees(policy, lambda seen: model.predict(seen, deterministic=True)[0], PolicySpec())
-
-
-def test_scaled_with_more_history_and_look_ahead(learners: Any, tmp_path: Path) -> None:
-    from stable_baselines3.common.vec_env import (  # pyright: ignore[reportMissingImports]
-        DummyVecEnv,
-        VecNormalize,
-    )
-
-    model = trained(learners, "PPO", tmp_path, spec=AHEAD)
-    scaling = VecNormalize(DummyVecEnv([lambda: model.get_env().envs[0]]))
-    generator = np.random.default_rng(0)
-    scaling.obs_rms.mean = generator.normal(0.0, 0.2, 66)
-    scaling.obs_rms.var = generator.uniform(0.1, 2.0, 66)
-    scaling.save(str(tmp_path / "vecnormalize.pkl"))
-    policy = foreign_policy(tmp_path / "model.zip")
-    assert policy is not None
-    assert policy.name == "model+vecnormalize"
-
-    def act(seen: np.ndarray) -> np.ndarray:
-        return model.predict(scaling.normalize_obs(seen), deterministic=True)[0]
-
-    agrees(policy, act, AHEAD)
-
-
-def test_one_of_another_environment_flies_by_the_class_of_the_example(
-    learners: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    import gymnasium
-
-    class Theirs(gymnasium.Env):  # type: ignore[type-arg]
-        observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (18,), np.float32)
-        action_space = gymnasium.spaces.Box(0.0, 1.0, (4,), np.float32)
-
-    model = learners.PPO("MlpPolicy", Theirs(), device="cpu", n_steps=64, seed=0)
-    model.save(tmp_path / "theirs")
-    with pytest.raises(InputError, match="MODULE:NAME"):
-        foreign_policy(tmp_path / "theirs.zip")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sys.path", [str(EXAMPLES), *sys.path])
-    policy = foreign_policy("own_sb3_policy:Theirs")
-    assert policy is not None
-    assert policy.rate == 50
-    level = Measurement(*map(jnp.asarray, ([0, 0, 1.1], [0, 0, 0], [0, 0, 0, 1.0], [0, 0, 0])))
-    made = policy.begin(0.5, tasks.hover(1.0))(level, np.array([0.0, 0.0, 1.0]))
-    seen = np.array([0, 0, 0.1, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0], np.float32)
-    wanted = np.clip(model.predict(seen, deterministic=True)[0], 0, 1) ** 2
-    np.testing.assert_allclose(made, wanted, atol=1e-6)
+    assert (policy.name, policy.rate, policy.command_rate) == ("ppo", 100, 100)
     flown = transfer(policy, NumpyDrone(), 1, duration=0.1, task=tasks.hover())
     assert np.isfinite(flown.flights[0].command).all()
+    shutil.copy(FOLDER / "vecnormalize.pkl", tmp_path)
+    scaled = foreign_policy(copied("scaled", tmp_path))
+    assert scaled is not None
+    assert scaled.name == "scaled+vecnormalize"
+    with pytest.raises(InputError, match="of observations of"):
+        foreign_policy(tmp_path / "ppo.zip")
 
 
-def test_policies_that_do_not_command_motors_are_refused(learners: Any, tmp_path: Path) -> None:
-    trained(learners, "PPO", tmp_path, control="attitude_rate")
-    with pytest.raises(InputError, match="attitude_rate"):
-        foreign_policy(tmp_path / "model.zip")
+def test_its_environment_is_what_it_noted() -> None:
+    path = FOLDER / "scaled.zip"
+    rate, spec = environment_of(path, read_model(path))
+    assert rate == 100
+    assert spec == PolicySpec.from_dict({"history": 2, "look_ahead": {"points": 2, "spacing": 0.3}})
+    for name, reason in (("attitude_rate", "attitude_rate"), ("elsewhere", "trained in an")):
+        path = FOLDER / f"{name}.zip"
+        with pytest.raises(InputError, match=reason):
+            environment_of(path, read_model(path))
 
 
-def test_what_is_no_policy_is_refused(learners: Any, tmp_path: Path) -> None:
-    (tmp_path / "model.zip").write_text("no zip")
-    with pytest.raises(InputError, match=r"model\.zip"):
-        foreign_policy(tmp_path / "model.zip")
-    with pytest.raises(InputError, match=r"none\.zip"):
-        foreign_policy(tmp_path / "none.zip")
+def rebuilt(source: Path, target: Path, change: Callable[[dict[str, bytes]], None]) -> Path:
+    """A copy of a zip file whose entries are changed."""
+    with zipfile.ZipFile(source) as file:
+        entries = {name: file.read(name) for name in file.namelist()}
+    change(entries)
+    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as file:
+        for name, content in entries.items():
+            file.writestr(name, content)
+    return target
 
 
-def test_without_its_package_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "stable_baselines3", None)
-    with pytest.raises(InputError, match="sb3"):
-        foreign_policy("model.zip")
+def with_pickle(entry: str, raw: bytes) -> Callable[[dict[str, bytes]], None]:
+    """A change that puts a pickle in the place of an object of `data`, or of the tensors."""
+
+    def change(entries: dict[str, bytes]) -> None:
+        if entry == "policy.pth":
+            inner = io.BytesIO()
+            with zipfile.ZipFile(inner, "w") as file:
+                file.writestr("archive/data.pkl", raw)
+            entries[entry] = inner.getvalue()
+            return
+        data = json.loads(entries["data"])
+        data[entry] = {":type:": "x", ":serialized:": base64.b64encode(raw).decode()}
+        entries["data"] = json.dumps(data).encode()
+
+    return change
+
+
+PLACES = ("observation_space", "action_space", "policy_kwargs", "policy_class", "policy.pth")
+UNREAD = ("lr_schedule", "clip_range", "rollout_buffer_class", "ep_info_buffer")
+
+
+@pytest.mark.parametrize("place", [*PLACES, *UNREAD, "vecnormalize.pkl"])
+@pytest.mark.parametrize("name", NAMES)
+def test_no_file_runs_code_wherever_it_lies(name: str, place: str, tmp_path: Path) -> None:
+    evil = evil_pickles(tmp_path / "touched")[name]
+    if place == "vecnormalize.pkl":
+        path = copied("ppo", tmp_path)
+        (tmp_path / place).write_bytes(evil)
+    else:
+        path = rebuilt(FOLDER / "ppo.zip", tmp_path / "evil.zip", with_pickle(place, evil))
+    if place in UNREAD:
+        assert foreign_policy(path) is not None
+    else:
+        with pytest.raises(
+            InputError, match=r"evil\.zip: not a policy|vecnormalize\.pkl: not what"
+        ):
+            foreign_policy(path)
+    assert not (tmp_path / "touched").exists()
+
+
+def test_evil_state_in_a_space_is_a_state_that_is_not_looked_at(tmp_path: Path) -> None:
+    """The space itself is sound, beside an attribute that would run code as it is read."""
+    evil = evil_pickles(tmp_path / "touched")["REDUCE"]
+
+    def change(entries: dict[str, bytes]) -> None:
+        data = json.loads(entries["data"])
+        space = base64.b64decode(data["observation_space"][":serialized:"])
+        assert space.endswith(b"ub.")
+        raw = space[:-3] + b"Vmore\n" + evil[:-1] + b"ub."
+        data["observation_space"][":serialized:"] = base64.b64encode(raw).decode()
+        entries["data"] = json.dumps(data).encode()
+
+    path = rebuilt(FOLDER / "ppo.zip", tmp_path / "evil.zip", change)
+    assert foreign_policy(path) is not None
+    assert not (tmp_path / "touched").exists()
+
+
+def test_what_has_code_of_its_own_is_refused_by_name(tmp_path: Path) -> None:
+    class Own:
+        pass
+
+    for place, raw in {
+        "policy_class": b"cmine\nPolicy\n.",
+        "policy_kwargs": pickle.dumps({"activation_fn": 3}),
+        "observation_space": b"cgymnasium.spaces.dict\nDict\n)\x81.",
+    }.items():
+        path = rebuilt(FOLDER / "ppo.zip", tmp_path / "own.zip", with_pickle(place, raw))
+        with pytest.raises(InputError, match=r"mine\.Policy|hidden layers of 3|spaces\.dict\.Dict"):
+            read_model(path)
+
+
+@pytest.mark.parametrize("name", ["data", "policy.pth"])
+def test_damage_is_refused(name: str, tmp_path: Path) -> None:
+    def cut(entries: dict[str, bytes]) -> None:
+        entries[name] = entries[name][:-200]
+
+    def lose(entries: dict[str, bytes]) -> None:
+        del entries[name]
+
+    for change in (cut, lose):
+        with pytest.raises(InputError, match=r"x\.zip: not a policy"):
+            read_model(rebuilt(FOLDER / "sac.zip", tmp_path / "x.zip", change))
+    (tmp_path / "x.zip").write_bytes((FOLDER / "sac.zip").read_bytes()[:3000])
+    for path in (tmp_path / "x.zip", tmp_path / "none.zip"):
+        with pytest.raises(InputError, match=path.name):
+            foreign_policy(path)
+
+
+def test_layers_that_do_not_fit_are_refused(tmp_path: Path) -> None:
+    def change(entries: dict[str, bytes]) -> None:
+        data = json.loads(entries["data"])
+        with zipfile.ZipFile(FOLDER / "elsewhere.zip") as file:
+            other = json.loads(file.read("data"))
+        data["observation_space"] = other["observation_space"]
+        entries["data"] = json.dumps(data).encode()
+
+    with pytest.raises(InputError, match="for 18 inputs"):
+        read_model(rebuilt(FOLDER / "ppo.zip", tmp_path / "x.zip", change))
+
+
+def test_tensors_beyond_their_numbers_are_refused(tmp_path: Path) -> None:
+    def change(entries: dict[str, bytes]) -> None:
+        path = tmp_path / "policy.pth"
+        path.write_bytes(entries["policy.pth"])
+
+        def shorten(inner: dict[str, bytes]) -> None:
+            name = next(one for one in inner if one.endswith("data/1"))
+            inner[name] = inner[name][:-8]
+
+        entries["policy.pth"] = rebuilt(path, tmp_path / "short.pth", shorten).read_bytes()
+
+    with pytest.raises(InputError, match="more numbers than are there"):
+        read_model(rebuilt(FOLDER / "ppo.zip", tmp_path / "x.zip", change))
+    assert budget.NETWORK.limits["numbers"] < 1e8
 
 
 def test_our_environments_say_what_an_observation_is() -> None:
     gym = pytest.importorskip(
         "maidenflight.integrations.gym.single", reason="needs pip install '.[gym]'"
     )
-    spec = PolicySpec(history=1, look_ahead=AHEAD.look_ahead)
+    spec = PolicySpec(history=1, look_ahead=LookAhead(2, 0.3))
     environment = gym.QuadrotorEnv(control="attitude", spec=spec)
     assert getattr(environment.observation_space, NOTE) == {
         "control": "attitude",

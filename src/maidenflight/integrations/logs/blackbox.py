@@ -60,6 +60,7 @@ def flights(path: Path, name: str) -> LoggedFlights:
         from orangebox.reader import Reader
     decoders.decoder_map[_VARIABLE] = _tag2_3svariable
     try:
+        blackbox_header.check_fields(path)
         count = Reader(str(path)).log_count
     except Exception as error:
         raise InputError(f"{name}: {_unreadable(error)}") from error

@@ -4,13 +4,16 @@ Source: Betaflight 3.1 to 4.5, src/main/blackbox/blackbox.c (blackboxWriteSysinf
 (mixerMode), config/feature.h; src/main/sensors/acceleration.c, gyro.c; common/filter.c.
 """
 
+import re
 import struct
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from maidenflight import budget, inputs
 from maidenflight.errors import InputError
 from maidenflight.flights.streams import rates
 
@@ -25,6 +28,18 @@ _MIXERS = {
 }
 """Airframes by Betaflight's mixerMode, but 3, which is a quadrotor in X."""
 _FEATURE_3D = 1 << 12
+_FIELDS = re.compile(rb"H Field [^\n]*")
+
+
+def check_fields(path: Path) -> None:
+    """Refuses headers of more fields than firmwares log: the decoder takes their square.
+
+    Raises:
+        ValueError, OSError: one has, or the file cannot be read.
+    """
+    raw = inputs.content(path, budget.WHOLE_LOG)
+    longest = max((line.group().count(b",") for line in _FIELDS.finditer(raw)), default=0)
+    budget.WHOLE_LOG.check("fields", longest)
 
 
 def check_airframe(name: str, headers: Mapping[str, Any]) -> None:

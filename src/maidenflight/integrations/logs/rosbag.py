@@ -7,18 +7,16 @@ Source: MCAP format specification; rosbag2; REP 103.
 """
 
 import re
-import sys
 from array import array
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import polars
 
-from maidenflight import inputs
+from maidenflight import budget, inputs
 from maidenflight.errors import InputError, optional
 from maidenflight.flights.formats import LoggedFlights, Recording
 from maidenflight.flights.log import Flight
@@ -26,7 +24,7 @@ from maidenflight.flights.maps import signal_map
 from maidenflight.flights.streams import streams
 from maidenflight.flights.streams.streams import Stream
 from maidenflight.flights.tables import Table
-from maidenflight.integrations.logs import cflib, px4, ros_topics
+from maidenflight.integrations.logs import cflib, px4, ros_topics, rosbag_guards
 from maidenflight.integrations.logs.px4_topics import vector
 from maidenflight.integrations.logs.ros_topics import Layout, Source, Variables
 
@@ -118,10 +116,13 @@ def _opened(path: Path, name: str) -> Iterator[Bag]:
     kind = ".db3" if inputs.beginning(path, 16).startswith(SQLITE.begins) else ".mcap"
     storage: Any = Reader.STORAGE_PLUGINS[kind](path)
     try:
+        guard = rosbag_guards.check_database if kind == ".db3" else rosbag_guards.limit_chunks
+        guard(path)
         storage.open()
         grown = sum(chunk.uncompressed_size for chunk in getattr(storage, "chunks", ()))
-        inputs.check_growth(path.stat().st_size, grown)
+        budget.LOG.check_growth(path.stat().st_size, grown)
         types: dict[str, Any] = {}
+        budget.DEFINITIONS.check("bytes", sum(len(one.msgdef.data) for one in storage.connections))
         for connection in storage.connections:
             text = connection.msgdef.data
             if text and connection.msgdef.format.name == "IDL":
@@ -129,6 +130,7 @@ def _opened(path: Path, name: str) -> Iterator[Bag]:
             elif text:
                 types |= get_types_from_msg(text, connection.msgtype)
         # Old recordings in SQLite do not hold their messages' definitions.
+        rosbag_guards.check_names(types)
         store: Any = get_typestore(Stores.EMPTY)
         store.register({**get_typestore(Stores.LATEST).fielddefs, **types})
     except Exception as error:
@@ -143,7 +145,7 @@ def _opened(path: Path, name: str) -> Iterator[Bag]:
         connections = [one for one in storage.connections if one.topic in topics]
         for connection, stamp, raw in storage.messages(connections) if connections else ():
             try:
-                plain = _decompress(raw) if bytes(raw[:4]) == _ZSTD else raw
+                plain = rosbag_guards.unpack_message(raw) if bytes(raw[:4]) == _ZSTD else raw
                 message = store.deserialize_cdr(plain, connection.msgtype)
             except Exception:
                 message = None
@@ -154,19 +156,6 @@ def _opened(path: Path, name: str) -> Iterator[Bag]:
         yield Bag(name, types, messages, frozenset(set(types.values()) - set(store.fielddefs)))
     finally:
         storage.close()
-
-
-_MOST_BYTES = 16_000_000
-"""Of a message."""
-
-
-def _decompress(raw: bytes) -> bytes:
-    """Decompresses a message of a bag that was compressed message by message."""
-    module = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
-    plain = import_module(module).ZstdDecompressor().decompress(bytes(raw), _MOST_BYTES)
-    if len(plain) == _MOST_BYTES:
-        raise ValueError("a message grows more than any does")
-    return plain
 
 
 def _refuse_missing(bag: Bag, name: str, topics: Iterable[str]) -> None:

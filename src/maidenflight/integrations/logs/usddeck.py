@@ -154,8 +154,8 @@ def _damage(name: str, start: int, stop: int, end: int) -> str:
 
 def _gathered(raw: np.ndarray, places: "array[int]", event: _Event) -> np.ndarray:
     """The records at some places as one structured array."""
-    rows = np.asarray(places)[:, None] + np.arange(event.record.itemsize)
-    return raw[rows].reshape(-1).view(event.record)
+    windows = np.lib.stride_tricks.sliding_window_view(raw, event.record.itemsize)
+    return windows[np.asarray(places)].reshape(-1).view(event.record)
 
 
 def _joined(

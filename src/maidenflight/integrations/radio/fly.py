@@ -89,24 +89,31 @@ class Fly(Verb):
         None,
         "The policy's largest tilt [deg].",
         rare=True,
+        consent=True,
     )
     rate: float | None = setting(
         number(50.0, LIMITS["mf.rate"]),
         None,
         "The policy's largest roll and pitch rate [deg/s].",
         rare=True,
+        consent=True,
     )
     distance: float | None = setting(
         number(0.05, LIMITS["mf.distance"]),
         None,
         "The policy's largest distance from the set-point [m].",
         rare=True,
+        consent=True,
     )
     yes: bool = setting(
-        flag(), False, "Take off without asking for Enter, as for scripts.", recorded=False
+        flag(),
+        False,
+        "Take off without asking for Enter, as for scripts.",
+        recorded=False,
+        consent=True,
     )
     no_propeller_test: bool = setting(
-        flag(), False, "Leave out the firmware's test of propellers.", rare=True
+        flag(), False, "Leave out the firmware's test of propellers.", rare=True, consent=True
     )
     recover: bool = setting(
         flag(),

@@ -17,11 +17,9 @@ Row = tuple[str, str | list[str]]
 
 
 def section(run: Run) -> Markup:
-    """Returns how long it took, how each file was made, and what else is in the folder."""
+    """Returns how each file was made, and what else is in the folder."""
     return render(
         "reproduce.html",
-        stages=run.seconds,
-        longest=max(run.seconds.values(), default=0.0) or 1.0,
         records=_records(run),
         others=run.other_files,
         missing=run.missing_files,

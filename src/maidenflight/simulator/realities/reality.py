@@ -7,7 +7,6 @@ A reality is a `VirtualDrone`, of which many fly at once in JAX, or anything tha
 import dataclasses
 import os
 from difflib import get_close_matches
-from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -16,6 +15,7 @@ from jaxtyping import Float
 from maidenflight import parameters
 from maidenflight.errors import InputError
 from maidenflight.registry import REALITIES, import_part
+from maidenflight.settings import is_code
 from maidenflight.simulator.physics.battery import law_for
 from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.realities import additions
@@ -126,7 +126,7 @@ def reality(name: str) -> AnyReality:
         return virtual_drone(seed_of(name), kind)
     if rest and kind in REALITIES:
         return check_reality(REALITIES[kind](rest))
-    if rest and not rest.isdecimal():
+    if is_code(name):
         return _imported(kind, rest)
     raise InputError(
         f"{name}: no such reality.{_hint(kind, rest)} Expected "
@@ -154,10 +154,12 @@ def is_drone(name: str) -> bool:
 
 
 def imports_code(name: str) -> bool:
-    """Tests whether a reality's name stands for Python code: `MODULE:FACTORY`."""
-    kind, _, rest = additions.split(name)[0].partition("@")[0].partition(":")
-    is_reality = kind in VARIANTS or kind in REALITIES or rest.isdecimal()
-    return bool(rest) and not is_reality and not is_drone(name)
+    """Tests whether a reality's name stands for Python code, `MODULE:FACTORY`, wherever it is read.
+
+    A file of that name makes no difference: it may lie in one folder and not in another.
+    """
+    plain = additions.split(name)[0].partition("@")[0]
+    return is_code(plain) and plain.partition(":")[0] not in (*VARIANTS, *REALITIES)
 
 
 def _virtual_about(drawn_name: str, centre: str) -> VirtualDrone:
@@ -169,7 +171,7 @@ def _virtual_about(drawn_name: str, centre: str) -> VirtualDrone:
         )
     law = law_for(parameters.full_scale_counts(centre))
     drone = virtual_drone(int(seed), kind, parameters.read_drone(centre), law)
-    return dataclasses.replace(drone, name=f"{drone.name}-{Path(centre).stem}")
+    return dataclasses.replace(drone, name=f"{drone.name}-{parameters.name_of(centre)}")
 
 
 def check_reality(candidate: Any) -> AnyReality:

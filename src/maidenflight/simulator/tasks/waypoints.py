@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from maidenflight import inputs
+from maidenflight import budget, inputs
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.simulator.tasks.trajectories import Trajectory, cached_by_arguments
@@ -251,11 +251,12 @@ def _read_rows(file: StrPath) -> tuple[list[str], list[tuple[str, dict[str, str 
     """Header of a file, and its rows with the line's number; a column `t` is called `time`."""
     try:
         reader = csv.reader(
-            io.StringIO(inputs.content(file).decode("utf-8-sig"), newline=""), skipinitialspace=True
+            io.StringIO(inputs.content(file, budget.TABLE).decode("utf-8-sig"), newline=""),
+            skipinitialspace=True,
         )
         header = ["time" if name == "t" else name for name in next(reader, ())]
         lines = [(reader.line_num, line) for line in reader if line]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except (OSError, ValueError, csv.Error) as error:
         raise InputError(
             f"{file}: not a readable CSV file ({error}). Give a text file with the columns "
             "t,x,y,z, or x,y,z."
