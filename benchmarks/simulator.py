@@ -8,6 +8,7 @@ first and measured anew. Both are compiled as XLA does by itself and with fused 
 (`maidenflight.compiler.FUSED`), which is a layout like others.
 """
 
+import importlib.util
 import os
 import re
 import statistics
@@ -335,6 +336,19 @@ def crazyflow_python(choice: str | None) -> str | None:
     return str(python)
 
 
+def require_packages(crazyflow: str | None) -> None:
+    """Asks for what is measured last before minutes of measuring.
+
+    Raises:
+        ClickException: Gymnasium is not installed, or the Python of crazyflow has none.
+    """
+    if importlib.util.find_spec("gymnasium") is None:
+        raise click.ClickException("Gymnasium is not installed: pip install '.[gym]'")
+    question = "import importlib.util, sys; sys.exit(not importlib.util.find_spec('crazyflow'))"
+    if crazyflow and subprocess.run([crazyflow, "-c", question], check=False).returncode:
+        raise click.ClickException(f"--crazyflow {crazyflow}: this Python has no crazyflow.")
+
+
 def details(measurements: Measurements) -> str:
     """At which batches both were best, and their memory by `COMPILERS`."""
     return "\n".join(
@@ -362,6 +376,7 @@ def details(measurements: Measurements) -> str:
 )
 def main(quick: bool, output: Path, crazyflow: str | None) -> None:
     """Measures both and writes the tables into the page OUTPUT and a chart beside it."""
+    require_packages(crazyflow)
     repeats, processes = (3, 1) if quick else (9, 5)
     where = machine(repeats, processes)
     sides = {
