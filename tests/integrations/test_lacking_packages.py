@@ -42,6 +42,7 @@ NEEDS: dict[str, tuple[str, Callable[[Path], Any]]] = {
     "pybullet": ("pybullet", lambda _: find_reality("pybullet:7")),
     "crazyflow": ("crazyflow", lambda _: find_reality("crazyflow:cf2x_L250")),
     "l2f": ("l2f", lambda _: find_reality("l2f:x500")),
+    "mujoco": ("mujoco", lambda _: find_reality("mujoco:x500")),
     "rerun": ("viewer", lambda folder: live.show_flights([calm(5)], folder / "a.rrd")),
     "tensorboardX": ("tensorboard", lambda folder: log_by("tensorboard", folder)),
     "wandb": ("wandb", lambda folder: log_by("wandb", folder)),

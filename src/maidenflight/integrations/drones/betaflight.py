@@ -1,8 +1,9 @@
 """Lines for Betaflight's command line: thrust linearization and, off a square X, the mixer.
 
 With `thrust_linear` of e percent a motor's output x becomes x (1 + e/100 (1 - x)^2) before it is
-sent. The e is written for which thrust grows nearest to linearly. Rotors are numbered as
-Betaflight's: back right, front right, back left, front left.
+sent. The e is written for which thrust grows nearest to linearly: within 8 % of full thrust, where
+a square is 25 % off. Rotors are numbered as Betaflight's: back right, front right, back left, front
+left.
 
 Source: Betaflight, flight/pid.c (pidApplyThrustLinearization) and flight/mixer_init.c.
 """
