@@ -2,8 +2,9 @@
 
 Three drones are drawn about named ones, each parameter within 15 %. Each is written in a
 simulator's format, flown there by the firmware's PID with the sensors of a Crazyflie, and
-identified from the named drone, with nothing else told but its mass. The truth is the nearest drone
-that the format holds. Prints each estimate with its interval, and how many intervals hold it.
+identified from the named drone, with nothing else told but its mass; inertia about z is that of the
+named drone, since yaw tells only its ratio to the torque. The truth is the nearest drone that the
+format holds. Prints each estimate with its interval, and how many intervals hold it.
 
     pip install rotorpy && python paper/round_trip.py rotorpy
     SCIPY_ARRAY_API=1 python paper/round_trip.py crazyflow
@@ -39,7 +40,10 @@ from maidenflight.simulator.realities.additions import with_additions
 from maidenflight.simulator.realities.reality import MOTORS, Truth
 
 CENTRES = ("crazyflie_2.0", "crazyflie_2.1+", "x500")
-DRAWN = ("thrust_to_weight", "motor_time_constant", "torque_to_thrust", "inertia")
+DRAWN = (
+    *("thrust_to_weight", "motor_time_constant", "torque_to_thrust"),
+    *("inertia_x", "inertia_y"),
+)
 SPREAD = 0.15
 FULL_SPEED = 20e3
 """Of all [rpm]: only shares of it matter."""
@@ -49,9 +53,8 @@ def drawn_drone(name: str, key: int) -> Parameters:
     """Returns a drone about a named one."""
     random, drone = np.random.default_rng([key, 78]), mf.drone(name)
     changes = {
-        field: np.asarray(getattr(drone, field), np.float32)
-        * random.uniform(1 - SPREAD, 1 + SPREAD, np.shape(getattr(drone, field))).astype(np.float32)
-        for field in DRAWN
+        name: np.float32(component(drone, name) * random.uniform(1 - SPREAD, 1 + SPREAD))
+        for name in DRAWN
     }
     return parameters.check(replace(drone, **changes), name)
 
@@ -162,8 +165,8 @@ def main() -> None:
     """Prints the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("simulator", choices=SIMULATORS)
-    parser.add_argument("--flights", type=int, default=4)
-    parser.add_argument("--duration", type=float, default=30.0)
+    parser.add_argument("--flights", type=int, default=3)
+    parser.add_argument("--duration", type=float, default=20.0)
     arguments = parser.parse_args()
     inside = total = 0
     for number, centre in enumerate(CENTRES):

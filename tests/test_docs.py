@@ -37,7 +37,7 @@ from maidenflight.identification.likelihood.estimator import Models, Question, a
 from maidenflight.identification.outcome.problem import Problem
 from maidenflight.parameters import noiseless
 from maidenflight.policy import Policy, untrained_policy
-from maidenflight.registry import EXPORTERS, REALITIES, VERBS
+from maidenflight.registry import DRONE_FORMATS, EXPORTERS, REALITIES, VERBS
 from maidenflight.simulator import environment
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.controllers.control import Controller
@@ -583,6 +583,18 @@ def test_an_exporter_is_a_file_and_a_line(monkeypatch: pytest.MonkeyPatch) -> No
     (written,) = mf.export(made, "scales", "scales", name="mine", seed=1, record={})
     assert json.loads(written.read_text())["name"] == "pwm"
     assert written == Path("scales/mine_scales.json")
+
+
+def test_a_format_of_drones_is_a_file_and_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    file, line = extensions("A format of drones")
+    Path("points.py").write_text(file)
+    monkeypatch.syspath_prepend(str(Path.cwd()))
+    monkeypatch.setitem(DRONE_FORMATS.own, "points", "")
+    run_snippet(line, "docs/extending.md")
+    (written,) = mf.export(mf.drone("x500"), "x500.json", "points")
+    content = json.loads(written.read_text())
+    assert content["places"][0] == pytest.approx([0.174, -0.174, 0.0])
+    assert any(one.startswith("latency = 0.005 s") for one in content["comments"])
 
 
 @pytest.fixture

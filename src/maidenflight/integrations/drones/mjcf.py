@@ -85,10 +85,16 @@ def write(model: DroneModel) -> str:
 
 
 def delayed(latency: float) -> dict[str, str]:
-    """Returns what delays an actuator, with room for the commands that are on their way."""
+    """Returns what delays an actuator, with room for the commands that are on their way.
+
+    Forces act half a step early, which the delay makes up for. Between two commands it is
+    interpolated: held, it would grow to whole steps.
+    """
     if latency <= 0.0:
         return {}
-    return {"delay": digits(latency), "nsample": str(int(np.ceil(latency / STEP_S)) + 1)}
+    delay = latency + STEP_S / 2
+    samples = str(int(np.ceil(delay / STEP_S)) + 1)
+    return {"delay": digits(delay), "interp": "linear", "nsample": samples}
 
 
 FORMAT = DroneFormat(
