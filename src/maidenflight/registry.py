@@ -215,7 +215,9 @@ POLICY_FORMATS = Registry(
 )
 """Each a `policy_file.PolicyFormat`, beside our own."""
 POLICY_FORMS = Registry(
-    "form of policies", "maidenflight.policy_forms", {"raptor": f"{_RING}.raptor.form:FORM"}
+    "form of policies",
+    "maidenflight.policy_forms",
+    {"raptor": f"{_RING}.raptor.form:FORM", "px4": f"{_RING}.px4_network.form:FORM"},
 )
 """Each a `simulator.policy_form.PolicyForm`, beside `INSTANTS`."""
 EXPORTERS = Registry(
@@ -227,6 +229,7 @@ EXPORTERS = Registry(
         "authors": f"{_RING}.exporters.authors_json:export_authors_json",
         "crazyflie": f"{_RING}.exporters.crazyflie_app:export_crazyflie",
         "raptor": f"{_RING}.raptor.export:export_raptor",
+        "px4": f"{_RING}.px4_network.export:export_px4",
     },
 )
 """Each writes a policy to a folder; see `deployment.export`."""

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Drone(Verb):
-    """Print a drone's parameters as TOML, or as another program reads them.
+    """Print a drone as TOML or for another program.
 
     DRONE is a named drone (--list prints them) or a TOML file, which is checked.
     """

@@ -22,7 +22,7 @@ SQUARE_X = np.array([[-1, -1], [-1, 1], [1, 1], [1, -1]])
 """Signs of what a rotor's thrust turns about x and y."""
 
 
-def nearest(drone: Parameters) -> Parameters:
+def nearest_ardupilot(drone: Parameters) -> Parameters:
     """Returns what ArduPilot holds of the drone; NaN where nothing."""
     return thrust_curve.only(drone)
 
@@ -35,7 +35,7 @@ def is_square_x(drone: Parameters) -> bool:
     return bool(square and np.array_equal(about[:, 2], [-1, 1, -1, 1]))
 
 
-def write(model: DroneModel) -> str:
+def write_ardupilot(model: DroneModel) -> str:
     """Returns a parameter file."""
     drone = model.original
     frame = {"FRAME_CLASS": 1, "FRAME_TYPE": 1} if is_square_x(drone) else {}
@@ -50,7 +50,7 @@ def write(model: DroneModel) -> str:
 
 FORMAT = DroneFormat(
     ".parm",
-    nearest,
-    write,
+    nearest_ardupilot,
+    write_ardupilot,
     ("MOT_THST_EXPO holds where a command u of the logs was the square of the ESC's input.",),
 )

@@ -21,7 +21,7 @@ LARGEST = 150
 """Of `thrust_linear` [%]."""
 
 
-def nearest(drone: Parameters) -> Parameters:
+def nearest_betaflight(drone: Parameters) -> Parameters:
     """Returns what Betaflight holds of the drone; NaN where nothing."""
     return thrust_curve.only(drone, "rotor_x", "rotor_y", "rotor_direction")
 
@@ -37,7 +37,7 @@ def thrust_linear(drone: Parameters) -> int:
     return min(range(LARGEST + 1), key=bend)
 
 
-def write(model: DroneModel) -> str:
+def write_betaflight(model: DroneModel) -> str:
     """Returns lines to paste into the command line."""
     drone, lines = model.original, []
     if not is_square_x(drone):
@@ -53,8 +53,8 @@ def write(model: DroneModel) -> str:
 
 FORMAT = DroneFormat(
     ".txt",
-    nearest,
-    write,
+    nearest_betaflight,
+    write_betaflight,
     (
         "thrust_linear is as in Betaflight 4.3 and later; earlier ones bend another curve.",
         "It raises the gains at low throttle: try it in steps.",

@@ -33,12 +33,12 @@ FIELDS = (
 )
 
 
-def nearest(drone: Parameters) -> Parameters:
+def nearest_crazyflow(drone: Parameters) -> Parameters:
     """Returns the drone that crazyflow simulates."""
     return replace(simplest(drone), **{name: getattr(drone, name) for name in FIELDS})
 
 
-def write(model: DroneModel) -> str:
+def write_crazyflow(model: DroneModel) -> str:
     """Returns the section."""
     drone, rpm = model.drone, model.full_speed * RPM
     offset, linear = float(drone.thrust_offset), float(drone.thrust_linear)
@@ -77,8 +77,8 @@ def _toml(value: float | np.ndarray) -> str:
 
 FORMAT = DroneFormat(
     ".toml",
-    nearest,
-    write,
+    nearest_crazyflow,
+    write_crazyflow,
     ("Its gravity is 9.81 m/s2. Commands are rotor speeds [rpm].",),
     needs_speed=True,
 )

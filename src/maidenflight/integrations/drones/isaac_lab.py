@@ -25,7 +25,7 @@ MIDDLE = (0.05, 0.95)
 """Quantiles of the posterior that are the ends of a range."""
 
 
-def nearest(drone: Parameters) -> Parameters:
+def nearest_isaac_lab(drone: Parameters) -> Parameters:
     """Returns the drone that Isaac Lab simulates: lags up and down."""
     return replace(
         simplest(drone),
@@ -34,7 +34,7 @@ def nearest(drone: Parameters) -> Parameters:
     )
 
 
-def write(model: DroneModel) -> str:
+def write_isaac_lab(model: DroneModel) -> str:
     """Returns the module's text."""
     drone = model.drone
     revolutions = model.square_speed / (2 * np.pi)
@@ -81,7 +81,7 @@ def _ends(model: DroneModel, value: Callable[[Parameters], float]) -> tuple[floa
     """Ends of a range: of the posterior's middle, or the drone's own value twice."""
     if not model.samples:
         return value(model.drone), value(model.drone)
-    low, high = np.quantile([value(nearest(one)) for one in model.samples], MIDDLE)
+    low, high = np.quantile([value(nearest_isaac_lab(one)) for one in model.samples], MIDDLE)
     return float(low), float(high)
 
 
@@ -91,8 +91,8 @@ def _tuple(values: object) -> str:
 
 FORMAT = DroneFormat(
     ".py",
-    nearest,
-    write,
+    nearest_isaac_lab,
+    write_isaac_lab,
     ("Commands are the rotors' thrusts [N]: front right, back right, back left, front left.",),
     needs_speed=True,
 )

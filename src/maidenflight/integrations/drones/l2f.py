@@ -25,7 +25,7 @@ FIELDS = (
 )
 
 
-def nearest(drone: Parameters) -> Parameters:
+def nearest_l2f(drone: Parameters) -> Parameters:
     """Returns the drone that l2f simulates."""
     return replace(simplest(drone), **{name: getattr(drone, name) for name in FIELDS})
 
@@ -55,7 +55,7 @@ def dynamics_of(drone: Parameters) -> dict[str, Any]:
     }
 
 
-def write(model: DroneModel) -> str:
+def write_l2f(model: DroneModel) -> str:
     """Returns the JSON."""
     content = {"comments": model.comments(), "dynamics": dynamics_of(model.drone)}
     return json.dumps(content, indent=2) + "\n"
@@ -63,7 +63,7 @@ def write(model: DroneModel) -> str:
 
 FORMAT = DroneFormat(
     ".json",
-    nearest,
-    write,
+    nearest_l2f,
+    write_l2f,
     ("Actions in [-1, 1] are rotor speeds: front right, back right, back left, front left.",),
 )

@@ -27,13 +27,13 @@ THRUST_FOLLOWS = {"thrust_linear": np.float32(1.0)}
 """Thrust in proportion to what lags: the lag acts on the thrust."""
 
 
-def nearest(drone: Parameters) -> Parameters:
+def nearest_mjcf(drone: Parameters) -> Parameters:
     """Returns the drone that MuJoCo simulates: latency and unequal rotors are kept."""
     own = {"latency": drone.latency, "rotor_thrust": drone.rotor_thrust}
     return replace(simplest(drone), **own, **THRUST_FOLLOWS)
 
 
-def write(model: DroneModel) -> str:
+def write_mjcf(model: DroneModel) -> str:
     """Returns the MJCF, with a sensor for each part of the state."""
     drone = model.drone
     root = ElementTree.Element("mujoco", model=model.name)
@@ -99,8 +99,8 @@ def delayed(latency: float) -> dict[str, str]:
 
 FORMAT = DroneFormat(
     ".xml",
-    nearest,
-    write,
+    nearest_mjcf,
+    write_mjcf,
     (
         "Controls are the rotors' thrusts [N]: front right, back right, back left, front left.",
         "The lag acts on the thrust, not on the rotor speed. A delay needs MuJoCo 3.5 or later.",

@@ -23,13 +23,13 @@ COEFFICIENT = 6.5
 """CA_ROTORn_CT of a sound rotor, PX4's default."""
 
 
-def nearest(drone: Parameters) -> Parameters:
+def nearest_px4(drone: Parameters) -> Parameters:
     """Returns what PX4 holds of the drone; NaN where nothing."""
     names = ("rotor_x", "rotor_y", "rotor_direction", "rotor_thrust", "torque_to_thrust")
     return thrust_curve.only(drone, *names)
 
 
-def write(model: DroneModel) -> str:
+def write_px4(model: DroneModel) -> str:
     """Returns a parameter file."""
     drone = model.original
     entries: list[tuple[str, float, int]] = [
@@ -58,7 +58,7 @@ def write(model: DroneModel) -> str:
 
 FORMAT = DroneFormat(
     ".params",
-    nearest,
-    write,
+    nearest_px4,
+    write_px4,
     ("THR_MDL_FAC holds where a command u of the logs was the square of the ESC's input.",),
 )

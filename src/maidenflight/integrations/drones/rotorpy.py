@@ -19,7 +19,7 @@ from maidenflight.deployment.drone_format import (
 from maidenflight.parameters import Parameters, replace, rotors
 
 
-def nearest(drone: Parameters) -> Parameters:
+def nearest_rotorpy(drone: Parameters) -> Parameters:
     """Returns the drone that RotorPy simulates."""
     flat, high = float(np.mean(np.asarray(drone.drag)[:2])), float(drone.drag[2])
     flapping = float(np.mean(np.asarray(drone.flapping_moment)))
@@ -32,7 +32,7 @@ def nearest(drone: Parameters) -> Parameters:
     )
 
 
-def write(model: DroneModel) -> str:
+def write_rotorpy(model: DroneModel) -> str:
     """Returns the module's text."""
     drone, full = model.drone, model.square_speed
     thrust = float(drone.mass * drone.gravity * drone.thrust_to_weight) / 4 / full**2
@@ -82,8 +82,8 @@ def write(model: DroneModel) -> str:
 
 FORMAT = DroneFormat(
     ".py",
-    nearest,
-    write,
+    nearest_rotorpy,
+    write_rotorpy,
     (
         "Its gravity is 9.81 m/s2. Commands are rotor speeds [rad/s]: front right, back right, "
         "back left, front left.",

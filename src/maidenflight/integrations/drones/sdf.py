@@ -27,7 +27,7 @@ SLOWDOWN = 10
 Element = ElementTree.SubElement
 
 
-def nearest(drone: Parameters) -> Parameters:
+def nearest_sdf(drone: Parameters) -> Parameters:
     """Returns the drone that Gazebo simulates: both lags, unequal rotors, drag along x and y."""
     flat = float(np.mean(np.asarray(drone.drag)[:2]))
     return replace(
@@ -39,7 +39,7 @@ def nearest(drone: Parameters) -> Parameters:
     )
 
 
-def write(model: DroneModel) -> str:
+def write_sdf(model: DroneModel) -> str:
     """Returns the SDF of one model."""
     drone, arm = model.drone, arm_length(model.drone)
     root = ElementTree.Element("sdf", version="1.9")
@@ -124,8 +124,8 @@ def _link(
 
 FORMAT = DroneFormat(
     ".sdf",
-    nearest,
-    write,
+    nearest_sdf,
+    write_sdf,
     ("Commands are rotor speeds [rad/s]: front right, back right, back left, front left.",),
     needs_speed=True,
 )

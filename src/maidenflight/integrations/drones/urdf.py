@@ -30,7 +30,7 @@ FASTEST_KM_H = 30.0
 """max_speed_kmh of its Crazyflie, which scales velocity commands."""
 
 
-def nearest(drone: Parameters) -> Parameters:
+def nearest_urdf(drone: Parameters) -> Parameters:
     """Returns the drone that it simulates: no lag, and drag alike along x and y."""
     flat, high = float(np.mean(np.asarray(drone.drag)[:2])), float(drone.drag[2])
     return replace(
@@ -41,7 +41,7 @@ def nearest(drone: Parameters) -> Parameters:
     )
 
 
-def write(model: DroneModel) -> str:
+def write_urdf(model: DroneModel) -> str:
     """Returns the URDF; propellers that turn clockwise are the second and the fourth."""
     drone, rpm = model.drone, model.square_speed * RPM
     thrust = float(drone.mass * drone.gravity * drone.thrust_to_weight) / 4 / rpm**2
@@ -105,4 +105,4 @@ def _link(
     return link
 
 
-FORMAT = DroneFormat(".urdf", nearest, write, needs_speed=True)
+FORMAT = DroneFormat(".urdf", nearest_urdf, write_urdf, needs_speed=True)

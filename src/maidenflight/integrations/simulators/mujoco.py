@@ -101,4 +101,4 @@ class MuJoCo:
 def _nearest(drone: Parameters) -> Parameters:
     """The drone that MuJoCo flies, under commands u and with the thrust curve of the original."""
     curve = {name: getattr(drone, name) for name in ("thrust_offset", "thrust_linear")}
-    return replace(noiseless(mjcf.nearest(drone)), **curve, time_step=np.float32(0.001))
+    return replace(noiseless(mjcf.nearest_mjcf(drone)), **curve, time_step=np.float32(0.001))
