@@ -42,6 +42,7 @@ class Drone(Verb):
         None,
         "Speed of the rotors at full command, for formats with rotor speeds: a number [rpm], or "
         "logs with measured speeds.",
+        files=True,
     )
     samples: int = setting(
         whole(0, 10_000),
