@@ -67,7 +67,7 @@ class Drone(Verb):
         read, name = parameters.read_drone(self.drone, kilograms), parameters.name_of(self.drone)
         record = self.make_record(shared.own_files(self.drone))
         if self.to is not None:
-            return self._export(read, name, output, record)
+            return self._export(read, name, output, record, progress)
         sources = parameters.sources(self.drone, kilograms) if is_named else {}
         content: dict[str, Any] = {
             "name": name,
@@ -91,7 +91,12 @@ class Drone(Verb):
         return None if self.mass is None else self.mass / 1e3
 
     def _export(
-        self, drone: "Parameters", name: str, output: Path | None, record: dict[str, Any]
+        self,
+        drone: "Parameters",
+        name: str,
+        output: Path | None,
+        record: dict[str, Any],
+        progress: Progress,
     ) -> Result:
         """Writes the drone, or drones of its posterior, in another program's format."""
         from maidenflight.deployment.drone_format import drone_text
@@ -106,13 +111,12 @@ class Drone(Verb):
             raise InputError(f"--samples {self.samples}: give -o FOLDER for as many files.")
         options: dict[str, Any] = {"full_speed": self._rpm(drone), "record": record}
         if self.samples and output is not None:
-            written = [
-                results.write(
-                    output / f"{name}_{number:03}{DRONE_FORMATS[to].ending}",
-                    drone_text(one, to, name, **options),
-                )
-                for number, one in enumerate(samples[: self.samples], 1)
-            ]
+            written = []
+            for number, one in enumerate(samples[: self.samples], 1):
+                text = drone_text(one, to, name, **options)
+                path = output / f"{name}_{number:03}{DRONE_FORMATS[to].ending}"
+                written.append(results.write(path, text))
+                progress.move(number, self.samples)
             return Result(content={"files": [str(path) for path in written]}, value=written)
         text = drone_text(drone, to, name, samples=samples, **options)
         if output is None:

@@ -193,7 +193,7 @@ def gazebo(text: str, before: np.ndarray, after: np.ndarray, folder: Path) -> Fl
     speed = np.sqrt(before / column["motorConstant"])
     command = np.minimum(np.sqrt(after / column["motorConstant"]), column["maxRotVelocity"] + 1e-6)
     arms = np.array([places[one["linkName"]] for one in motors])
-    body, step = Body(mass, inertia, 9.81), 5e-4
+    body, step = Body(mass, inertia, 9.81), 1e-3
     for _ in range(round(SECONDS / step)):
         lag = np.where(command > speed, column["timeConstantUp"], column["timeConstantDown"])
         after_step = command + (speed - command) * np.exp(-step / lag)
@@ -316,7 +316,7 @@ def isaac_lab(text: str, before: np.ndarray, after: np.ndarray, folder: Path) ->
         np.abs(wrenches[5]), cfg.torque_to_thrust_ratio * np.ones(4), rtol=1e-6
     )
     body = Body(names["MASS"], np.array(names["DIAGONAL_INERTIA"]), 9.81)
-    thrust, wanted, step = before, np.clip(after, *cfg.thrust_range), 5e-4
+    thrust, wanted, step = before, np.clip(after, *cfg.thrust_range), 1e-3
     for _ in range(round(SECONDS / step)):
         speed, goal = np.sqrt(thrust / constant), np.sqrt(wanted / constant)
         lag = np.where(wanted < thrust, down, up)
