@@ -44,9 +44,9 @@ class Drone(Verb):
         "logs with measured speeds.",
         files=True,
     )
-    samples: int = setting(
-        whole(0, 10_000),
-        0,
+    samples: int | None = setting(
+        whole(1, 10_000),
+        None,
         "Drones of the posterior to write, a file each, for domain randomization.",
     )
 
@@ -102,7 +102,7 @@ class Drone(Verb):
         from maidenflight.deployment.drone_format import drone_text
 
         to, samples = str(self.to), self._samples(drone)
-        if self.samples > len(samples):
+        if self.samples is not None and self.samples > len(samples):
             raise InputError(
                 f"{self.drone}: its posterior has {len(samples)} samples, fewer than "
                 f"{self.samples}. Give fewer, or a drone that flights identified by likelihood."
@@ -110,7 +110,7 @@ class Drone(Verb):
         if self.samples and output is None:
             raise InputError(f"--samples {self.samples}: give -o FOLDER for as many files.")
         options: dict[str, Any] = {"full_speed": self._rpm(drone), "record": record}
-        if self.samples and output is not None:
+        if self.samples is not None and output is not None:
             written = []
             for number, one in enumerate(samples[: self.samples], 1):
                 text = drone_text(one, to, name, **options)
