@@ -63,7 +63,8 @@ class Drone(Verb):
 
         if self.list_names:
             return _list()
-        kilograms, is_named = self._kilograms, self.drone in parameters.DRONES
+        kilograms = None if self.mass is None else self.mass / 1e3
+        is_named = self.drone in parameters.DRONES
         read, name = parameters.read_drone(self.drone, kilograms), parameters.name_of(self.drone)
         record = self.make_record(shared.own_files(self.drone))
         if self.to is not None:
@@ -85,10 +86,6 @@ class Drone(Verb):
             return Result(content=content, summary=[toml.removesuffix("\n")], value=read)
         results.write(output, parameters.to_toml(read, output.stem, {"record": record}, sources))
         return Result(content=content | {"output": str(output)}, value=read)
-
-    @property
-    def _kilograms(self) -> float | None:
-        return None if self.mass is None else self.mass / 1e3
 
     def _export(
         self,
