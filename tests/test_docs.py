@@ -146,7 +146,7 @@ def test_all_public_names_resolve() -> None:
     assert missing == []
     apart = ("__version__", "simulator")
     assert all(callable(getattr(mf, name)) for name in mf.__all__ if name not in apart)
-    assert len(mf.__all__) <= 35
+    assert len(mf.__all__) <= 36
     assert all(callable(getattr(sim, name)) for name in sim.__all__)
     with pytest.raises(AttributeError):
         _ = mf.nonsense  # type: ignore[attr-defined]
@@ -590,7 +590,7 @@ def test_a_format_of_drones_is_two_functions_in_a_file(monkeypatch: pytest.Monke
     (snippet,) = extensions("A format of drones")
     monkeypatch.setitem(DRONE_FORMATS.own, "plain", "")
     run_snippet(snippet, "docs/extending.md")
-    (written,) = mf.export(mf.drone("x500"), "x500.txt", "plain")
+    written = mf.export_drone(mf.drone("x500"), "x500.txt", "plain")
     lines = written.read_text().splitlines()
     assert lines[-1].startswith("mass 2.06")
     assert any(one.startswith("# latency = 0.005 s") for one in lines)

@@ -108,7 +108,7 @@ def test_ranges_of_isaac_lab_are_the_middle_of_the_posterior(tmp_path: Path) -> 
 
 
 def test_python_writes_the_same_file(tmp_path: Path) -> None:
-    (path,) = mf.export(mf.drone("x500"), tmp_path / "x500.xml", "mjcf")
+    path = mf.export_drone(mf.drone("x500"), tmp_path / "x500.xml", "mjcf")
     assert path.read_text() == Drone(drone="x500", to="mjcf").run().value.replace(
         f"  record: {Drone(drone='x500', to='mjcf').make_record()}\n", ""
     )

@@ -7,13 +7,15 @@ lost silently.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from maidenflight import __version__, parameters
+from maidenflight import __version__, parameters, results
 from maidenflight.errors import InputError
+from maidenflight.inputs import StrPath
 from maidenflight.parameters import QUANTITIES, Parameters, plain
 from maidenflight.registry import DRONE_FORMATS
 from maidenflight.simulator.physics import dynamics
@@ -23,11 +25,11 @@ TABLES = ("motors", "body", "air")
 NOISE = ("actuator_noise", "actuator_noise_rate")
 """Of the motors, but random."""
 NEUTRAL = {"rotor_thrust": 1.0, "spin_down_ratio": 1.0}
-"""Values that stand for nothing, where it is not 0."""
+"""Values that stand for nothing where it is not 0, by definition."""
 RPM = 60.0 / (2.0 * np.pi)
-"""Revolutions a minute of a rad/s."""
+"""Revolutions a minute of a rad/s, by definition."""
 SLOWEST_RPM, FASTEST_RPM = 100.0, 200e3
-"""Between which a rotor's full speed lies."""
+"""Between which a rotor's full speed lies; chosen wide."""
 
 
 @dataclass(frozen=True)
@@ -170,6 +172,25 @@ def drone_text(
         name, kind.nearest(point), point, speed, tuple(samples), record or {}, kind.remarks
     )
     return kind.write(model)
+
+
+def export_drone(drone: Parameters, path: StrPath, to: str, **options: Any) -> Path:
+    """Writes a drone for another program, such as a simulator.
+
+    Args:
+        drone: a point.
+        path: the file to write.
+        to: a name in `registry.DRONE_FORMATS`, such as `mjcf`.
+        **options: of `drone_text`; its name is the file's by default.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: see `drone_text`; or the file cannot be written.
+    """
+    options.setdefault("name", Path(path).stem)
+    return results.write(path, drone_text(drone, to, **options))
 
 
 def xml_comment(lines: Sequence[str]) -> str:

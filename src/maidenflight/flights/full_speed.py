@@ -10,7 +10,7 @@ from maidenflight.flights.rotors import rotors
 from maidenflight.parameters import Parameters
 
 TURNING = 0.3
-"""Of full speed, above which a row counts: idling rotors say little."""
+"""Of full speed, above which a row counts, chosen: idling rotors say little."""
 
 
 def full_speed(flights: Sequence[Flight], drone: Parameters, place: str) -> float:

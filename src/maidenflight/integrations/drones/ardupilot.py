@@ -19,7 +19,7 @@ from maidenflight.integrations.drones import thrust_curve
 from maidenflight.parameters import Parameters, levers
 
 SQUARE_X = np.array([[-1, -1], [-1, 1], [1, 1], [1, -1]])
-"""Signs of what a rotor's thrust turns about x and y."""
+"""Signs of what a rotor's thrust turns about x and y, by definition of an X."""
 
 
 def nearest_ardupilot(drone: Parameters) -> Parameters:

@@ -16,9 +16,9 @@ from maidenflight.integrations.drones.ardupilot import is_square_x
 from maidenflight.parameters import Parameters, levers
 
 ROTORS = (1, 0, 2, 3)
-"""Ours in the order of its motors."""
+"""Ours in the order of the firmware's motors."""
 LARGEST = 150
-"""Of `thrust_linear` [%]."""
+"""Of `thrust_linear` [%], by the firmware."""
 
 
 def nearest_betaflight(drone: Parameters) -> Parameters:

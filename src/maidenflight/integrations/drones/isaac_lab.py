@@ -22,7 +22,7 @@ from maidenflight.deployment.drone_format import (
 from maidenflight.parameters import Parameters, levers, replace
 
 MIDDLE = (0.05, 0.95)
-"""Quantiles of the posterior that are the ends of a range."""
+"""Quantiles of the posterior that are the ends of a range, chosen."""
 
 
 def nearest_isaac_lab(drone: Parameters) -> Parameters:

@@ -22,7 +22,7 @@ from maidenflight.deployment.drone_format import (
 from maidenflight.parameters import Parameters, arm_length, replace, rotors
 
 STEP_S = 0.002
-"""Time step of the model."""
+"""Time step of the model, chosen; MuJoCo's own default."""
 THRUST_FOLLOWS = {"thrust_linear": np.float32(1.0)}
 """Thrust in proportion to what lags: the lag acts on the thrust."""
 

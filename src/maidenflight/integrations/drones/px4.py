@@ -18,9 +18,9 @@ from maidenflight.integrations.raptor.px4 import CONTROLS
 from maidenflight.parameters import Parameters, rotors
 
 FLOAT, INTEGER = 9, 6
-"""Types of MAVLink: float32 and int32."""
+"""Types by MAVLink's specification: float32 and int32."""
 COEFFICIENT = 6.5
-"""CA_ROTORn_CT of a sound rotor, PX4's default."""
+"""CA_ROTORn_CT of a sound rotor, the default of PX4's firmware."""
 
 
 def nearest_px4(drone: Parameters) -> Parameters:

@@ -21,9 +21,9 @@ from maidenflight.deployment.drone_format import (
 from maidenflight.parameters import Parameters, arm_length, replace, rotors
 
 ROTOR_MASS = 1e-3
-"""Of a rotor's link, as a share of the drone's mass; the base has the rest."""
+"""Of a rotor's link, as a share of the drone's mass, chosen small; the base has the rest."""
 SLOWDOWN = 10
-"""Rotors are shown turning slower by this, so that steps of 1 ms do not alias them."""
+"""Rotors are shown turning slower by this; the default of MulticopterMotorModel.cc, the source."""
 Element = ElementTree.SubElement
 
 

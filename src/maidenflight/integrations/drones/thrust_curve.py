@@ -12,7 +12,7 @@ from jaxtyping import Float
 from maidenflight.parameters import QUANTITIES, Parameters, replace
 
 INPUTS = np.linspace(0.05, 1.0, 96)
-"""Of the ESC, over which curves are fitted: rotors of an armed drone turn."""
+"""Of the ESC, over which curves are fitted, chosen: rotors of an armed drone turn."""
 
 
 def share(drone: Parameters, inputs: Float[np.ndarray, "N"]) -> Float[np.ndarray, "N"]:

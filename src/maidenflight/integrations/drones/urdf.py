@@ -23,11 +23,11 @@ from maidenflight.deployment.drone_format import (
 from maidenflight.parameters import QUANTITIES, Parameters, arm_length, replace, rotors
 
 GROUND_EFFECT = 11.36859
-"""gnd_eff_coeff of its Crazyflie; the propeller's radius follows from ours."""
+"""gnd_eff_coeff in assets/cf2x.urdf, the source; the propeller's radius follows from ours."""
 DOWNWASH = {"dw_coeff_1": "0", "dw_coeff_2": "0.16", "dw_coeff_3": "-0.11"}
 """Off: the first is the strength."""
 FASTEST_KM_H = 30.0
-"""max_speed_kmh of its Crazyflie, which scales velocity commands."""
+"""max_speed_kmh in assets/cf2x.urdf, the source; it scales velocity commands."""
 
 
 def nearest_urdf(drone: Parameters) -> Parameters:

@@ -23,13 +23,13 @@ from maidenflight.integrations.raptor.px4 import CONTROLS
 from maidenflight.policy import Policy
 
 COEFFICIENT = 1.2
-"""MC_NN_THRST_COEF [1e-5 1/s^2], PX4's default; the largest rpm follows."""
+"""MC_NN_THRST_COEF [1e-5 1/s^2], the firmware's default; the largest rpm follows."""
 PARAMETERS = (
     ("MC_NN_THRST_COEF", f"{COEFFICIENT}", 9),
     ("MC_NN_MIN_RPM", "0", 6),
     ("MC_NN_MAX_RPM", f"{round(60.0 * math.sqrt(2.0 / (COEFFICIENT * 1e-5)))}", 6),
 )
-"""Names, values and MAVLink's types: an output of 1 is the largest rpm, -1 is none."""
+"""Names, values and types by MAVLink's specification: an output of 1 is the largest rpm."""
 
 
 def export_px4(policy: Policy, directory: StrPath, *, name: str = "policy") -> list[Path]:

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from maidenflight.errors import optional
 
 VERSION = 3
+"""Of the schema, by its specification."""
 IDENTIFIER = b"TFL3"
 ALIGNMENT = 16
-"""Of a buffer's data [bytes], as the schema demands."""
+"""Of a buffer's data [bytes], by the schema's specification."""
 Layer = tuple[NDArray[np.float32], NDArray[np.float32]]
 """Weights, (outputs, inputs), and biases, (outputs,)."""
 
