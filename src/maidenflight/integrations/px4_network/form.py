@@ -89,3 +89,4 @@ FORM = PolicyForm(
     check=check,
     methods=("gradient", "ppo"),
 )
+"""Layers are chosen: those of any size below the module's memory are in its firmware's reach."""

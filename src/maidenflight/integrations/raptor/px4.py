@@ -39,7 +39,7 @@ BENCH = "commands.csv"
 CONTROLS = (0, 2, 3, 1)
 """Outputs by control of PX4's Quadrotor X."""
 LONGEST_META = 255
-"""Characters that the module reads of `actor/meta`; of a table's it reads 99."""
+"""Characters that the firmware's module reads of `actor/meta`; of a table's it reads 99."""
 STATES: dict[str, tuple[list[float], list[float], list[float], list[float]]] = {
     "at the set-point": ([0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]),
     "0.3 m below": ([0, 0, -0.3], [0, 0, 0], [0, 0, 0], [0, 0, 0]),
