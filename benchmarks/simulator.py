@@ -336,6 +336,17 @@ def crazyflow_python(choice: str | None) -> str | None:
     return str(python)
 
 
+def require_crazyflow(crazyflow: str | None) -> None:
+    """Asks for what is measured last before minutes of measuring.
+
+    Raises:
+        ClickException: the Python of crazyflow has none.
+    """
+    question = "import importlib.util, sys; sys.exit(not importlib.util.find_spec('crazyflow'))"
+    if crazyflow and subprocess.run([crazyflow, "-c", question], check=False).returncode:
+        raise click.ClickException(f"--crazyflow {crazyflow}: this Python has no crazyflow.")
+
+
 def details(measurements: Measurements) -> str:
     """At which batches both were best, and their memory by `COMPILERS`."""
     return "\n".join(
@@ -364,6 +375,7 @@ def details(measurements: Measurements) -> str:
 def main(quick: bool, output: Path, crazyflow: str | None) -> None:
     """Measures both and writes the tables into the page OUTPUT and a chart beside it."""
     require_packages("gymnasium")
+    require_crazyflow(crazyflow)
     repeats, processes = (3, 1) if quick else (9, 5)
     where = machine(repeats, processes)
     sides = {

@@ -141,7 +141,7 @@ def test_an_exporter_of_an_installed_package_is_used(
     code, _, _ = run(monkeypatch, capsys, "export", file, "--to", "acme")
     assert code == 0
     assert json.loads(Path("acme_policy/policy_1.acme").read_text())["name"] == "pwm"
-    with pytest.raises(InputError, match=r"'acne': no such exporter. .* c, .*raptor, acme\."):
+    with pytest.raises(InputError, match=r"'acne': no such exporter. .* c, .*px4, acme\."):
         mf.export(made, tmp_path, "acne")
 
 
@@ -220,7 +220,7 @@ def test_no_package_is_looked_for_where_a_name_is_ours(
     monkeypatch.setattr(registry, "_installed", looked)
     code, out, _ = run(monkeypatch, capsys, "export", "--help")
     assert code == 0
-    assert "[c|onnx|authors|crazyflie|raptor|...]" in out
+    assert "[c|onnx|authors|crazyflie|raptor|px4|...]" in out
     log.write(tmp_path / "own.csv", calm())
     assert len(read_flights(tmp_path)) == 1
     assert mf.reality("virtual:7")

@@ -4,6 +4,7 @@ __all__: list[str]
 from . import simulator as simulator
 from .compiler import prepare_jax as prepare_jax
 from .deployment import export as export
+from .deployment.drone_format import export_drone as export_drone
 from .errors import InputError as InputError
 from .experiments.envelope import envelope as envelope
 from .experiments.flight_times import predict_flight_times as predict_flight_times

@@ -26,7 +26,7 @@ PROPELLERS = ("2.1+", "legacy", "thrust-upgrade")
 """By which the Crazyflie's firmware compensates for the battery."""
 METHODS = ("gradient", "gradient-paper", "distillation", "ppo", "ppo-paper")
 """Of training; the last with the paper's settings."""
-FORMS = ("instants", "raptor")
+FORMS = ("instants", "raptor", "px4")
 """Of policies: what their network sees and gives."""
 COMMANDS = ("zero-order-hold", "subsampled")
 """What logged commands stand for: each acts until the next row, or one in some is logged."""

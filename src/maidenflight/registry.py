@@ -168,6 +168,7 @@ REALITIES = Registry(
         "pybullet": f"{_RING}.simulators.bullet:named_drone",
         "l2f": f"{_RING}.simulators.l2f:L2F",
         "crazyflow": f"{_RING}.simulators.crazyflow:Crazyflow",
+        "mujoco": f"{_RING}.simulators.mujoco:MuJoCo",
     },
 )
 """Each makes a `simulator.reality.Reality`, or a virtual drone, of the text behind `NAME:`."""
@@ -189,7 +190,9 @@ POLICY_FORMATS = Registry(
 )
 """Each a `policy_file.PolicyFormat`, beside our own."""
 POLICY_FORMS = Registry(
-    "form of policies", "maidenflight.policy_forms", {"raptor": f"{_RING}.raptor.form:FORM"}
+    "form of policies",
+    "maidenflight.policy_forms",
+    {"raptor": f"{_RING}.raptor.form:FORM", "px4": f"{_RING}.px4_network.form:FORM"},
 )
 """Each a `simulator.policy_form.PolicyForm`, beside `INSTANTS`."""
 EXPORTERS = Registry(
@@ -201,9 +204,27 @@ EXPORTERS = Registry(
         "authors": f"{_RING}.exporters.authors_json:export_authors_json",
         "crazyflie": f"{_RING}.exporters.crazyflie_app:export_crazyflie",
         "raptor": f"{_RING}.raptor.export:export_raptor",
+        "px4": f"{_RING}.px4_network.export:export_px4",
     },
 )
 """Each writes a policy to a folder; see `deployment.export`."""
+DRONE_FORMATS = Registry(
+    "format of drones",
+    "maidenflight.drone_formats",
+    {
+        "mjcf": f"{_RING}.drones.mjcf:FORMAT",
+        "urdf": f"{_RING}.drones.urdf:FORMAT",
+        "sdf": f"{_RING}.drones.sdf:FORMAT",
+        "rotorpy": f"{_RING}.drones.rotorpy:FORMAT",
+        "crazyflow": f"{_RING}.drones.crazyflow:FORMAT",
+        "isaac-lab": f"{_RING}.drones.isaac_lab:FORMAT",
+        "l2f": f"{_RING}.drones.l2f:FORMAT",
+        "px4": f"{_RING}.drones.px4:FORMAT",
+        "ardupilot": f"{_RING}.drones.ardupilot:FORMAT",
+        "betaflight": f"{_RING}.drones.betaflight:FORMAT",
+    },
+)
+"""Each a `deployment.drone_format.DroneFormat`: a drone as another program reads it."""
 ENGINES = Registry(
     "engine",
     "maidenflight.engines",

@@ -12,6 +12,7 @@ from maidenflight.errors import InputError
 from maidenflight.experiments.drones import find_reality
 from maidenflight.integrations.exporters.onnx import export_onnx
 from maidenflight.integrations.logs import blackbox, dataflash, rosbag, ulog
+from maidenflight.integrations.px4_network.export import export_px4
 from maidenflight.integrations.raptor.export import export_raptor
 from maidenflight.policy import untrained_policy
 from maidenflight.simulator.policy_spec import PolicySpec
@@ -20,8 +21,8 @@ from maidenflight.studies.engine import Resources, engine
 from maidenflight.training import loggers
 
 
-def remembering() -> Any:
-    return untrained_policy(jax.random.key(0), spec=PolicySpec(form="raptor"))
+def of_form(form: str) -> Any:
+    return untrained_policy(jax.random.key(0), spec=PolicySpec(form=form))
 
 
 def log_by(name: str, folder: Path) -> None:
@@ -40,13 +41,15 @@ NEEDS: dict[str, tuple[str, Callable[[Path], Any]]] = {
     "pybullet": ("pybullet", lambda _: find_reality("pybullet:7")),
     "crazyflow": ("crazyflow", lambda _: find_reality("crazyflow:cf2x_L250")),
     "l2f": ("l2f", lambda _: find_reality("l2f:x500")),
+    "mujoco": ("mujoco", lambda _: find_reality("mujoco:x500")),
     "tensorboardX": ("tensorboard", lambda folder: log_by("tensorboard", folder)),
     "wandb": ("wandb", lambda folder: log_by("wandb", folder)),
     "ray": ("ray", lambda folder: engine("ray", Resources(logs=str(folder)))),
     "submitit": ("slurm", lambda folder: engine("slurm", Resources(logs=str(folder)))),
     "fsspec": ("remote", lambda _: store.opened("memory://study")),
     "onnx": ("onnx", lambda folder: export_onnx(untrained_policy(jax.random.key(0)), folder)),
-    "h5py": ("raptor", lambda folder: export_raptor(remembering(), folder)),
+    "h5py": ("raptor", lambda folder: export_raptor(of_form("raptor"), folder)),
+    "tflite": ("px4", lambda folder: export_px4(of_form("px4"), folder)),
 }
 """By package: its extra, and what needs it."""
 

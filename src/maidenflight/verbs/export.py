@@ -37,7 +37,8 @@ class Export(Verb):
         "c: C99 without dependencies, policy.h and policy.c; onnx: policy.onnx; authors: a JSON as "
         "the tools of Gronauer et al. read it; crazyflie: an app that builds beside an unmodified "
         "Crazyflie firmware; raptor: policy.h5 and, for PX4, policy.tar, of a policy "
-        "trained with --form raptor.",
+        "trained with --form raptor; px4: the network of PX4's mc_nn_control, of one trained with "
+        "--form px4.",
     )
     control: str | None = shared.control_of_authors()
     propellers: str | None = setting(

@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     from maidenflight.training.settings import Settings
     from maidenflight.training.train import Progress as Training
 
-_OF_RAPTOR = ("control", "history", "look_ahead", "look_ahead_spacing", "memory", "hidden")
-"""Settings that RAPTOR's form settles."""
-_OF_A_POLICY = (*_OF_RAPTOR, "paper_scales", "form")
+_OF_A_FORM = ("control", "history", "look_ahead", "look_ahead_spacing", "memory", "hidden")
+"""Settings that a form of another program settles."""
+_OF_A_POLICY = (*_OF_A_FORM, "paper_scales", "form")
 """Settings that the policy settles from which training starts."""
 LEAST_SURVIVAL = 0.1
 """Survival below which a policy is reported as not flying."""
@@ -136,8 +136,8 @@ class Train(Verb):
         choice(*names.FORMS),
         "instants",
         "Form of the policies. raptor: shape, observation and actions of RAPTOR's network, for "
-        "export --to raptor; it has its own control structure, history, look-ahead, memory and "
-        "layers.",
+        "export --to raptor; px4: those of PX4's mc_nn_control, for export --to px4. Both have "
+        "their own control structure, history, look-ahead, memory and layers.",
         rare=True,
     )
     initial: Path | None = setting(
@@ -189,10 +189,10 @@ class Train(Verb):
     def check_early(self) -> None:
         """Refuses a drone that is not there, and what something else settles."""
         shared.must_exist(self.drone)
-        start, raptor = self.initial is not None, self.form == "raptor"
+        start, own = self.initial is not None, self.form == "instants"
         by_start = "the policy of --from has its own"
         shared.must_be_default(self, _OF_A_POLICY if start else (), by_start)
-        shared.must_be_default(self, _OF_RAPTOR if raptor else (), "--form raptor has its own")
+        shared.must_be_default(self, () if own else _OF_A_FORM, f"--form {self.form} has its own")
 
     def check(self) -> None:
         """Refuses what is no drone, task or policy, and settings of no method."""

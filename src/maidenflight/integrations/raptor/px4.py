@@ -2,7 +2,9 @@
 
 `mc_raptor` reads `raptor/policy.tar` of the SD card, a ustar archive: each table is a file `data`
 of float32 beside a file `meta` of lines, and the first five instants of the example are computed
-anew when it starts. Its inputs are NED and FRD, turned into our axes.
+anew when it starts. Its inputs are NED and FRD, turned into our axes. Every table is a tensor, as
+RL-tools has read them since 2025-11-09: weights have two dimensions and biases one, where the HDF5
+for `foundation-policy` keeps matrices.
 
 | policy | PX4 |
 |---|---|
@@ -11,7 +13,7 @@ anew when it starts. Its inputs are NED and FRD, turned into our axes.
 | output below -1 | a negative control, by which PX4 disarms that motor; above 1 it is cut off |
 
 Source: PX4-Autopilot, src/modules/mc_raptor (30bf3d03ef79) and src/lib/mixer_module/functions;
-RL-tools, persist/backends/tar (46dd9e5e091e), described from reading.
+RL-tools, persist/backends/tar (46dd9e5e091e) and nn/layers/dense, described from reading.
 """
 
 import io
@@ -37,7 +39,7 @@ BENCH = "commands.csv"
 CONTROLS = (0, 2, 3, 1)
 """Outputs by control of PX4's Quadrotor X."""
 LONGEST_META = 255
-"""Characters that the module reads of `actor/meta`."""
+"""Characters that the firmware's module reads of `actor/meta`; of a table's it reads 99."""
 STATES: dict[str, tuple[list[float], list[float], list[float], list[float]]] = {
     "at the set-point": ([0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]),
     "0.3 m below": ([0, 0, -0.3], [0, 0, 0], [0, 0, 0], [0, 0, 0]),
@@ -83,18 +85,17 @@ def _tables(policy: Policy, seed: int) -> Iterator[tuple[str, bytes]]:
         header = f"activation_function: {activation}\n" if activation else ""
         yield f"{group}/meta", f"{header}type: {kind}\n".encode()
         for parameter, numbers in tables.items():
-            yield from _table(f"{group}/{parameter}/parameters", numbers, kind == "dense")
+            is_row = kind == "dense" and parameter == "biases"
+            table = numbers[0] if is_row else numbers
+            yield from _table(f"{group}/{parameter}/parameters", table)
     for what, numbers in zip(("input", "output"), example(policy, seed), strict=True):
-        yield from _table(f"example/{what}", numbers, False)
+        yield from _table(f"example/{what}", numbers)
 
 
-def _table(path: str, numbers: Numbers, matrix: bool) -> Iterator[tuple[str, bytes]]:
-    """A table: what it is, and its numbers, little endian."""
+def _table(path: str, numbers: Numbers) -> Iterator[tuple[str, bytes]]:
+    """A tensor: its type and sizes, and its numbers, little endian."""
     sizes = [f"dim_{axis}: {size}" for axis, size in enumerate(numbers.shape)]
     lines = ["type: tensor", "dtype: float32", f"num_dims: {numbers.ndim}", *sizes]
-    if matrix:
-        rows, columns = numbers.shape
-        lines = ["type: matrix", "dtype: float32", f"rows: {rows}", f"cols: {columns}"]
     yield f"{path}/meta", ("\n".join(lines) + "\n").encode()
     yield f"{path}/data", np.ascontiguousarray(numbers, "<f4").tobytes()
 

@@ -22,7 +22,8 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.errors import InputError, imported
-from maidenflight.parameters import Parameters, crazyflie, h_frame, noiseless, replace, rotors
+from maidenflight.integrations.drones.l2f import dynamics_of
+from maidenflight.parameters import Parameters, crazyflie, h_frame, noiseless, replace
 from maidenflight.simulator.physics import dynamics
 from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.realities.reality import MOTORS, Truth
@@ -67,27 +68,6 @@ class Body:
             gravity=GRAVITY,
             time_step=0.001,
         )
-
-    def described(self) -> dict[str, Any]:
-        """Returns what l2f's JSON says of it."""
-        drone = self.parameters()
-        inverse = np.diag(1.0 / np.array(self.inertia))
-        turns = np.asarray(drone.rotor_direction).tolist()
-        return {
-            "rotor_positions": rotors(drone).tolist(),
-            "rotor_thrust_directions": [[0.0, 0.0, 1.0]] * 4,
-            "rotor_torque_directions": [[0.0, 0.0, turn] for turn in turns],
-            "rotor_thrust_coefficients": [list(self.thrust)] * 4,
-            "rotor_torque_constants": [self.torque_to_thrust] * 4,
-            "rotor_time_constants_rising": [self.lag[0]] * 4,
-            "rotor_time_constants_falling": [self.lag[1]] * 4,
-            "mass": self.mass,
-            "gravity": [0.0, 0.0, -GRAVITY],
-            "J": np.diag(self.inertia).tolist(),
-            "J_inv": inverse.tolist(),
-            "hovering_throttle_relative": math.sqrt(dynamics.hover_command(drone)),
-            "action_limit": {"min": 0.0, "max": 1.0},
-        }
 
 
 BODIES: Mapping[str, Body] = {
@@ -165,7 +145,7 @@ class L2F:
         world = self._device, self._environment
         l2f.initial_parameters(*world, self._settings)
         settings = json.loads(l2f.parameters_to_json(*world, self._settings))
-        settings["dynamics"] |= body.described()
+        settings["dynamics"] |= dynamics_of(self.parameters)
         settings["integration"]["dt"] = 1.0 / RATE
         l2f.parameters_from_json(*world, json.dumps(settings), self._settings)
         self.reset(np.zeros(3), 0)

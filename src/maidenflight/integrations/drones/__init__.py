@@ -1,0 +1,1 @@
+"""Drones for other simulators and autopilots, a module a format."""
