@@ -598,7 +598,6 @@ def run_fault(read: runs.Run) -> str:
             "posterior": not all(np.isfinite(draws).all() for draws in read.posterior.values()),
             "objective": read.objective not in OBJECTIVES,
             "a period": not all(0 < one.period < 1 for one in (*read.recorded, *read.flights)),
-            "seconds": not all(np.isfinite(one) and one >= 0 for one in read.seconds.values()),
             "durations": durations is not None
             and not (durations.is_finite() & (durations >= 0)).all(),
             "nothing left": read.table is None or read.drone is None or not read.policies,
