@@ -9,9 +9,11 @@ computes some drones again, and `--lag` adds the lag of every log and folder at 
 """
 
 import argparse
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import jax
@@ -60,6 +62,8 @@ class Drone:
     source: str = ""
     hide: bool = True
     """Whether measured speeds are hidden."""
+    columns: str = ""
+    """Map of the files' columns, where they are tables without one."""
     arms: tuple[float, float] | None = None
     """Distance of the rotors from the middle along x and y [m]; None for the named drone's."""
 
@@ -77,6 +81,21 @@ class Drone:
         share = (arm_length(own) / arm_length(named)) ** 2
         return changed(own, inertia=np.float32(share) * np.asarray(named.inertia))
 
+
+NANODRONE = """
+time.columns = ["t"]
+position.columns = ["x", "y", "z"]
+velocity.columns = ["vx", "vy", "vz"]
+attitude.columns = ["qx", "qy", "qz", "qw"]
+body_rates.columns = ["wx", "wy", "wz"]
+motors.columns = ["m1_thrust", "m2_thrust", "m3_thrust", "m4_thrust"]
+motors.low = 0
+motors.high = 1
+motors.thrust = "linear"
+rotor_speed.columns = ["m1_erpm", "m2_erpm", "m3_erpm", "m4_erpm"]
+rotor_speed.unit = "rpm"
+"""
+"""Columns of IDSIA's benchmark; of its speeds, six to a turn, only proportions count."""
 
 DRONES = {
     "brushed": Drone(
@@ -139,6 +158,15 @@ DRONES = {
         {"motor_time_constant": (0.025, 0.025)},
         "their search, not measured",
     ),
+    "NanoDrone": Drone(
+        ("nanodrone/*.parquet",),
+        "crazyflie_brushless",
+        45.0,
+        {"inertia_x": (3.3e-5, 3.3e-5), "inertia_y": (3.6e-5, 3.6e-5)},
+        "Graefe et al. 2026, a Crazyflie Brushless of 44 g; its speeds are used",
+        hide=False,
+        columns=NANODRONE,
+    ),
     "NanoBench": Drone(
         tuple(
             f"nanobench/{flight}_rep1.csv.gz"
@@ -197,7 +225,12 @@ def simulated_rows(name: str) -> Iterator[dict[str, Any]]:
 def read_drone_flights(drone: Drone, data: Path) -> list[Flight]:
     """Flights of a drone, in the order of their files."""
     files = [file for pattern in drone.files for file in sorted(data.glob(pattern))]
-    return [flight for file in files for flight in read_flights(file, drone=drone.start)]
+    with TemporaryDirectory() as folder:
+        if drone.columns:
+            files = [Path(shutil.copy(file, folder)) for file in files]
+            for file in files:
+                file.with_suffix(".columns.toml").write_text(drone.columns)
+        return [flight for file in files for flight in read_flights(file, drone=drone.start)]
 
 
 def speed_share(flights: Sequence[Flight], drone: Parameters) -> float | None:

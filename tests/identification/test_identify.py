@@ -20,7 +20,7 @@ from maidenflight.identification.likelihood.selection import FIRST
 from maidenflight.identification.methods import METHODS, Likelihood, Replay
 from maidenflight.identification.outcome.bounds import bound_reached
 from maidenflight.identification.outcome.ensembles import posterior_ensemble, trim_ensemble
-from maidenflight.identification.outcome.estimates import doubts
+from maidenflight.identification.outcome.estimates import note_doubts
 from maidenflight.identification.outcome.posterior import DESIGN
 from maidenflight.identification.outcome.problem import AUTO
 from maidenflight.identification.outcome.progress import FITTING, Progress
@@ -152,23 +152,23 @@ def test_flights_whose_commands_mean_different_thrusts_are_refused(flights):
 
 def test_restless_samples_are_doubted(flights):
     sampled = [dataclasses.replace(flight, zero_order_hold=False) for flight in flights]
-    (doubt,) = doubts({"actuator_noise": 0.14}, sampled)
+    (doubt,) = note_doubts({"actuator_noise": 0.14}, sampled)
     assert "lag and inertia cannot be trusted" in doubt
     assert (
-        doubts({"actuator_noise": 0.14}, flights)
-        == doubts({"actuator_noise": 0.03}, sampled)
-        == doubts({}, sampled)
+        note_doubts({"actuator_noise": 0.14}, flights)
+        == note_doubts({"actuator_noise": 0.03}, sampled)
+        == note_doubts({}, sampled)
         == []
     )
 
 
 def test_few_samples_of_commands_are_doubted(flights):
     slow = [dataclasses.replace(flight, period=0.02) for flight in flights]
-    assert doubts({}, slow) == [], "each acts until the next"
+    assert note_doubts({}, slow) == [], "each acts until the next"
     sampled = [dataclasses.replace(flight, zero_order_hold=False) for flight in slow]
-    (doubt,) = doubts({}, sampled)
+    (doubt,) = note_doubts({}, sampled)
     assert "20 ms" in doubt
-    assert len(doubts({"actuator_noise": 0.14}, sampled)) == 2
+    assert len(note_doubts({"actuator_noise": 0.14}, sampled)) == 2
 
 
 @pytest.mark.parametrize(

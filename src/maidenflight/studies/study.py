@@ -134,7 +134,8 @@ def _find_code(content: Mapping[str, Any]) -> str | None:
         kind = entry.get("kind") if isinstance(entry, dict) else None
         if isinstance(kind, str) and ":" in kind:
             return kind
-        settings = settings_of(find_verb(str(kind))) if kind in VERBS else {}
+        is_verb = isinstance(kind, str) and kind in VERBS
+        settings = settings_of(find_verb(str(kind))) if is_verb else {}
         for part in (entry.get("settings"), entry.get("grid")) if settings else ():
             for name, value in part.items() if isinstance(part, dict) else ():
                 one = settings.get(name.partition(".")[0])

@@ -28,7 +28,7 @@ URI = "radio://0/80/2M/E7E7E7E7E7"
 REALITIES = (
     "near:SEED, virtual:SEED or far:SEED, with growing mismatch to the training model; "
     "near:SEED@DRONE and so on, about a drone of your own; "
-    "pybullet:SEED (virtual:SEED in PyBullet); mujoco:DRONE (a drone of your own in MuJoCo); "
+    "pybullet:SEED (virtual:SEED in PyBullet); mujoco:DRONE; "
     "l2f:DRONE or crazyflow:DRONE, drones of those simulators; "
     "MODULE:FACTORY of your own; or a drone's TOML file; +sensors, +10ms, +yaw6000, +weak10 and "
     "+payload15 behind any of them"

@@ -27,7 +27,7 @@ def test_shares_of_the_inertia_stay_and_a_heavy_start_does_not_matter() -> None:
             inertia=np.array([1.33e-5, 1.33e-5, heavy * 2.64e-5], np.float32),
         )
         draws = inertia | {"torque_to_thrust": samples(heavy * 0.006)}
-        about = with_inertia_z(start, here, draws, {}, np.random.default_rng(0))
+        about = with_inertia_z(start, here, draws, {}, (), np.random.default_rng(0))
         share = about.draws["torque_to_thrust"] / about.draws["inertia_z"]
         np.testing.assert_allclose(share, 0.006 / 2.64e-5, rtol=1e-5)
         assert len(about.notes) == 1
@@ -39,9 +39,17 @@ def test_shares_of_the_inertia_stay_and_a_heavy_start_does_not_matter() -> None:
 def test_the_ratios_doubt_is_that_of_published_drones() -> None:
     """A robust standard deviation of six drones from 27 g to 2 kg."""
     draws = {name: samples(1e-5) for name in (*ABOUT_Z, "inertia_x", "inertia_y")}
-    about = with_inertia_z(START, START, draws, {}, np.random.default_rng(0))
+    about = with_inertia_z(START, START, draws, {}, (), np.random.default_rng(0))
     assert np.std(np.log(about.draws["inertia_z"])) == pytest.approx(RATIO_SD, rel=0.1)
     assert 0.1 < RATIO_SD < 0.2
+
+
+def test_without_inertia_about_x_or_y_the_starts_is_kept() -> None:
+    draws = {name: samples(1e-5) for name in ("torque_bias_z", "inertia_x")}
+    about = with_inertia_z(START, START, draws, {}, ("inertia_x",), np.random.default_rng(0))
+    assert about.drone is START
+    assert about.draws == draws
+    assert len(about.notes) == 1
 
 
 def test_nothing_changes_where_yaw_shows_nothing_or_flights_tell_the_inertia() -> None:
@@ -49,7 +57,7 @@ def test_nothing_changes_where_yaw_shows_nothing_or_flights_tell_the_inertia() -
         {"latency": samples(0.005)},
         {name: samples(1.0) for name in (*ABOUT_Z, "inertia_z")},
     ):
-        about = with_inertia_z(START, START, draws, {}, np.random.default_rng(0))
+        about = with_inertia_z(START, START, draws, {}, (), np.random.default_rng(0))
         assert about.drone is START
         assert about.draws == draws
         assert about.notes == ()

@@ -16,7 +16,7 @@ from maidenflight.identification.likelihood import one_step_errors
 from maidenflight.identification.likelihood.observation import MOTORS
 from maidenflight.identification.likelihood.one_step import LENGTH
 from maidenflight.identification.likelihood.one_step_errors import COLUMNS, ORDER, errors
-from maidenflight.identification.replay.open_loop import under_way
+from maidenflight.identification.replay.open_loop import initial_delay_line
 from maidenflight.parameters import QUANTITIES, crazyflie, noiseless, replace
 from maidenflight.simulator import stepping
 from maidenflight.simulator.physics import dynamics, rotations, sensors
@@ -154,7 +154,7 @@ def test_rows_of_several_commands_are_foreseen_as_rows_of_one_are(flights):
 def test_rows_side_by_side_are_foreseen_as_one_after_the_other():
     """Each from the measured row before it, its rotors as the commands until then left them."""
     window, drone = some_window(), replace(TRUTH, time_step=0.01 / STEPS)
-    given, places, speed = under_way(window, drone, STEPS)
+    given, places, speed = initial_delay_line(window, drone, STEPS)
     first = np.concatenate([window.position, window.velocity, [0, 0, 0], window.body_rates])
     before = np.concatenate([first[None], window.measured[:-1]]).astype(np.float32)
 

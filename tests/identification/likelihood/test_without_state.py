@@ -16,6 +16,7 @@ from maidenflight.flights.reading import read_flights
 from maidenflight.identification import drone_file
 from maidenflight.identification.identify import identify, of_one_kind
 from maidenflight.identification.likelihood import without_state
+from maidenflight.identification.likelihood.about_z import RATIO_SD
 from maidenflight.identification.likelihood.inertial_errors import AccelerometerErrors, GyroErrors
 from maidenflight.identification.likelihood.sensor_signals import signals
 from maidenflight.identification.methods import Likelihood, Replay
@@ -215,7 +216,11 @@ def test_inertia_about_z_keeps_the_starts_ratio(found: Identification) -> None:
     assert inertia[2] / start[2] == pytest.approx(float(mean), rel=1e-5)
     draws = found.posterior
     scaled = start[2] * 0.5 * (draws["inertia_x"] / start[0] + draws["inertia_y"] / start[1])
-    assert_allclose(draws["inertia_z"], scaled, rtol=1e-5)
+    # As well as that ratio is known of any drone.
+    doubt = np.log(draws["inertia_z"] / scaled)
+    assert np.std(doubt) == pytest.approx(RATIO_SD, rel=0.15)
+    shares = draws["torque_bias_z"] / draws["inertia_z"] * start[2]
+    assert np.std(shares) < np.std(draws["torque_bias_z"]) * 1.01
 
 
 def test_the_drone_file_holds_it_all(found: Identification, tmp_path: Path) -> None:

@@ -9,8 +9,8 @@ from maidenflight.flights.trims import trim
 from maidenflight.identification.drone_file import Estimate
 from maidenflight.identification.outcome.ensembles import (
     WITHIN_A_DAY,
-    as_flights_differ,
     drone_of_the_day,
+    flight_to_flight_sd,
     trim_ensemble,
 )
 from maidenflight.parameters import component, crazyflie
@@ -109,9 +109,9 @@ def test_flights_count_alike_however_long_they_are() -> None:
     drone = crazyflie()
     torques = [trim([one], drone).torque_bias[2] for one in flights]
     told = estimates(1e-7) | {"latency": Estimate(0.01, (0.0, 0.02), (0.01,), 0.001)}
-    found = as_flights_differ(told, flights, drone)
+    found = flight_to_flight_sd(told, flights, drone)
     assert set(found) == {"torque_bias_z"}
     assert found["torque_bias_z"].between_sd == pytest.approx(np.std(torques, ddof=1), rel=0.05)
     assert found["torque_bias_z"].value == told["torque_bias_z"].value
-    assert as_flights_differ(told, flights[:7], drone) == {}
-    assert as_flights_differ({"latency": told["latency"]}, flights, drone) == {}
+    assert flight_to_flight_sd(told, flights[:7], drone) == {}
+    assert flight_to_flight_sd({"latency": told["latency"]}, flights, drone) == {}

@@ -4,7 +4,7 @@ Torques about z turn the drone by their share of that inertia, which no flight s
 is taken in the start's ratio to those about x and y, as well as that ratio is known of any drone.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -52,6 +52,7 @@ def with_inertia_z(
     drone: Parameters,
     draws: Mapping[str, Float[np.ndarray, "N"]],
     spread: Mapping[str, float],
+    unidentifiable: Collection[str],
     generator: np.random.Generator,
 ) -> AboutZ:
     """Returns what was found with the inertia about z, and what yaw shows, in proportion.
@@ -61,12 +62,17 @@ def with_inertia_z(
         drone: what was found with the start's inertia about z.
         draws: its posterior, `RESAMPLES` by parameter.
         spread: between segments of flight.
+        unidentifiable: parameters that keep the start's value.
         generator: random numbers.
     """
-    names = [name for name in ABOUT_Z if name in draws]
+    identified = draws.keys() - set(unidentifiable)
+    names = [name for name in ABOUT_Z if name in identified]
+    level = ("inertia_x", "inertia_y")
     if not names or "inertia_z" in draws:
         return AboutZ(drone, dict(draws), dict(spread), ())
-    level = ("inertia_x", "inertia_y")
+    if identified.isdisjoint(level):
+        note = "yaw shows its torques only as shares of inertia_z, which is the start's"
+        return AboutZ(drone, dict(draws), dict(spread), (note,))
     first, here = (
         np.array([float(component(one, name)) for name in level]) for one in (start, drone)
     )

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from maidenflight.identification.drone_file import Estimate, GroupGain
 from maidenflight.identification.likelihood import selection
-from maidenflight.identification.likelihood.about_z import with_inertia_z
+from maidenflight.identification.likelihood.about_z import AboutZ, with_inertia_z
 from maidenflight.identification.likelihood.fit import Fit, box_of, fit
 from maidenflight.identification.likelihood.laplace import (
     NO_OTHERS,
@@ -29,7 +29,7 @@ from maidenflight.identification.outcome.bounds import all_reached
 from maidenflight.identification.outcome.estimates import estimates_of
 from maidenflight.identification.outcome.plausible import Ranges
 from maidenflight.identification.outcome.posterior import interval
-from maidenflight.identification.outcome.problem import Problem, must_tell
+from maidenflight.identification.outcome.problem import Problem, require_identifiable
 from maidenflight.identification.outcome.progress import FITTING, INTERVALS
 from maidenflight.identification.search.box import Box
 from maidenflight.parameters import Parameters, component
@@ -132,7 +132,7 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class Found:
+class Joint:
     """What answers found together: a drone with the inertia about z that belongs to it."""
 
     drone: Parameters
@@ -146,24 +146,32 @@ class Found:
     notes: tuple[str, ...]
 
 
-def join(problem: Problem, answers: Sequence[Answer], unidentifiable: Collection[str]) -> Found:
+def join(
+    problem: Problem,
+    answers: Sequence[Answer],
+    unidentifiable: Collection[str],
+    *,
+    follows_about_z: bool = True,
+) -> Joint:
     """Returns what answers about some flights found together.
 
     Args:
         problem: bounds of the search, and random numbers.
         answers: the last has the drone of all.
         unidentifiable: parameters that keep the start's value.
+        follows_about_z: whether the inertia about z follows those about x and y.
 
     Raises:
         InputError: no requested parameter is identifiable.
     """
     draws = {name: samples for one in answers for name, samples in one.samples.items()}
     spread = {name: size for one in answers for name, size in one.posterior.spread.items()}
-    drone, draws, spread, notes = with_inertia_z(
-        problem.start, answers[-1].best.drone, draws, spread, problem.generator
-    )
+    about_z = AboutZ(answers[-1].best.drone, draws, spread, ())
+    if follows_about_z:
+        about_z = with_inertia_z(problem.start, *about_z[:3], unidentifiable, problem.generator)
+    drone, draws, spread, notes = about_z
     names = tuple(name for name in draws if name not in unidentifiable)
-    must_tell(names, unidentifiable)
+    require_identifiable(names, unidentifiable)
     box = box_of(problem, names)
     fits = [fit for one in answers for fit in sorted(one.fits, key=lambda fit: fit.value)]
     runs = [_in_box(fit, box) for fit in fits]
@@ -174,7 +182,7 @@ def join(problem: Problem, answers: Sequence[Answer], unidentifiable: Collection
     deviations = np.array([spread.get(name, 0.0) for name in names])
     ends = interval(np.clip(samples, 0.0, 1.0))
     estimates = estimates_of(box, optimum, optima, ends, deviations)
-    return Found(drone, draws, estimates, box, runs, notes)
+    return Joint(drone, draws, estimates, box, runs, notes)
 
 
 def _in_box(fit: Fit, box: Box) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]:

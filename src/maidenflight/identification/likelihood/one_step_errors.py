@@ -18,8 +18,8 @@ from maidenflight.identification.likelihood.observation import MOTORS
 from maidenflight.identification.replay.open_loop import (
     columns,
     commands,
+    initial_delay_line,
     places,
-    under_way,
     wrapped,
 )
 from maidenflight.parameters import Parameters, replace
@@ -67,7 +67,7 @@ def _speeds(
     window: Windows, parameters: Parameters, steps: int | Array, stride: int
 ) -> Float[Array, "T 4"]:
     """Speeds of the rotors before each row; they depend on commands and `MOTORS` alone."""
-    commands_in, places, speed = under_way(window, parameters, steps, stride)
+    commands_in, places, speed = initial_delay_line(window, parameters, steps, stride)
 
     def turn(speed: Array, newest: Array) -> tuple[Array, Array]:
         def spin(speed: Array, place: Array) -> tuple[Array, None]:

@@ -103,11 +103,11 @@ def motors_of_speeds(problem: Problem) -> MotorResponse | None:
     start = with_values(problem.start, **{name: np.float32(one) for name, one in _START.items()})
     problem = replace(problem, start=start, flights=flights, bounds={})
     model = SpeedErrors.of(flights)
-    found = fit(problem, _EVALUATIONS, [model], NAMES, start, {})
-    explained = model.explained(found.drone)
+    optimum = fit(problem, _EVALUATIONS, [model], NAMES, start, {})
+    explained = model.explained(optimum.drone)
     if explained < _EXPLAINED:
         return None
-    values, variances = _by_segment(found.drone, model)
+    values, variances = _by_segment(optimum.drone, model)
     # No motor is quite of first order; what speeds leave unexplained bounds what that can do.
     left = float(np.sqrt(1.0 - explained))
     least = np.array([min(LIKE, left), min(OWN, left), _LATENCY])

@@ -31,12 +31,12 @@ from maidenflight.identification.likelihood.one_step_errors import ORDER
 from maidenflight.identification.likelihood.selection import Parts
 from maidenflight.identification.methods import Likelihood
 from maidenflight.identification.outcome.bounds import mean_lag_estimates
-from maidenflight.identification.outcome.ensembles import as_flights_differ
+from maidenflight.identification.outcome.ensembles import flight_to_flight_sd
 from maidenflight.identification.outcome.estimates import (
     SURE_NATS,
     Identification,
-    doubts,
     evaluations_table,
+    note_doubts,
     note_gains_lost,
     notes_on,
 )
@@ -49,7 +49,7 @@ from maidenflight.identification.outcome.plausible import (
     is_identifiable,
     prior_ranges,
 )
-from maidenflight.identification.outcome.problem import Problem, must_tell
+from maidenflight.identification.outcome.problem import Problem, require_identifiable
 from maidenflight.identification.outcome.progress import EXPECTING, MOTOR_LAG
 from maidenflight.identification.signals import lag
 from maidenflight.identification.signals.flight_signals import stride, undo_filter_delay
@@ -103,21 +103,23 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         unidentifiable = {
             name: one for name, one in unidentifiable.items() if name not in identifiable
         }
-    found = join(problem, [fit_result], unidentifiable)
-    drone = replace(found.drone, turn_drift=np.float32(drift_by_turns(flights)))
+    # Who names parameters knows the others.
+    follows = problem.over is None
+    joint = join(problem, [fit_result], unidentifiable, follows_about_z=follows)
+    drone = replace(joint.drone, turn_drift=np.float32(drift_by_turns(flights)))
     left = model.products_about_means(fit_result.best.drone)
     noise = noise_levels(left, drone, stride(flights[0]) * flights[0].period)
     noise = correct_walks(noise, flights)
     drone = replace(drone, **{name: np.float32(value) for name, value in noise.items()})
-    estimates = as_flights_differ(found.estimates, flights, drone)
-    estimates = {**found.estimates, **estimates}
+    estimates = flight_to_flight_sd(joint.estimates, flights, drone)
+    estimates = {**joint.estimates, **estimates}
     if motors and LAG in estimates:
         estimates = mean_lag_estimates(estimates)
     if motors and motors.usual_latency and "latency" in estimates:
         # It belongs to the lag that is told, so that the drone has it, and not the start's.
         del estimates["latency"]
         unidentifiable["latency"] = motors.usual_latency
-    delay_estimates = lag.delay_estimates(motors, found.draws, unidentifiable, drone)
+    delay_estimates = lag.delay_estimates(motors, joint.draws, unidentifiable, drone)
     return Identification(
         parameters=check(drone, "identified parameters"),
         estimates=estimates,
@@ -130,17 +132,17 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         start_value=model(balance(model, start, box_of(problem, BALANCED))),
         source=problem.source,
         windows=int(model.rows) // (LENGTH - ORDER),
-        evaluations=sum(len(values) for _, values in found.runs),
-        search=evaluations_table(found.box, found.runs),
-        posterior=found.draws,
-        advice=advise(estimates, unidentifiable, found.draws, motors),
+        evaluations=sum(len(values) for _, values in joint.runs),
+        search=evaluations_table(joint.box, joint.runs),
+        posterior=joint.draws,
+        advice=advise(estimates, unidentifiable, joint.draws, motors),
         gains=fit_result.gains,
         noise=noise,
         notes=(
             *notes_on(estimates, model.segments),
             *note_gains_lost(fit_result.gains),
-            *doubts(noise, flights),
-            *found.notes,
+            *note_doubts(noise, flights),
+            *joint.notes,
             *map(str, differences(flights, model, fit_result.best.drone, motors)),
             *lag.notes(delay_estimates, motors),
         ),
@@ -168,7 +170,7 @@ def _find_identifiable(
     drone: Parameters,
     names: Collection[str],
 ) -> dict[str, ExpectedInterval]:
-    """Those of some parameters of which flights say something about the drone found.
+    """Those of some parameters of which flights say something about the drone joint.
 
     About a start that is far away noise seems large, and hides them.
     """
@@ -276,7 +278,7 @@ def _question(
     request = problem.over or tuple(dict.fromkeys([*selection.ALWAYS, *measured]))
     names = tuple(name for name in request if name not in unidentifiable)
     if problem.over is not None:
-        must_tell(names, unidentifiable)
+        require_identifiable(names, unidentifiable)
     left = {
         group: tuple(name for name in names if name not in unidentifiable)
         for group, names in _groups(problem, measured).items()

@@ -110,31 +110,31 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     torque = _torque(problem, settings, force, limit, signals)
     answer = [one for one in (force, torque) if one is not None]
     unidentifiable = {name: ends for one in answer for name, ends in one.unidentifiable.items()}
-    found = join(problem, answer, unidentifiable)
+    joint = join(problem, answer, unidentifiable)
     segments = answer[0].best.model.segments
     delay_estimates = lag.delay_estimates(
-        motors, answer[0].samples, answer[0].unidentifiable, found.drone
+        motors, answer[0].samples, answer[0].unidentifiable, joint.drone
     )
     gains = tuple(gain for one in answer for gain in one.gains)
     return Identification(
-        parameters=check(found.drone, "identified parameters"),
-        estimates=found.estimates,
+        parameters=check(joint.drone, "identified parameters"),
+        estimates=joint.estimates,
         unidentified=unidentifiable,
         objective="likelihood",
         value=sum(one.best.value for one in answer),
         start_value=sum(one.best.model(problem.start) for one in answer),
         source=problem.source,
         windows=segments,
-        evaluations=sum(len(values) for _, values in found.runs),
-        search=evaluations_table(found.box, found.runs),
-        posterior=found.draws,
-        advice=advise(found.estimates, unidentifiable, found.draws, motors),
+        evaluations=sum(len(values) for _, values in joint.runs),
+        search=evaluations_table(joint.box, joint.runs),
+        posterior=joint.draws,
+        advice=advise(joint.estimates, unidentifiable, joint.draws, motors),
         gains=gains,
         notes=(
             *note_saturation(limit),
-            *notes_on(found.estimates, segments),
+            *notes_on(joint.estimates, segments),
             *note_gains_lost(gains),
-            *found.notes,
+            *joint.notes,
             *lag.notes(delay_estimates, motors),
         ),
         delay_estimates=delay_estimates,

@@ -56,7 +56,7 @@ def posterior_ensemble(
     return ensemble(drones)
 
 
-def as_flights_differ(
+def flight_to_flight_sd(
     estimates: Mapping[str, Estimate], flights: Sequence[Flight], drone: Parameters
 ) -> dict[str, Estimate]:
     """Returns estimates of thrust and constant torques, with how they differ from flight to flight.

@@ -255,7 +255,7 @@ def note_worse_than_start(value: float, start_value: float, objective: str) -> l
     ]
 
 
-def doubts(noise: Mapping[str, float], flights: Sequence[Flight]) -> list[str]:
+def note_doubts(noise: Mapping[str, float], flights: Sequence[Flight]) -> list[str]:
     """Returns what makes the result doubtful although its intervals are narrow."""
     if is_zero_order_hold(flights):
         return []

@@ -125,7 +125,7 @@ def calm_thrust(flight: Flight) -> float:
     return float(np.nan_to_num(ratio))
 
 
-def must_tell(names: Collection[str], unidentifiable: Collection[str]) -> None:
+def require_identifiable(names: Collection[str], unidentifiable: Collection[str]) -> None:
     """Refuses flights that determine none of the requested parameters.
 
     Args:

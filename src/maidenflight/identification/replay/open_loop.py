@@ -42,7 +42,7 @@ def simulate(window: Windows, parameters: Parameters, steps: int) -> Float[Array
     Returns:
         Position, velocity, attitude and body rates in the T rows after the start.
     """
-    commands_in, places, speed = under_way(window, parameters, steps)
+    commands_in, places, speed = initial_delay_line(window, parameters, steps)
 
     def advance(state: State, newest: Array) -> tuple[State, Array]:
         line = DelayLine(commands_in, newest)
@@ -60,7 +60,7 @@ def columns(state: State) -> list[Float[Array, ""]]:
     return [*state.position, *state.velocity, *attitude, *state.body_rates]
 
 
-def under_way(
+def initial_delay_line(
     window: Windows, parameters: Parameters, steps: int | Array, stride: int = 1
 ) -> tuple[Float[Array, "history+TS 4"], Int[Array, "TS"], Float[Array, "4"]]:
     """Returns what the recorded commands before a window's start imply.

@@ -234,7 +234,7 @@ def lag_by_delay(spectra: Spectra, delays: Float[np.ndarray, "D"]) -> LagByDelay
     optima: dict[float, tuple[float, ...]] = {}
 
     def best(delay: float, x: Float[np.ndarray, "d"], wants_error: bool) -> np.ndarray | None:
-        """The parameters from some on; None where no loop can fly, or all fit far worse."""
+        """Returns the parameters from some on; None where no loop can fly, or all fit badly."""
         model = _Model(spectra, delay)
         model.unit = unit
         value, optimum = model.minimize(x)
@@ -250,11 +250,11 @@ def lag_by_delay(spectra: Spectra, delays: Float[np.ndarray, "D"]) -> LagByDelay
     for places in (range(first, len(nodes)), range(first - 1, -1, -1)):
         x, last = start, None
         for place in places:
-            found = best(float(nodes[place]), x, place % 2 == 0 or not optima)
-            if found is None and last is not None:
+            optimum = best(float(nodes[place]), x, place % 2 == 0 or not optima)
+            if optimum is None and last is not None:
                 _approach(best, x, last, float(nodes[place]))
                 break
-            x, last = (x, last) if found is None else (found, float(nodes[place]))
+            x, last = (x, last) if optimum is None else (optimum, float(nodes[place]))
     return _interpolated(optima, delays)
 
 
@@ -270,9 +270,9 @@ def _approach(
     """
     while abs(outside - inside) > _NEAR:
         middle = (inside + outside) / 2
-        found = best(middle, x, True)
-        inside, outside = (inside, middle) if found is None else (middle, outside)
-        x = x if found is None else found
+        optimum = best(middle, x, True)
+        inside, outside = (inside, middle) if optimum is None else (middle, outside)
+        x = x if optimum is None else optimum
 
 
 def _interpolated(
