@@ -563,7 +563,6 @@ def whole_run() -> dict[str, bytes]:
         "policies/policy_1.json": policy_file.to_json(small_policy(), RECORD).encode(),
         "policies/training.csv": b"steps,policy,episode_return,survival,position_error\n"
         b"1000,1,-9.0,0.5,0.1\n2000,1,-5.0,1.0,0.02\n",
-        "demo.json": b'{"seed": 7, "stages": {"record": 1.5, "train": 3.0}}',
         "recorded/flight_01.csv": log.to_csv(tests.circling(0.6), RECORD).encode(),
         "transfer/flights.csv": tests.flown().table.head(2).write_csv().encode(),
         **{

@@ -14,7 +14,6 @@ from jaxtyping import Float
 
 from maidenflight.identification.drone_file import Estimate, GroupGain
 from maidenflight.identification.likelihood import selection
-from maidenflight.identification.likelihood.about_z import AboutZ, with_inertia_z
 from maidenflight.identification.likelihood.fit import Fit, box_of, fit
 from maidenflight.identification.likelihood.laplace import (
     NO_OTHERS,
@@ -25,6 +24,7 @@ from maidenflight.identification.likelihood.laplace import (
 from maidenflight.identification.likelihood.observation import ObservationModel
 from maidenflight.identification.likelihood.selection import Parts
 from maidenflight.identification.methods import Likelihood
+from maidenflight.identification.outcome.about_z import AboutZ, with_inertia_z
 from maidenflight.identification.outcome.bounds import all_reached
 from maidenflight.identification.outcome.estimates import estimates_of
 from maidenflight.identification.outcome.plausible import Ranges

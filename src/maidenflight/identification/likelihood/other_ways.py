@@ -20,13 +20,13 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.flights.log import Flight, thinned
-from maidenflight.identification.likelihood.about_z import ABOUT_Z
 from maidenflight.identification.likelihood.estimator import Ways
 from maidenflight.identification.likelihood.fit import Fit
 from maidenflight.identification.likelihood.observation import BY_MOMENT
 from maidenflight.identification.likelihood.one_step import one_step_objective
 from maidenflight.identification.likelihood.sensor_errors import SensorErrors
 from maidenflight.identification.methods import Likelihood
+from maidenflight.identification.outcome.about_z import ABOUT_Z
 from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.identification.outcome.posterior import inverse
 from maidenflight.identification.signals.flight_signals import is_zero_order_hold

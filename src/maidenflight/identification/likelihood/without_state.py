@@ -25,8 +25,12 @@ from maidenflight.identification.likelihood.estimator import (
 from maidenflight.identification.likelihood.fit import box_of
 from maidenflight.identification.likelihood.inertial_errors import AccelerometerErrors, GyroErrors
 from maidenflight.identification.likelihood.laplace import Others
-from maidenflight.identification.likelihood.loop_inertia import inertia_of_loop
-from maidenflight.identification.likelihood.measured import Measured, Samples, measure
+from maidenflight.identification.likelihood.measured import (
+    Measured,
+    Samples,
+    inertia_of_loop,
+    measure,
+)
 from maidenflight.identification.likelihood.observation import MOTORS
 from maidenflight.identification.likelihood.sensor_errors import SensorErrors
 from maidenflight.identification.methods import Likelihood

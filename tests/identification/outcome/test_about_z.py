@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from maidenflight.identification.likelihood.about_z import ABOUT_Z, RATIO_SD, with_inertia_z
+from maidenflight.identification.outcome.about_z import ABOUT_Z, RATIO_SD, with_inertia_z
 from maidenflight.identification.outcome.posterior import RESAMPLES
 from maidenflight.parameters import crazyflie, replace
 

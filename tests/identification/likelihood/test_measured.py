@@ -4,7 +4,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from maidenflight.identification.likelihood.loop_inertia import inertia_of_loop
+from maidenflight.identification.likelihood.measured import inertia_of_loop
 from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.identification.signals.motor_response import MotorResponse
 from maidenflight.parameters import crazyflie, replace
