@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from maidenflight.errors import InputError
 from maidenflight.registry import POLICY_FORMS
-from maidenflight.simulator.controllers.interface import ControlInterface
+from maidenflight.simulator.controllers.interface import ControlInterface, pwm
 
 
 def _same(values: Any) -> Any:
@@ -58,6 +58,25 @@ class PolicyForm:
                 f"policies of the form {self.name} are trained by {' or '.join(self.methods)}, not "
                 f"by {method}."
             )
+
+
+def require_pwm(form: str, commanded: ControlInterface, place: str = "policy") -> None:
+    """Checks that an interface is the motors', as policies of a form command it.
+
+    Args:
+        form: its name.
+        commanded: what they command.
+        place: what errors name, such as the file.
+
+    Raises:
+        InputError: it is another.
+    """
+    usual = pwm(full_scale_counts=commanded.full_scale_counts)
+    if commanded != usual:
+        raise InputError(
+            f"{place}: {commanded.name} at {commanded.rate} Hz; a policy of the form {form} has "
+            f"pwm at {usual.rate} Hz."
+        )
 
 
 INSTANTS = PolicyForm("instants")

@@ -75,9 +75,9 @@ def test_every_slope_is_finite_where_motors_stop_or_saturate(action: float) -> N
 
 @pytest.mark.parametrize("other", [interface.pwm(50), interface.attitude_rate(100)], ids=str)
 def test_another_interface_is_refused(other: interface.ControlInterface) -> None:
-    raptor_form.check(interface.pwm())
+    raptor_form.FORM.check(interface.pwm(), "policy")
     with pytest.raises(InputError, match=r"here: .* of the form raptor has pwm at 100 Hz"):
-        raptor_form.check(other, place="here")
+        raptor_form.FORM.check(other, "here")
 
 
 @pytest.mark.parametrize(
@@ -116,4 +116,4 @@ def test_a_policy_of_the_form_has_its_shape_whatever_the_arguments_say() -> None
 
 def test_full_thrust_may_be_any_number_of_counts() -> None:
     full = interface.pwm(full_scale_counts=57_344.0)
-    raptor_form.check(full)
+    raptor_form.FORM.check(full, "policy")

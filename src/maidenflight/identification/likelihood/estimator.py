@@ -101,11 +101,6 @@ class Answer:
         return self.posterior.samples
 
     @property
-    def runs(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Points evaluated in each trial, in the unit cube, and their values."""
-        return [(one.points, one.values) for one in self.fits]
-
-    @property
     def optima(self) -> Float[np.ndarray, "trials d"]:
         """The best point of each trial, in the unit cube."""
         return np.array([one.points[int(np.argmin(one.values))] for one in self.fits])

@@ -177,11 +177,9 @@ def _descended(
         if followers:
             along = np.eye(len(inner.names))
             if LAG in followers:
-                slope = slope_by_ratio(
-                    float(drone.motor_time_constant), float(drone.spin_down_ratio)
-                )
                 chosen = np.array(inner.names) == SLOWING_DOWN
-                along = np.concatenate([along, np.where(chosen, slope, 0.0)[None]])
+                slope = np.where(chosen, slope_by_ratio(drone), 0.0)
+                along = np.concatenate([along, slope[None]])
             if thrust:
                 climbs = thrust.climbs(drone, names)
                 follow = climbs[None, :-1] @ along / climbs[-1]

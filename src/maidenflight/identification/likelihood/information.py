@@ -69,8 +69,7 @@ def expected_intervals(
         ratio = float(start.spin_down_ratio)
         share = speeding_up(1.0, ratio) if name == LAG else 1.0
         if name == LAG and SLOWING_DOWN in names:
-            slope = slope_by_ratio(float(start.motor_time_constant), ratio)
-            row[names.index(SLOWING_DOWN)] = -slope
+            row[names.index(SLOWING_DOWN)] = -slope_by_ratio(start)
         directions[name] = row, float(np.var(share * samples))
     if HOVERING in names and model.means:
         climbs = model.means.climbs(start, names)

@@ -17,7 +17,6 @@ from maidenflight.identification.outcome.plausible import (
 from maidenflight.identification.outcome.posterior import (
     RESAMPLES,
     between_segment_sd,
-    interval,
     inverse,
     sandwich,
 )
@@ -89,11 +88,6 @@ class Posterior:
         """Samples of all parameters by name, SI units."""
         own = zip(self.box.names, self.box.values(self.unit).T, strict=True)
         return {**dict(own), **self.others}
-
-    @property
-    def interval(self) -> tuple[Float[np.ndarray, "d"], Float[np.ndarray, "d"]]:
-        """Ends of the interval in the unit cube."""
-        return interval(self.unit)
 
 
 def posterior(
@@ -200,9 +194,7 @@ def _fixed_mean_lag(
     unit_steps = np.eye(len(names))
     if LAG in measured_delays and LAG in names and SLOWING_DOWN in names:
         lag, ratio = names.index(LAG), names.index(SLOWING_DOWN)
-        drone = fit.drone
-        change = slope_by_ratio(float(drone.motor_time_constant), float(drone.spin_down_ratio))
-        unit_steps[lag, ratio] = change * slope[ratio] / slope[lag]
+        unit_steps[lag, ratio] = slope_by_ratio(fit.drone) * slope[ratio] / slope[lag]
     return unit_steps
 
 

@@ -21,6 +21,7 @@ from maidenflight.identification.outcome.problem import Problem
 from maidenflight.identification.signals.flight_signals import means
 from maidenflight.identification.signals.lag import DELAYS, SLOWING_DOWN, mean_lag
 from maidenflight.identification.signals.motor_response import (
+    LATENCY_OF_SPEEDS,
     LIKE,
     OWN,
     SHORTEST,
@@ -38,9 +39,6 @@ _START = {"motor_time_constant": 0.04, "latency": 0.003, SLOWING_DOWN: 1.0, "mot
 """Where the search begins: from 10 to 110 ms it finds the optimum."""
 _EXPLAINED = 0.7
 """Share of the speeds' variance that commands must explain, or the reading is broken."""
-_LATENCY = 4e-4
-"""Standard deviation of the latency [s]: 0.3 to 0.5 ms in three folders
-(paper/notes/identification.md)."""
 _SLOW = 1.0
 """Time over which means are taken of what is slow [s]."""
 _EVALUATIONS = 20
@@ -86,18 +84,15 @@ class SpeedErrors(SensorErrors):
         return 1.0 - error / max(whole, 1e-12)
 
 
-def with_speeds(flights: Sequence[Flight]) -> list[Flight]:
-    """Returns those flights whose rotor speeds were measured."""
-    return [one for one in flights if one.rotor_speed is not None and one.duration >= SHORTEST]
-
-
 def motors_of_speeds(problem: Problem) -> MotorResponse | None:
     """Returns what measured speeds show of the motors; None where they do not follow commands.
 
     Args:
         problem: its flights with rotor speeds count.
     """
-    flights = with_speeds(problem.flights)
+    flights = [
+        one for one in problem.flights if one.rotor_speed is not None and one.duration >= SHORTEST
+    ]
     if not flights:
         return None
     start = with_values(problem.start, **{name: np.float32(one) for name, one in _START.items()})
@@ -110,7 +105,7 @@ def motors_of_speeds(problem: Problem) -> MotorResponse | None:
     values, variances = _by_segment(optimum.drone, model)
     # No motor is quite of first order; what speeds leave unexplained bounds what that can do.
     left = float(np.sqrt(1.0 - explained))
-    least = np.array([min(LIKE, left), min(OWN, left), _LATENCY])
+    least = np.array([min(LIKE, left), min(OWN, left), LATENCY_OF_SPEEDS])
     joined = [random_effects(*columns) for columns in zip(values.T, variances.T, strict=True)]
     means, errors = np.array(joined).T
     generator = problem.generator.spawn(1)[0]

@@ -111,8 +111,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     noise = noise_levels(left, drone, stride(flights[0]) * flights[0].period)
     noise = correct_walks(noise, flights)
     drone = replace(drone, **{name: np.float32(value) for name, value in noise.items()})
-    estimates = flight_to_flight_sd(joint.estimates, flights, drone)
-    estimates = {**joint.estimates, **estimates}
+    estimates = {**joint.estimates, **flight_to_flight_sd(joint.estimates, flights, drone)}
     if motors and LAG in estimates:
         estimates = mean_lag_estimates(estimates)
     if motors and motors.usual_latency and "latency" in estimates:
@@ -170,7 +169,7 @@ def _find_identifiable(
     drone: Parameters,
     names: Collection[str],
 ) -> dict[str, ExpectedInterval]:
-    """Those of some parameters of which flights say something about the drone joint.
+    """Those of some parameters of which flights say something about the drone found.
 
     About a start that is far away noise seems large, and hides them.
     """

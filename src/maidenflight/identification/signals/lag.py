@@ -27,9 +27,9 @@ def speeding_up(mean: Any, ratio: Any) -> Any:
     return 2 * mean / (1 + ratio)
 
 
-def slope_by_ratio(speeding_up: float, ratio: float) -> float:
+def slope_by_ratio(drone: Parameters) -> float:
     """Returns the change of the lag speeding up by the ratio [s], the mean lag fixed."""
-    return -speeding_up / (1 + ratio)
+    return -float(drone.motor_time_constant) / (1 + float(drone.spin_down_ratio))
 
 
 def delay_estimates(

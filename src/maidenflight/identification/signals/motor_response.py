@@ -58,9 +58,9 @@ _CLEARLY = 10.0
 DRAWS = 500
 """Samples of the posterior."""
 _GYRO = {"gyro x": "inertia_x", "gyro y": "inertia_y"}
-_OF_SPEEDS = 4e-4
-"""Standard deviation of the latency to expect where speeds will be measured [s]: 0.3 to 0.5 ms in
-three folders (paper/notes/identification.md)."""
+LATENCY_OF_SPEEDS = 4e-4
+"""Standard deviation of the latency where speeds are measured [s]: 0.3 to 0.5 ms in three folders
+(paper/notes/identification.md)."""
 TWICE, SPEEDS = "fly as long again", "log rotor speeds"
 """What narrows the lag."""
 
@@ -250,7 +250,7 @@ def _expect(
     own = float(joined.weight @ (joined.error**2 - LIKE**2))
     expected = {TWICE: (float(np.sqrt(joined.moments[1] - own / 2)), float(np.std(latency)))}
     error = float(np.hypot(LIKE, OWN / np.sqrt(len(stretches) / len(_GYRO))))
-    return expected | {SPEEDS: (error, _OF_SPEEDS)}
+    return expected | {SPEEDS: (error, LATENCY_OF_SPEEDS)}
 
 
 def _before(flights: Sequence[Flight]) -> Float[np.ndarray, "D"]:

@@ -98,7 +98,8 @@ def spectra(
         zero_order_hold: whether a command acts until the next row, half a row later in the mean.
         differentiate: whether the motion's derivative follows the command.
     """
-    frequencies, u = transform(drive, period, LOWEST, HIGHEST)
+    every, lines = transform(drive, period, LOWEST, np.inf)
+    frequencies, u = every[every <= HIGHEST], lines[..., every <= HIGHEST]
     s = 2j * np.pi * frequencies
     u = u * (np.exp(-s * period / 2) if zero_order_hold else 1.0)
     y = transform(motion, period, LOWEST, HIGHEST)[1] * (s if differentiate else 1.0)
@@ -107,7 +108,7 @@ def spectra(
     band = bands(frequencies)
     drives, moves = (np.sum(np.abs(one) ** 2, axis=(0, 1)) for one in (u, y))
     averages = drive.shape[1] * len(drive) / min(round(WINDOW / period), len(drive))
-    fast = transform(drive, period, 0.35 / period, np.inf)[1]
+    fast = lines[..., every >= 0.35 / period]
     noise = np.mean(np.abs(fast) ** 2) * scale**2 * u.shape[0] * u.shape[1] + 1e-30
     slow = np.bincount(band, drives / noise)[: band[frequencies < SLOW][-1]]
     clear = slow / np.bincount(band)[: len(slow)]

@@ -11,15 +11,14 @@ of the motors, as `maidenflight drone --to px4` writes it.
 Source: PX4-Autopilot, src/modules/mc_nn_control (PopulateInputTensor; actions_rescale.hpp).
 """
 
+from functools import partial
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from maidenflight.errors import InputError
-from maidenflight.simulator.controllers import interface
-from maidenflight.simulator.controllers.interface import ControlInterface
 from maidenflight.simulator.physics import rotations
-from maidenflight.simulator.policy_form import PolicyForm
+from maidenflight.simulator.policy_form import PolicyForm, require_pwm
 from maidenflight.simulator.tasks.look_ahead import LookAhead
 
 PX4 = "px4"
@@ -60,24 +59,6 @@ def output_of(action: Float[ArrayLike, "4"]) -> Float[Array, "4"]:
     return 2.0 * root**2 - 1.0
 
 
-def check(commanded: ControlInterface, place: str = "policy") -> None:
-    """Checks that policies of this form can command an interface.
-
-    Args:
-        commanded: what they command.
-        place: what errors name, such as the file.
-
-    Raises:
-        InputError: they cannot.
-    """
-    usual = interface.pwm(full_scale_counts=commanded.full_scale_counts)
-    if commanded != usual:
-        raise InputError(
-            f"{place}: {commanded.name} at {commanded.rate} Hz; a policy of the form {PX4} has "
-            f"pwm at {usual.rate} Hz."
-        )
-
-
 FORM = PolicyForm(
     PX4,
     settled={"history": 1, "look_ahead": LookAhead(), "memory": 0, "hidden": (64, 64)},
@@ -86,7 +67,7 @@ FORM = PolicyForm(
     observed=observed,
     action_of=action_of,
     output_of=output_of,
-    check=check,
+    check=partial(require_pwm, PX4),
     methods=("gradient", "ppo"),
 )
 """Layers are chosen: those of any size below the module's memory are in its firmware's reach."""

@@ -12,15 +12,14 @@ set-point follows; its action is of PWM control.
 Source: Eschmann et al. 2025, RAPTOR; foundation-policy 1.0.2, README and PX4's mc_raptor.
 """
 
+from functools import partial
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from maidenflight.errors import InputError
-from maidenflight.simulator.controllers import interface
-from maidenflight.simulator.controllers.interface import ControlInterface
 from maidenflight.simulator.physics import rotations
-from maidenflight.simulator.policy_form import PolicyForm
+from maidenflight.simulator.policy_form import PolicyForm, require_pwm
 from maidenflight.simulator.tasks.look_ahead import LookAhead
 
 RAPTOR = "raptor"
@@ -70,24 +69,6 @@ def output_of(action: Float[ArrayLike, "4"]) -> Float[Array, "4"]:
     return 2.0 * jnp.sqrt(jnp.maximum(share, _LEAST_SHARE)) - 1.0
 
 
-def check(commanded: ControlInterface, place: str = "policy") -> None:
-    """Checks that policies of this form can command an interface.
-
-    Args:
-        commanded: what they command.
-        place: what errors name, such as the file.
-
-    Raises:
-        InputError: they cannot.
-    """
-    usual = interface.pwm(full_scale_counts=commanded.full_scale_counts)
-    if commanded != usual:
-        raise InputError(
-            f"{place}: {commanded.name} at {commanded.rate} Hz; a policy of the form {RAPTOR} has "
-            f"pwm at {usual.rate} Hz."
-        )
-
-
 FORM = PolicyForm(
     RAPTOR,
     settled={"history": 1, "look_ahead": LOOK_AHEAD, "memory": 16, "hidden": (16,)},
@@ -98,7 +79,7 @@ FORM = PolicyForm(
     observed=observed,
     action_of=action_of,
     output_of=output_of,
-    check=check,
+    check=partial(require_pwm, RAPTOR),
     methods=("gradient", "distillation"),  # Its few values learn little from a teacher.
     learning={"learning_rate": 2e-3},  # They bear no larger steps of their weights.
 )
