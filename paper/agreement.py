@@ -1,12 +1,18 @@
-"""Agreement of predicted flight times with measured ones."""
+"""Agreement of predicted flight times with measured ones, and the conditions of those measured."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import scipy
 from jaxtyping import Float
 
 from maidenflight.errors import InputError
+from maidenflight.experiments.conditions import read_conditions
+
+CONDITIONS = Path(__file__).with_name("gronauer_2021.toml")
+GRONAUER_2021 = read_conditions(CONDITIONS)
+"""How the published flights were flown."""
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import polars
-from agreement import agreement
+from agreement import CONDITIONS, GRONAUER_2021, agreement
 from jax import tree
 from jaxtyping import Float
 from predict_flights import one_against_others, read_published, within_band
@@ -108,7 +108,8 @@ def identify_drones(authors: Path, folder: Path, policies: Mapping[str, Policy])
     if not varied.exists():
         Identify(logs=flights, start=str(dynamics), over=tuple(BETWEEN_FLIGHTS)).run(varied)
     if not matched.exists():
-        Match(logs=flights, policies=(str(chosen),), start=str(varied)).run(matched)
+        how = {"start": str(varied), "conditions": CONDITIONS}
+        Match(logs=flights, policies=(str(chosen),), **how).run(matched)
     return {"likelihood": varied, "closed loop": matched}
 
 
@@ -139,7 +140,12 @@ def predict(
         own = {name: policy for name, policy in policies.items() if drones[name] is drone}
         key = jax.random.key(seed)
         parts.append(
-            predict_flight_times(list(own.values()), drone, key, trials=trials, names=list(own))
+            predict_flight_times(
+                *(list(own.values()), drone, key),
+                trials=trials,
+                names=list(own),
+                conditions=GRONAUER_2021,
+            )
         )
     return polars.concat(parts).with_columns(seed=seed)
 

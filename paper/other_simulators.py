@@ -23,10 +23,10 @@ from agreement import agreement
 import maidenflight as mf
 from maidenflight import compiler, policy_file, results
 from maidenflight.errors import require_simulators
+from maidenflight.experiments.conditions import Conditions
 from maidenflight.experiments.drones import choose_prediction, find_reality, possible_drones
 from maidenflight.experiments.flight_times import predict_flight_times
 from maidenflight.flying.scenario import start_of
-from maidenflight.simulator.controllers import control
 from maidenflight.simulator.realities.reality import AnyReality
 from maidenflight.simulator.tasks.failures import ZERO_SHOT
 from maidenflight.simulator.tasks.tasks import find_task
@@ -85,9 +85,7 @@ def compare_errors(
             drones,
             jax.random.key(0),
             trials=PREDICTED,
-            farthest=ZERO_SHOT.position_error,
-            start=START,
-            controller_for=control.controller_for,
+            conditions=Conditions(start=START, guard=ZERO_SHOT),
             policy_tasks=[task] * len(policies),
             **how,
         )

@@ -15,7 +15,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import polars
-from agreement import Agreement, agreement
+from agreement import GRONAUER_2021, Agreement, agreement
 
 from maidenflight import compiler, results
 from maidenflight.errors import InputError
@@ -192,6 +192,7 @@ def main() -> None:
             jax.random.key(options.seed),
             trials=options.trials,
             names=list(policies),
+            conditions=GRONAUER_2021,
         )
         measured = (
             flights.group_by("name")

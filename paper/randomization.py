@@ -26,6 +26,7 @@ from pathlib import Path
 
 import jax
 import polars
+from agreement import GRONAUER_2021
 from randomization_policies import CELLS, QUICK, Cell, choose_settings, train_cell
 from randomization_shares import (
     BAR,
@@ -41,7 +42,6 @@ from maidenflight import compiler, results, terminal
 from maidenflight.errors import InputError
 from maidenflight.experiments.drones import find_reality, possible_drones
 from maidenflight.experiments.flight_times import predict_flight_times
-from maidenflight.experiments.real_controller import real_controller
 from maidenflight.experiments.transfer import MAX_DURATION_S, transfer
 from maidenflight.names import POSTERIOR, TRIMS
 from maidenflight.policy import Policy
@@ -84,7 +84,9 @@ def fly(
     many, names = list(policies.values()), list(policies)
     if place.removesuffix(OLD) in DRONES:
         drones = possible_drones(options.drone, DRONES[place.removesuffix(OLD)], options.seed)
-        controller_for = real_controller if place.endswith(OLD) else control.controller_for
+        conditions = GRONAUER_2021
+        if not place.endswith(OLD):
+            conditions = conditions._replace(controller_for=control.controller_for)
         table = predict_flight_times(
             many,
             drones,
@@ -92,7 +94,7 @@ def fly(
             trials=options.flights,
             duration=options.duration,
             names=names,
-            controller_for=controller_for,
+            conditions=conditions,
         )
     else:
         table = transfer(

@@ -17,7 +17,7 @@ from typing import Any
 import jax
 import numpy as np
 import polars
-from agreement import agreement
+from agreement import GRONAUER_2021, agreement
 from predict_flights import one_against_others, read_published
 from rich.console import Console
 from rich.table import Table
@@ -135,7 +135,9 @@ def flight_times(
     durations = {
         drone: summary(
             predict_flight_times(
-                list(policies.values()), parameters, jax.random.key(seed), names=names
+                *(list(policies.values()), parameters, jax.random.key(seed)),
+                names=names,
+                conditions=GRONAUER_2021,
             )
         )["mean"].to_numpy()
         for drone, parameters in drones.items()

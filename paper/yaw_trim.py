@@ -19,7 +19,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import polars
-from agreement import agreement
+from agreement import GRONAUER_2021, agreement
 from jaxtyping import Float
 from predict_flights import one_against_others, read_published
 
@@ -116,15 +116,16 @@ def fly(
 ) -> polars.DataFrame:
     """Predicted mean flight times [s]: policy, as_it_is, own_trim."""
     key, names = jax.random.key(seed), list(policies)
-    as_it_is = predict_flight_times(list(policies.values()), drone, key, trials=trials, names=names)
+    how = {"trials": trials, "conditions": GRONAUER_2021}
+    as_it_is = predict_flight_times(list(policies.values()), drone, key, names=names, **how)
     # The program is compiled once: another drone is another number to it.
     own = [
         predict_flight_times(
             [policy],
             parameters.replace(drone, torque_bias_z=np.float32(trims[name])),
             key,
-            trials=trials,
             names=[name],
+            **how,
         )
         for name, policy in policies.items()
     ]

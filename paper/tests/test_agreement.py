@@ -13,6 +13,7 @@ from maidenflight.parameters import crazyflie, replace
 from scripts import script
 
 agreement, predict_flights = script("agreement").agreement, script("predict_flights")
+GRONAUER_2021 = script("agreement").GRONAUER_2021
 
 
 def test_agreement_is_scipys_with_ties_and_mean_absolute_error() -> None:
@@ -50,9 +51,13 @@ def test_a_drone_of_three_parameters_ranks_the_published_pwm_policies_as_their_f
     drone = replace(crazyflie(), thrust_to_weight=1.50, motor_time_constant=0.080, latency=0.010)
     found, papers = (
         agreement(
-            summary(predict_flight_times(list(own.values()), flown, jax.random.key(0), trials=4))[
-                "mean"
-            ].to_numpy(),
+            summary(
+                predict_flight_times(
+                    *(list(own.values()), flown, jax.random.key(0)),
+                    trials=4,
+                    conditions=GRONAUER_2021,
+                )
+            )["mean"].to_numpy(),
             measured,
         )
         for flown in (drone, crazyflie())

@@ -322,11 +322,13 @@ class Fields:
             raise self.refused(name, "a number" if low == -LARGEST else f"{low:g} to {high:g}")
         return float(value)
 
-    def numbers(self, name: str) -> tuple[float, ...]:
-        """Reads at least one finite number."""
+    def numbers(self, name: str, count: int | None = None) -> tuple[float, ...]:
+        """Reads finite numbers, at least one, or so many."""
         value = self.get(name)
         if not isinstance(value, list) or not value or not all(map(is_number, value)):
             raise self.refused(name, "a list of numbers")
+        if count not in (None, len(value)):
+            raise self.refused(name, f"{count} numbers")
         return tuple(map(float, value))
 
     def ends(self, name: str) -> tuple[float, float]:

@@ -169,8 +169,7 @@ ENVELOPE = Table(
 PREDICTION = Table(
     "prediction.csv",
     {"policy": str, "control": str, "trial": int, "duration": float, "end_reason": str},
-    "maidenflight prediction 1: simulated flights of policies as the authors' drone ran "
-    "them, a row a flight; duration s",
+    "maidenflight prediction 1: simulated flights of policies, a row a flight; duration s",
 )
 """Flight times predicted on the identified drone, a row a flight."""
 TRAINING = Table(

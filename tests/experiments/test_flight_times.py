@@ -13,7 +13,8 @@ import polars
 import pytest
 
 from maidenflight.errors import InputError
-from maidenflight.experiments import comparison, real_controller
+from maidenflight.experiments import comparison
+from maidenflight.experiments.conditions import CURRENT, controller_as_flown, read_conditions
 from maidenflight.experiments.flight_times import (
     describe_alike,
     outlives,
@@ -21,7 +22,6 @@ from maidenflight.experiments.flight_times import (
     summary,
 )
 from maidenflight.flying import guarded
-from maidenflight.flying.scenario import PUBLISHED_START
 from maidenflight.parameters import Parameters, crazyflie, noiseless, replace
 from maidenflight.policy import Policy, untrained_policy
 from maidenflight.simulator import environment, stepping
@@ -34,7 +34,8 @@ from maidenflight.simulator.tasks import failures, tasks
 from maidenflight.simulator.tasks.look_ahead import NONE, LookAhead
 
 KEY = jax.random.key(0)
-STILL = jax.tree.map(np.zeros_like, PUBLISHED_START)
+GRONAUER_2021 = read_conditions(Path(__file__).parents[2] / "paper" / "gronauer_2021.toml")
+STILL = GRONAUER_2021._replace(start=CURRENT.start)
 RATES = {"pwm": 100, "attitude_rate": 50, "attitude": 25}
 SHORT = {"trials": 3, "duration": 3.0}
 """Arguments that share one compilation."""
@@ -80,8 +81,7 @@ def test_a_drone_that_cuts_its_motors_falls_as_newton_says_until_the_guard_trips
         [constant((-1, 0, 0, 0) if kind != "pwm" else (-1,) * 4, kind)],
         drone,
         KEY,
-        start=STILL,
-        farthest=farthest,
+        conditions=STILL._replace(guard=STILL.guard._replace(position_error=farthest)),
         **SHORT,
     )
     assert set(fallen["end_reason"]) == {reason}
@@ -93,28 +93,11 @@ def test_a_policy_that_rolls_at_60_deg_a_second_meets_the_tilt_guard_after_half_
         [constant((0.2, 1.0, 0.0, 0.0), "attitude_rate")],
         noiseless(crazyflie()),
         KEY,
-        start=STILL,
+        conditions=STILL,
         **SHORT,
     )
     assert set(rolled["end_reason"]) == {"tilt"}
     assert rolled["duration"].is_between(0.45, 0.7).all()
-
-
-@pytest.mark.parametrize("output", [0.5, 1.3])
-def test_attitude_is_asked_for_without_clipping(output: float) -> None:
-    """Rate PIDs get 6 + 3 x 2 ms times 10 deg; the first tick's derivative saturates them, the
-    second's does not."""
-    flown = real_controller.real_controller(interface.attitude())
-    level = Measurement(jnp.zeros(3), jnp.zeros(3), jnp.array([0.0, 0.0, 0.0, 1.0]), jnp.zeros(3))
-    memory, action = flown.init(), jnp.array([0.0, output, 0.0, 0.0])
-    memory, _ = flown.command(memory, action, level, jnp.zeros(3))
-    _, command = flown.command(memory, action, level, jnp.zeros(3))
-    wanted = [6 * 10 * output + 3 * 10 * output * 0.002 * tick for tick in (1, 2)]
-    torque = 250 * wanted[1] + 500 * sum(wanted) * 0.002 + 2.5 * (wanted[1] - wanted[0]) / 0.002
-    counts = np.clip(
-        45000 + np.trunc(min(torque, 32767.0) / 2) * np.array([-1, -1, 1, 1]), 0, 60000
-    )
-    np.testing.assert_allclose(np.asarray(command) * 60000, counts, atol=2)
 
 
 @pytest.mark.parametrize(
@@ -142,35 +125,11 @@ def test_the_guard_is_the_papers_on_what_the_sensors_tell(
         env, dynamics.at_hover(place, crazyflie()), jnp.zeros(()), crazyflie(), KEY
     )
     found, seen_now = guarded.end_reason(
-        begun._replace(measurement=seen), jnp.array([0.0, 0.0, 1.0]), jnp.float32(2.5)
+        begun._replace(measurement=seen), jnp.array([0.0, 0.0, 1.0]), GRONAUER_2021.guard
     )
     assert failures.END_REASONS[int(found)] == reason
     away = np.linalg.norm(np.subtract(position, (0.0, 0.0, 1.0)))
     assert float(seen_now.position_error) == pytest.approx(away, rel=1e-5)
-
-
-def test_yaw_rate_is_the_rate_pids_own_set_point() -> None:
-    """The counts of the first tick: 120 and 16.7 times 60 deg/s, and all thrust asked for beside
-    it."""
-    flown = real_controller.real_controller(interface.attitude_rate())
-    level = Measurement(jnp.zeros(3), jnp.zeros(3), jnp.array([0.0, 0.0, 0.0, 1.0]), jnp.zeros(3))
-    _, command = flown.command(flown.init(), jnp.array([0.0, 0.0, 0.0, 1.0]), level, jnp.zeros(3))
-    yaw = np.trunc(120 * 60 + 16.7 * 60 * 0.002)
-    np.testing.assert_allclose(
-        np.asarray(command) * 60000, 30000 + yaw * np.array([-1, 1, -1, 1]), atol=0.01
-    )
-
-
-def test_no_thrust_stops_all_motors_and_empties_the_rate_pids() -> None:
-    flown = real_controller.real_controller(interface.attitude_rate())
-    level = Measurement(jnp.zeros(3), jnp.zeros(3), jnp.array([0.0, 0.0, 0.0, 1.0]), jnp.zeros(3))
-    turns = jnp.array([0.0, 0.5, -0.5, 1.0])
-    memory, begun = flown.command(flown.init(), turns, level, jnp.zeros(3))
-    memory, stopped = flown.command(memory, turns.at[0].set(-1.0), level, jnp.zeros(3))
-    assert np.abs(begun - 0.5).min() > 0.1
-    assert (np.asarray(stopped) == 0.0).all()
-    _, again = flown.command(memory, turns, level, jnp.zeros(3))
-    np.testing.assert_array_equal(again, begun)
 
 
 @pytest.mark.slow
@@ -180,7 +139,7 @@ def test_policies_see_the_history_and_hold_the_actions_of_their_own_rate(
 ) -> None:
     """As in an environment that acts at that rate: its layout is held against the drone's logs.
     Only the guard looks more often."""
-    structure = real_controller.real_controller(interface.attitude())
+    structure = controller_as_flown(interface.attitude())
     policies = [restless("attitude", number, look_ahead) for number in range(4)]
     drone = replace(noiseless(crazyflie()), time_step=control.time_step(structure))
     env = Environment.matching(
@@ -190,7 +149,7 @@ def test_policies_see_the_history_and_hold_the_actions_of_their_own_rate(
         spec=PolicySpec(look_ahead=look_ahead),
         thrust_law=battery.law_for(structure.interface.full_scale_counts),
     )
-    state = STILL.draw(env, drone, KEY)
+    state = STILL.start.draw(env, drone, KEY)
 
     @jax.jit
     def fly(policy: Policy) -> jax.Array:
@@ -203,9 +162,8 @@ def test_policies_see_the_history_and_hold_the_actions_of_their_own_rate(
         first = environment.begin(env, state, jnp.zeros(()), drone, KEY)
         return jax.lax.scan(one, first, None, length=75)[1]
 
-    flown = predict_flight_times(
-        policies, drone, KEY, start=STILL, farthest=1e6, trials=1, duration=3.0
-    )
+    far = STILL._replace(guard=STILL.guard._replace(position_error=1e6))
+    flown = predict_flight_times(policies, drone, KEY, conditions=far, trials=1, duration=3.0)
     assert flown["end_reason"].to_list() == ["tilt"] * 4
     for policy, duration in zip(policies, flown["duration"].to_list(), strict=True):
         assert int(np.argmax(np.asarray(fly(policy)) > np.radians(30))) + 1 == np.ceil(
@@ -309,10 +267,10 @@ def test_an_ensemble_of_equal_drones_is_the_drone_and_of_unequal_ones_each_in_tu
     weak, strong = (noiseless(replace(crazyflie(), thrust_to_weight=ratio)) for ratio in (1.0, 1.6))
     hover = [constant((0.25,) * 4)] * 2
     single = [
-        predict_flight_times(hover, drone, KEY, start=STILL, **SHORT)["duration"].to_list()
+        predict_flight_times(hover, drone, KEY, conditions=STILL, **SHORT)["duration"].to_list()
         for drone in (weak, strong)
     ]
-    mixed = predict_flight_times(hover, stacked(weak, strong), KEY, start=STILL, **SHORT)[
+    mixed = predict_flight_times(hover, stacked(weak, strong), KEY, conditions=STILL, **SHORT)[
         "duration"
     ].to_list()
     assert len({single[0][0], single[1][0]}) == 2

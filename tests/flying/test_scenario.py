@@ -4,10 +4,13 @@ import jax
 import numpy as np
 from scipy import stats
 
-from maidenflight.flying.scenario import PUBLISHED_START
+from maidenflight.experiments.conditions import read_conditions
 from maidenflight.parameters import crazyflie
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.tasks import tasks
+from pages import ROOT
+
+PUBLISHED_START = read_conditions(ROOT / "paper" / "gronauer_2021.toml").start
 
 
 def test_starts_follow_a_multivariate_t_distribution() -> None:

@@ -2,18 +2,9 @@
 
 Flight times of policies that were not trained on a drone are a harder test of it than replays: an
 error in its lag or its thrust feeds back through the policy until the guard trips. Policies fly
-here as the authors' drone ran them. Attitude and rate PIDs are those of firmware 2021.10 at 500 Hz;
-instants of the history are one control period apart and hold the network's raw output; the guard
-reads the estimates 100 times a second, between two actions too; the reference starts at its
-beginning, for the authors' policies at full speed.
-
-Of 216 published flights 159 lasted less than 20 s. In the last row of 157 of them roll or pitch is
-25.8 to 38.6 deg, 29.3 deg in the median and whatever the control structure: that is the 30 deg
-guard. No guard looked at the distance from the set-point: three quarters of the attitude-rate
-flights go on for more than 0.3 s beyond 0.25 m, as far as 3.4 m. The other two flights ended 3.0 m
-from the room's centre and near the ground.
-
-Source: Gronauer et al. 2022, sec. Zero-Shot Experiments; logs of the authors' flights.
+here under `Conditions`. Instants of the history are one control period apart and hold the network's
+raw output; the guard reads the estimates 100 times a second, between two actions too; the reference
+starts at its beginning, for the authors' policies at full speed.
 """
 
 import hashlib
@@ -30,11 +21,11 @@ from jax.sharding import NamedSharding, PartitionSpec
 from jaxtyping import Array, Float
 
 from maidenflight.errors import InputError, first_few
-from maidenflight.experiments.real_controller import GUARD_RATE, real_controller
+from maidenflight.experiments.conditions import CURRENT, Conditions
 from maidenflight.experiments.transfer import MAX_DURATION_S
 from maidenflight.flying import guarded
 from maidenflight.flying.guarded import FlightOutcome
-from maidenflight.flying.scenario import PUBLISHED_START, Start
+from maidenflight.flying.scenario import Start
 from maidenflight.parameters import Parameters, replace
 from maidenflight.policy import Policy
 from maidenflight.simulator.controllers import control
@@ -43,13 +34,11 @@ from maidenflight.simulator.controllers.interface import ControlInterface
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.physics import battery
 from maidenflight.simulator.tasks import failures, tasks
-from maidenflight.simulator.tasks.failures import END_REASONS
+from maidenflight.simulator.tasks.failures import END_REASONS, Guard
 from maidenflight.simulator.tasks.tasks import Task
 
-MAX_POSITION_ERROR_M = 2.5
-"""Distance from the set-point [m] at which a flight ends: no guard of the drone, but the room; one
-published flight went further."""
-
+GUARD_RATE = 100
+"""Rate [Hz] of the guard, of the authors' logs and of the estimates."""
 LANES = 16
 """Trials of a policy that one compiled program flies together, until the last of them has ended."""
 AT_ONCE = {"cpu": 1}
@@ -64,9 +53,7 @@ def predict_flight_times(
     *,
     trials: int = 16,
     duration: float = MAX_DURATION_S,
-    farthest: float = MAX_POSITION_ERROR_M,
-    start: Start = PUBLISHED_START,
-    controller_for: Callable[[ControlInterface], Controller] = real_controller,
+    conditions: Conditions = CURRENT,
     names: Sequence[str] | None = None,
     policy_tasks: Sequence[Task] | None = None,
     on_policy: Callable[[int, int], None] | None = None,
@@ -84,10 +71,7 @@ def predict_flight_times(
         key: random key.
         trials: flights of each policy.
         duration: longest flight [s].
-        farthest: distance from the set-point at which a flight ends [m].
-        start: spread of first states.
-        controller_for: the controller of a policy's interface: that of the authors' drone unless
-            given. `control.controller_for` makes those that ours are trained with by default.
+        conditions: firmware, first states and guard.
         names: what table and errors call the policies; policy_1, policy_2, ... by default.
         policy_tasks: what each flies; the circle of the paper by default, as the authors' did.
         on_policy: called with (policies done, policies).
@@ -118,7 +102,7 @@ def predict_flight_times(
                 f"divide the guard's {GUARD_RATE} Hz."
             )
     drones = drone if np.ndim(drone.mass) else tree.map(lambda leaf: np.asarray(leaf)[None], drone)
-    limits = guarded.Limits(np.int32(rows), np.float32(farthest))  # type: ignore[arg-type]
+    limits = guarded.Limits(np.int32(rows), Guard(*map(np.float32, conditions.guard)))  # type: ignore[arg-type]
     flown_tasks = list(policy_tasks or [tasks.paper_circle()] * len(policies))
     kinds: dict[tuple, list[int]] = {}
     for place, (policy, task) in enumerate(zip(policies, flown_tasks, strict=True)):
@@ -127,7 +111,7 @@ def predict_flight_times(
     drawn: dict[int, np.ndarray] = {}
     for places in kinds.values():
         kind = [policies[place] for place in places]
-        settings = key, trials, limits, start, controller_for
+        settings = key, trials, limits, conditions.start, conditions.controller_for
         every = _fly_kind(kind, flown_tasks[places[0]], drones, *settings)
         for place, (outcome, indices) in zip(places, every, strict=True):
             by_policy[place], drawn[place] = outcome, indices

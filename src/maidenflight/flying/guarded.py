@@ -22,7 +22,7 @@ from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.physics import rotations
 from maidenflight.simulator.policy_spec import OBSERVATION_SIZE
 from maidenflight.simulator.tasks import failures
-from maidenflight.simulator.tasks.failures import BACKUP, End, Excursion
+from maidenflight.simulator.tasks.failures import End, Excursion, Guard
 
 
 class Trials(NamedTuple):
@@ -39,12 +39,12 @@ class Trials(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Of a flight, beside `BACKUP`."""
+    """Of a flight."""
 
     rows: Int[Array, ""]
     """Longest flight."""
-    farthest: Float[Array, ""]
-    """Distance from the set-point at which it ends [m]."""
+    guard: Guard
+    """At which it ends."""
 
 
 class FlightOutcome(NamedTuple):
@@ -172,7 +172,7 @@ def _until_next_action(
         after, step_result = stepping.step(
             env, env_state, action, drone, jax.random.fold_in(key, row)
         )
-        reason, excursion = end_reason(after, step_result.setpoint, limits.farthest)
+        reason, excursion = end_reason(after, step_result.setpoint, limits.guard)
         late = (reason == 0) & (row >= limits.rows)
         return after, (jnp.where(late, failures.TIME_LIMIT, reason), excursion)
 
@@ -184,7 +184,7 @@ def _until_next_action(
 
 
 def end_reason(
-    env_state: EnvState, setpoint: Float[Array, "3"], farthest: Float[Array, ""]
+    env_state: EnvState, setpoint: Float[Array, "3"], guard: Guard
 ) -> tuple[Int[Array, ""], Excursion]:
     """Returns why the drone's guards would stop the policy now, by its measurements, and those.
 
@@ -193,11 +193,9 @@ def end_reason(
     Args:
         env_state: the drone.
         setpoint: [m].
-        farthest: distance from it [m].
-
-    Source: Gronauer et al. 2022, sec. Zero-Shot Experiments; the ground and the distance are ours.
+        guard: of the drone; the ground ends flights too.
     """
-    measurement, guard = env_state.measurement, BACKUP._replace(position_error=farthest)
+    measurement = env_state.measurement
     attitude = rotations.to_attitude(measurement.quaternion)
     excursion = failures.excursion(measurement.position, attitude, measurement.body_rates, setpoint)
     low = env_state.state.position[2] < 0.0

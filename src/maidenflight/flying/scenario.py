@@ -89,13 +89,8 @@ def start_of(*numbers: tuple[float, ...] | float) -> Start:
     return Start(*(np.array(number, np.float32) for number in numbers))  # type: ignore[arg-type]
 
 
-PUBLISHED_START = start_of(
-    *((0.029, 0.025, 0.029), (0.048, 0.047, 0.021), (0.013, 0.013, 0.014), (0.116, 0.13, 0.037)),
-    *(0.72, 0.014),
-)
-"""By maximum likelihood of the first rows of 215 published flights (one begins on the ground); a
-normal distribution is 314 nats less likely (Lange, Little and Taylor 1989, Robust statistical
-modeling using the t distribution)."""
+HOVER = start_of(*((0.0, 0.0, 0.0),) * 4, 0.0, 0.0)
+"""At rest at the reference's start."""
 
 
 def after_hover(env: Environment, env_state: EnvState, drone: Parameters) -> EnvState:

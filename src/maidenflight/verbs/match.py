@@ -36,10 +36,14 @@ class Match(Verb):
     ignore: tuple[str, ...] = shared.ignore()
     commands: str | None = shared.commands()
     battery_law: str | None = shared.battery_law()
+    conditions: Path | None = shared.conditions()
     seed: int = shared.seed()
 
     def check(self) -> None:
-        """Refuses a start that is no drone."""
+        """Refuses a start that is no drone, and conditions that are none."""
+        from maidenflight.experiments.conditions import read_conditions
+
+        read_conditions(self.conditions)
         if self.get("start"):
             _ = self.first
 
@@ -53,8 +57,8 @@ class Match(Verb):
     def compute(self, output: Path, progress: Progress) -> Result:
         """Matches; writes the start with the estimates in place."""
         from maidenflight.experiments import drones
+        from maidenflight.experiments.conditions import read_conditions
         from maidenflight.experiments.policies import read_policies
-        from maidenflight.experiments.real_controller import real_controller
         from maidenflight.flights.reading import read_flights
         from maidenflight.identification import closed_loop
         from maidenflight.identification.behaviour import BEHAVIOUR, flights_of_policies
@@ -85,13 +89,13 @@ class Match(Verb):
             drones.possible_drones(self.first, usual, self.seed),
             self.key,
             loop,
-            real_controller,
+            read_conditions(self.conditions).controller_for,
             lambda done, of, cost: progress.move(done, of, f"difference {cost:.3g}"),
             flights.flights,
         )
         start = shared.own_files(self.start)
         record = self.make_record(
-            [*flights.paths, *loaded.paths, *start],
+            [*flights.paths, *loaded.paths, *start, *shared.own_files(self.conditions)],
             policies=None,
             objective=CLOSED_LOOP,
             **dataclasses.asdict(loop),

@@ -1,7 +1,6 @@
 """`Predict`: how long policies would fly on the real drone."""
 
 from collections import Counter
-from functools import partial
 from pathlib import Path
 
 from maidenflight import names, run_folder
@@ -16,10 +15,10 @@ class Predict(FliesPolicies):
     """Predict how long POLICIES would fly on the real drone.
 
     POLICIES are files or folders. Those of maidenflight and of Gronauer et al., of all control
-    structures together, fly on the identified drone as the authors' drone ran them: at their rate,
-    by its firmware, from hover, until a guard trips. Each flies the task of its training, the
-    authors' the paper's circle. Errors and largest values are by the estimates that guards look
-    at. All of it is simulated.
+    structures together, fly on the identified drone: at their rate, by today's firmware, from
+    hover, until a guard of the app trips. Each flies the task of its training, the authors' the
+    paper's circle. Errors and largest values are by the estimates that guards look at. All of it is
+    simulated.
     """
 
     output = Output(run_folder.PREDICTION.name, "CSV file for the flights, one row each.")
@@ -42,17 +41,16 @@ class Predict(FliesPolicies):
     accept_bounds: bool = shared.accept_bounds()
     trials: int = setting(whole(1, 1000), 16, "Flights of each policy.", shared.FLIGHTS)
     duration: float = setting(number(0.1, 600.0), 20.0, "Longest flight [s].")
-    firmware: str = shared.firmware(
-        "2021.10 as the authors' drone ran it, or 2026.08, for which attitude-rate and attitude "
-        "policies of ours are trained."
-    )
+    conditions: Path | None = shared.conditions()
     seed: int = shared.seed()
 
     def check(self) -> None:
         """Refuses what is no drone, too."""
         from maidenflight.experiments import drones
+        from maidenflight.experiments.conditions import read_conditions
         from maidenflight.identification.outcome.ensembles import posterior_ensemble
 
+        read_conditions(self.conditions)
         if self.get("drone"):
             file = drones.read_drone(self.drone, self.accept_bounds)
             if self.randomize == names.POSTERIOR:
@@ -62,10 +60,8 @@ class Predict(FliesPolicies):
     def compute(self, output: Path, progress: Progress) -> Result:
         """Predicts; writes a row a flight."""
         from maidenflight.experiments import comparison, drones, flight_times
-        from maidenflight.experiments.real_controller import FIRMWARE as REAL_FIRMWARE
-        from maidenflight.experiments.real_controller import real_controller
+        from maidenflight.experiments.conditions import read_conditions
         from maidenflight.experiments.verdict import verdicts as judge_controls
-        from maidenflight.simulator.controllers import control
         from maidenflight.simulator.tasks.tasks import find_task
 
         fleet, (tasks, notes) = self.fleet, self.fleet.choose_tasks(self.chosen_task)
@@ -78,15 +74,14 @@ class Predict(FliesPolicies):
             self.key,
             trials=self.trials,
             duration=self.longest(tasks[0], self.duration),
-            controller_for=real_controller
-            if self.firmware == REAL_FIRMWARE
-            else partial(control.controller_for, firmware=self.firmware),
+            conditions=read_conditions(self.conditions),
             names=fleet.own_names,
             policy_tasks=[find_task(task) for task in tasks],
             on_policy=lambda done, of: progress.move(done, of, "policies flown"),
         )
         drone = shared.own_files(self.drone)
-        record = self.make_record([*drone, *fleet.paths], policies=None, randomize=randomization)
+        files = [*drone, *shared.own_files(self.conditions), *fleet.paths]
+        record = self.make_record(files, policies=None, randomize=randomization)
         run_folder.PREDICTION.write(output, prediction, record)
         parts = prediction.partition_by("policy", maintain_order=True)
         ends = [Counter(part["end_reason"].to_list()) for part in parts]

@@ -206,6 +206,18 @@ def firmware(help: str) -> Any:
     return setting(choice(*names.FIRMWARES), names.FIRMWARES[0], help, rare=True)
 
 
+def conditions() -> Any:
+    """Declares the conditions of flights."""
+    return setting(
+        path("a TOML file", "FILE"),
+        None,
+        "Firmware, first states and guard of the drone: today's firmware, hover and the guard of "
+        "the app by default; paper/gronauer_2021.toml of the repository has those of the paper.",
+        files=True,
+        rare=True,
+    )
+
+
 def control_of_authors() -> Any:
     """Declares what the authors' policies command."""
     return setting(

@@ -1,27 +1,91 @@
-"""What the authors' drone ran: control structures of firmware 2021.10, as its logs show them.
+"""Conditions of predicted flights: a drone's firmware, where its flights begin, and its guard.
+
+`CURRENT` are today's: firmware 2026.08, from hover, the guard of the exported app. A TOML file has
+others, such as those of the published flights, paper/gronauer_2021.toml. Their drone ran firmware
+2021.10, whose control structures are here as its logs show them.
 
 Source: Gronauer et al. 2022, sec. Zero-Shot Experiments; logs of the authors' flights.
 """
 
-from functools import cache
+import math
+from collections.abc import Callable
+from functools import cache, partial
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from maidenflight import inputs
+from maidenflight.flying.scenario import HOVER, Start, start_of
+from maidenflight.inputs import Fields, StrPath
+from maidenflight.names import FIRMWARES
 from maidenflight.simulator.controllers import control, firmware, rate_loops
 from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.controllers.interface import ControlInterface
 from maidenflight.simulator.controllers.pid import Generation, PIDMemory
 from maidenflight.simulator.physics.sensors import Measurement
+from maidenflight.simulator.tasks.failures import APP, Guard
 
 FIRMWARE: Generation = "2021.10"
 """What the authors' drone ran."""
-GUARD_RATE = 100
-"""Rate [Hz] of the guard, of the authors' logs and of the estimates."""
+AS_FLOWN = f"{FIRMWARE} as flown"
 
 
-def real_controller(interface: ControlInterface) -> Controller:
+class Conditions(NamedTuple):
+    """How a drone flies."""
+
+    controller_for: Callable[[ControlInterface], Controller] = control.controller_for
+    """The controller of a policy's interface."""
+    start: Start = HOVER
+    """Spread of first states."""
+    guard: Guard = APP
+    """At which flights end."""
+
+
+CURRENT = Conditions()
+"""Of today's firmware and of the exported app."""
+
+
+def read_conditions(path: StrPath | None) -> Conditions:
+    """Reads conditions; `CURRENT` without a file, and where it has no such entry.
+
+    Raises:
+        InputError: no file that can be read, or something in it is no condition.
+    """
+    if path is None:
+        return CURRENT
+    cure = "Copy paper/gronauer_2021.toml of the repository, and change it."
+    document = inputs.toml_file(path, "conditions of flights", cure)
+    table = Fields(document, str(path), "conditions", cure)
+    if table.count("conditions") != 1:
+        raise table.refused("conditions", "1, those of this version")
+    generation = table.choice("firmware", (*FIRMWARES, AS_FLOWN), FIRMWARES[-1])
+    conditions = CURRENT._replace(
+        controller_for=controller_as_flown
+        if generation == AS_FLOWN
+        else partial(control.controller_for, firmware=generation)
+    )
+    if "start" in document:
+        own = table.table("start")
+        axes = ("position", "velocity", "attitude", "body_rates")
+        scales = [own.numbers(name, 3) for name in axes]
+        start = start_of(*scales, own.number("homeward", -1.0, 1.0), own.number("above"))
+        conditions = conditions._replace(start=start)
+        own.end()
+    if "guard" in document:
+        own = table.table("guard")
+        tilt, body_rate = (
+            math.radians(own.number(name, 0.0)) for name in ("tilt_deg", "body_rate_deg")
+        )
+        guard = Guard(tilt, body_rate, own.number("position_error", 0.0))
+        conditions = conditions._replace(guard=guard)
+        own.end()
+    table.end()
+    return conditions
+
+
+def controller_as_flown(interface: ControlInterface) -> Controller:
     """Returns the controller of the authors' drone that does what an interface says.
 
     Raises:
