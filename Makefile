@@ -1,4 +1,4 @@
-# make demo: the full pipeline on a virtual drone.   make test: all but the slow tests.   make test-all: all.
+# make demo: the full pipeline on a virtual drone.   make test: all but the slow tests.   make test-all: all but those of a night.
 # Each creates the environment from the lock first.
 PYTHON ?= python3
 VENV := .venv
@@ -32,10 +32,11 @@ test: $(VENV)/.installed-dev
 
 # In one run, so that what a file's tests share is made once.
 test-all: $(VENV)/.installed-dev
-	$(PYTEST) --durations 40
+	$(PYTEST) -m 'not night' --durations 40
 
-# A hundred thousand damaged files, other ones every time.
+# Tests of a night, and a hundred thousand damaged files, other ones every time.
 night: $(VENV)/.installed-dev
+	$(PYTEST) -m night
 	$(PYTEST) --dist load --hypothesis-profile night tests/test_damaged_files.py
 
 lint: $(VENV)/.installed-dev

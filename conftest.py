@@ -35,7 +35,7 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 
 settings.register_profile(
-    "reproducible", derandomize=True, deadline=None, max_examples=25, database=None
+    "reproducible", derandomize=True, deadline=None, max_examples=12, database=None
 )
 settings.register_profile("night", deadline=5000, max_examples=4000, print_blob=True)
 settings.load_profile("reproducible")
@@ -85,8 +85,12 @@ LONGEST = (
 the documentation and the command line compile the same, so they do not begin together."""
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Sorts tests by `LONGEST`; within a file they keep their order."""
+    """Sorts tests by `LONGEST`; within a file they keep their order. Those of a night are slow."""
+    for item in items:
+        if item.get_closest_marker("night"):
+            item.add_marker("slow")
     places = {name: place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: places.get(item.path.name, len(LONGEST)))
 

@@ -4,6 +4,7 @@ import ast
 import importlib
 import re
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,7 @@ APART = {"identification", "training", "deployment"}
 """Never import each other, whatever their rank."""
 
 
+@cache
 def imported_names(source: str) -> set[str]:
     """What a module imports, at its top or inside a function."""
     names = set()
@@ -73,6 +75,11 @@ MODULES = [
 ]
 
 
+@cache
+def parsed(module: Path) -> ast.Module:
+    return ast.parse((ROOT / module).read_text())
+
+
 def test_modules_import_only_earlier_stages():
     for module in MODULES:
         importer = module.parts[0].removesuffix(".py")
@@ -89,9 +96,8 @@ BEYOND = {"predict_flight_times"}
 
 def test_files_and_functions_are_short_and_take_few_arguments():
     for module in MODULES:
-        source = (ROOT / module).read_text()
-        assert source.count("\n") <= MOST_LINES_OF_FILE, module
-        for node in ast.walk(ast.parse(source)):
+        assert (ROOT / module).read_text().count("\n") <= MOST_LINES_OF_FILE, module
+        for node in ast.walk(parsed(module)):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 taken = (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)
                 names = [one.arg for one in taken if one.arg not in ("self", "cls")]
@@ -222,7 +228,7 @@ def defined_names(tree: ast.AST) -> list[str]:
 def test_names_are_nouns_or_verbs_with_their_objects():
     bare, compound = [], set()
     for module in MODULES:
-        for name in defined_names(ast.parse((ROOT / module).read_text())):
+        for name in defined_names(parsed(module)):
             words = words_of(name)
             if len(words) == 1 and words[0] in PARTICIPLES:
                 bare.append(f"{module}: {name}")
@@ -240,7 +246,7 @@ a registry or protocol asks for it."""
 def test_few_names_are_defined_in_many_modules():
     modules: dict[str, list[str]] = {}
     for module in MODULES:
-        for node in ast.parse((ROOT / module).read_text()).body:
+        for node in parsed(module).body:
             if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
                 modules.setdefault(node.name, []).append(str(module))
     shared = {name: places for name, places in modules.items() if len(places) > 3}
@@ -249,7 +255,7 @@ def test_few_names_are_defined_in_many_modules():
 
 def test_docstrings_of_functions_begin_with_a_verb():
     for module in MODULES:
-        for node in ast.walk(ast.parse((ROOT / module).read_text())):
+        for node in ast.walk(parsed(module)):
             if not isinstance(node, ast.FunctionDef) or node.name.startswith("_"):
                 continue
             text = ast.get_docstring(node)

@@ -250,6 +250,7 @@ LITTLE = {
 README, which is compiled anyway."""
 
 
+@pytest.mark.usefixtures("without_optimizations_once")
 @pytest.mark.slow
 def test_each_command_names_the_next_which_runs(
     tmp_path: Path, monkeypatch: Any, command: Command
@@ -270,6 +271,7 @@ def test_each_command_names_the_next_which_runs(
     assert "no longer there" not in (tmp_path / "report.html").read_text()
 
 
+@pytest.mark.usefixtures("without_optimizations_once")
 @pytest.mark.slow
 def test_the_line_from_logs_to_report_in_json(tmp_path: Path, command: Command) -> None:
     def said(words: str) -> dict[str, Any]:
@@ -393,6 +395,7 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
         assert output.read_bytes() != first
 
 
+@pytest.mark.usefixtures("without_optimizations_once")
 @pytest.mark.slow
 def test_policies_are_trained_over_what_flights_leave_possible(
     tmp_path: Path, command: Command

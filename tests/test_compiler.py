@@ -63,7 +63,7 @@ def computed(path: Path, flags: str) -> Any:
     return np.load(path)
 
 
-@pytest.mark.slow
+@pytest.mark.night
 def test_flags_change_rounding_alone(tmp_path: Path) -> None:
     ours = computed(tmp_path / "ours.npz", compiler.FUSED)
     others = computed(tmp_path / "others.npz", compiler.quickest())

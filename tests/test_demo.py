@@ -152,6 +152,7 @@ def test_the_page_shows_the_truth_beside_what_was_identified(
     assert "truth" in (runs[0][0] / "report.html").read_text().lower()
 
 
+@pytest.mark.night
 def test_its_drone_is_calibrated_by_flights_of_its_posterior(
     runs: list[tuple[Path, Result]], tmp_path: Path
 ) -> None:

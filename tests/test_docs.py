@@ -93,6 +93,7 @@ def test_the_python_of_the_simulators_page_runs() -> None:
     assert names["picture"].shape == (480, 640, 3)
 
 
+@pytest.mark.usefixtures("without_optimizations_once")
 @pytest.mark.slow
 def test_the_commands_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for number, flight in enumerate(

@@ -30,7 +30,7 @@ for words in map(shlex.split, {commands!r}.split("\\n")):
 """
 
 
-@pytest.mark.slow
+@pytest.mark.night
 @pytest.mark.skipif(
     not hasattr(os, "sched_getaffinity") or len(os.sched_getaffinity(0)) < 2, reason="one core"
 )

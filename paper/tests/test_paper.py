@@ -34,7 +34,7 @@ def table_2() -> Any:
     return script("table_2")
 
 
-@pytest.mark.slow
+@pytest.mark.night
 def test_table_2_stands_beside_the_papers_and_the_truth(
     table_2: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -85,7 +85,8 @@ def test_a_value_lies_below_inside_or_above_an_interval(table_2: Any) -> None:
     ]
 
 
-@pytest.mark.slow
+@pytest.mark.night
+@pytest.mark.usefixtures("without_optimizations_once")
 def test_history_and_hidden_layers_are_studied(
     tmp_path: Path, monkeypatch: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -247,6 +248,7 @@ class Here:
         pass
 
 
+@pytest.mark.usefixtures("without_optimizations_once")
 @pytest.mark.slow
 def test_figure_4_computes_gathers_and_draws_a_study_and_goes_on_where_it_was(
     figure_4: Any,

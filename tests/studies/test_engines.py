@@ -105,6 +105,7 @@ def prepared(folder: Path, **settings: Any) -> bytes:
     return (folder / "expected" / "study.csv").read_bytes()
 
 
+@pytest.mark.night
 def test_nodes_and_drivers_that_are_killed_cost_what_was_under_way(
     raylets: tuple[str, subprocess.Popen[str]], tmp_path: Path
 ) -> None:
@@ -138,7 +139,7 @@ def test_nodes_and_drivers_that_are_killed_cost_what_was_under_way(
 
 
 def test_a_driver_of_this_machine_that_is_killed_or_interrupted_goes_on(tmp_path: Path) -> None:
-    expected = prepared(tmp_path, count=30, more=1, seconds=0.4)
+    expected = prepared(tmp_path, count=16, more=1, seconds=0.4)
     driver = begun(tmp_path, "local")
     wait_for(1, tmp_path, driver)
     tasks = Path(f"/proc/{driver.pid}/task").glob("*/children")
@@ -155,7 +156,7 @@ def test_a_driver_of_this_machine_that_is_killed_or_interrupted_goes_on(tmp_path
     wait_for(there + 1, tmp_path, driver)
     os.killpg(driver.pid, signal.SIGINT)
     _, said = driver.communicate(timeout=PATIENCE)
-    if results(tmp_path) < 30:  # else a busy machine looked too late
+    if results(tmp_path) < 16:  # else a busy machine looked too late
         assert driver.returncode == 130
         again = "maidenflight sweep study.toml --trust -o out --on local"
         assert said.decode().splitlines()[-1].endswith(again)
