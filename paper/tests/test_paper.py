@@ -2,7 +2,6 @@
 
 import dataclasses
 import itertools
-import json
 import shutil
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,13 +10,10 @@ from typing import Any
 import numpy as np
 import polars
 import pytest
-from scipy import stats
 
 from maidenflight import parameters, policy_file
 from maidenflight.flights import log
-from maidenflight.integrations.logs import authors
 from maidenflight.simulator.controllers.interface import INTERFACES
-from maidenflight.simulator.physics import battery
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.studies import worker
 from maidenflight.studies.worker import Order, TaskResult
@@ -347,118 +343,6 @@ def test_only_flights_of_the_paper_are_drawn_beside_ours_and_no_longer_than_20_s
     assert figure_4.read_published_flights(tmp_path)["duration"].to_list() == [20.0]
     with pytest.raises(figure_4.InputError, match="authors' data"):
         figure_4.read_published_flights(tmp_path / "nothing")
-
-
-@pytest.fixture(scope="module")
-def yaw_trim() -> Any:
-    return script("yaw_trim")
-
-
-def turned(yaw: float, rows: int) -> polars.DataFrame:
-    """What the authors' drone logs at a command of 0.6 and a yaw command; for 0.4 s first, at
-    another."""
-    volts = np.full((rows, 1), 3.75)
-    commands = 0.6 + np.where(np.arange(rows)[:, None] < 40, 0.3, yaw) * np.array(
-        [-1.0, 1.0, -1.0, 1.0]
-    )
-    values = dict.fromkeys(authors.COLUMNS, np.zeros(rows)) | {
-        "bat": volts[:, 0],
-        "time": 0.01 * np.arange(rows),
-    }
-    values |= {
-        f"mot{motor}": ratio
-        for motor, ratio in enumerate(
-            65536 * battery.motor_ratio(commands, volts, battery.AUTHORS).T
-        )
-    }
-    return polars.DataFrame(values)
-
-
-def test_the_yaw_trim_of_a_policys_own_logs_explains_its_flight_times(
-    yaw_trim: Any, tmp_path: Path, monkeypatch: Any, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Flights that last 20 s less 1 s per 1e-5 N m; policy 9 flies another control structure, 4 too
-    short to tell, so that it flies the drone as it is."""
-    yaws, lengths = {1: -0.02, 2: -0.1, 3: 0.0, 4: 0.0}, {1: 300, 2: 120, 3: 200, 4: 45}
-    shapes = {
-        "W0": (8, 40),
-        "W1": (8, 8),
-        "W2": (4, 8),
-        "b0": (8,),
-        "b1": (8,),
-        "b2": (4,),
-        "observation_mean": (40,),
-    }
-    arrays: dict[str, Any] = {
-        name: np.zeros((5, *shape), np.float32) for name, shape in shapes.items()
-    }
-    arrays |= {
-        "observation_std": np.ones((5, 40), np.float32),
-        "control": np.array(["attitude_rate"] * 4 + ["pwm"]),
-    }
-    np.savez(tmp_path / "policies.npz", policy=np.array([*yaws, 9]), **arrays)
-    rows = [
-        ("attitude_rate", number, lengths[number] / 100 + more)
-        for number in yaws
-        for more in (0.0, 0.5)
-    ]
-    polars.DataFrame(rows, ["control", "policy", "flight_time_s"], orient="row").write_csv(
-        tmp_path / "flights.csv"
-    )
-    for number, yaw in yaws.items():
-        folder = tmp_path / "flights" / "attitude_rate" / f"policy_{number:03d}"
-        folder.mkdir(parents=True)
-        turned(yaw, lengths[number]).write_csv(folder / "flight_1.csv")
-
-    def flown(
-        policies: Any, drone: Any, key: Any, *, trials: int, names: list[str]
-    ) -> polars.DataFrame:
-        assert len(policies) == len(names)
-        lasting = 20.0 - 1e5 * float(drone.torque_bias[2])
-        one = {"control": "attitude_rate", "trial": 1, "duration": lasting, "end_reason": "tilt"}
-        return polars.DataFrame([{"policy": name, **one} for name in names for _ in range(trials)])
-
-    monkeypatch.setattr(yaw_trim, "predict_flight_times", flown)
-    arguments = ["--authors", str(tmp_path), "--trials", "2"]
-    yaw_trim.main([*arguments, "--json"])
-    told = json.loads(capsys.readouterr().out)
-    drone = parameters.read_drone("crazyflie")
-    full = drone.torque_to_thrust * drone.thrust_to_weight * drone.mass * drone.gravity
-    *answer_of, too_short = told["policies"]
-    assert (too_short["policy"], too_short["yaw_counts"], too_short["own_trim"]) == (
-        "attitude_rate/4",
-        None,
-        20.0,
-    )
-    assert [row["policy"] for row in answer_of] == [
-        "attitude_rate/1",
-        "attitude_rate/2",
-        "attitude_rate/3",
-    ]
-    for row, yaw, measured in zip(answer_of, (-0.02, -0.1, 0.0), (3.25, 1.45, 2.25), strict=True):
-        assert row["yaw_counts"] == pytest.approx(
-            60000 * yaw, abs=200
-        )  # half a step of the motors' timers
-        assert row["trim"] == pytest.approx(-full * row["yaw_counts"] / 60000, rel=1e-4, abs=1e-9)
-        assert row["measured"] == pytest.approx(measured)
-        assert row["as_it_is"] == 20.0
-        assert row["own_trim"] == pytest.approx(20.0 - 1e5 * row["trim"], abs=1e-4)
-    assert [row["prediction"] for row in told["agreement"]] == [
-        "as_it_is",
-        "own_trim",
-        "one real flight against the others",
-    ]
-    flown_for, measured_for = (
-        [row[name] for row in told["policies"]] for name in ("own_trim", "measured")
-    )
-    ranks = np.corrcoef(stats.rankdata(flown_for), stats.rankdata(measured_for))
-    assert told["agreement"][1]["Spearman"] == pytest.approx(ranks[0, 1])
-
-    yaw_trim.main(arguments)
-    assert "own trim [s]" in capsys.readouterr().out
-    with pytest.raises(SystemExit):
-        yaw_trim.main([*arguments, "--control", "pwm"])
-    assert "no logs" in capsys.readouterr().err
 
 
 @pytest.mark.slow
