@@ -17,7 +17,7 @@ from page import write
 
 from maidenflight import parameters
 from maidenflight.parameters import Parameters, noiseless
-from maidenflight.parameters.scaling import with_mass
+from maidenflight.parameters.named import with_mass
 from maidenflight.simulator import environment
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.controllers.pid import ATTITUDE_RATE

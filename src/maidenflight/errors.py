@@ -1,8 +1,8 @@
-"""The exceptions that a user's mistake and a full disk raise."""
+"""The exceptions that a user's mistake and a full disk raise, and checks that raise them."""
 
 import errno
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec
@@ -117,3 +117,29 @@ class WriteError(InputError):
         self.remedy = "Free space there" if is_full else "Make that place writable"
         """What to do before the same is tried again; a sentence may go on after it."""
         super().__init__(f"{self.wrong} {self.remedy}, or choose another place with -o.")
+
+
+def check_traced(name: str, function: Callable[..., Any], expected: str, *arguments: Any) -> Any:
+    """Checks that JAX can trace a function of arrays that a user has written.
+
+    Args:
+        name: of the function, for errors.
+        function: to be tried; nothing is computed.
+        expected: what it takes and gives, for errors.
+        arguments: arrays, or their shapes.
+
+    Returns:
+        The shapes of what it gives.
+
+    Raises:
+        InputError: it raises an error, or JAX cannot trace it.
+    """
+    import jax
+
+    try:
+        return jax.eval_shape(function, *arguments)
+    except (TypeError, AttributeError, ValueError, IndexError, jax.errors.JAXTypeError) as error:
+        raise InputError(
+            f"{name} is not a function that JAX can trace: {type(error).__name__}: {error} Expected"
+            f" {expected}, by functions of jax.numpy, without if."
+        ) from error

@@ -18,7 +18,7 @@ from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.controllers import control, interface
 from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.physics import dynamics, ground, latency, vectors
+from maidenflight.simulator.physics import dynamics, latency, vectors
 from maidenflight.simulator.physics.latency import DelayLine
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.rollouts import rollout
@@ -390,7 +390,7 @@ def test_a_floor_changes_nothing_in_the_air():
     state = dynamics.at_hover(jnp.array([0.0, 0.0, 0.5]), QUIET)._replace(
         velocity=float32([0.1, 0.2, -0.3])
     )
-    assert same(ground.floor_reaction(state, 0.0125), state)
+    assert same(stepping.floor_reaction(state, 0.0125), state)
 
 
 class Heard(NamedTuple):

@@ -22,15 +22,8 @@ from jaxtyping import Array, Float
 
 from maidenflight.experiments.drones import drone_of, find_reality
 from maidenflight.parameters import Parameters, full_scale_counts, replace
-from maidenflight.simulator.physics import (
-    actuators,
-    battery,
-    ground,
-    latency,
-    noise,
-    rotations,
-    sensors,
-)
+from maidenflight.simulator import stepping
+from maidenflight.simulator.physics import actuators, battery, latency, rotations, sensors
 from maidenflight.simulator.physics.battery import Supply
 from maidenflight.simulator.physics.dynamics import Integrator, State
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone, must_be_virtual
@@ -107,7 +100,7 @@ def plant_of(drone: VirtualDrone, full_scale_counts: float) -> tuple[Plant, Para
 @partial(jax.jit, static_argnums=0)
 def begin(plant: Plant, parameters: Parameters, key: Array) -> PlantState:
     """Returns the drone on the floor at the origin, level, its motors off."""
-    normal, uniform = noise.draw(key, 3 + _NORMALS, sensors.UNIFORMS)
+    normal, uniform = sensors.draw_noise(key, 3 + _NORMALS, sensors.UNIFORMS)
     level = jnp.array([0.0, 0.0, 0.0, 1.0], jnp.float32)
     place = jnp.array([0.0, 0.0, STANDING_HEIGHT_M], jnp.float32)
     state = State(place, jnp.zeros(3), level, jnp.zeros(3), jnp.zeros(4))
@@ -132,7 +125,7 @@ def begin(plant: Plant, parameters: Parameters, key: Array) -> PlantState:
 @partial(jax.jit, static_argnums=1)
 def draw(key: Array, steps: int) -> Float[Array, "steps N"]:
     """Returns random numbers of many steps, which each step would draw too slowly."""
-    normal, uniform = noise.draw(key, steps * _NORMALS, steps * sensors.UNIFORMS)
+    normal, uniform = sensors.draw_noise(key, steps * _NORMALS, steps * sensors.UNIFORMS)
     return jnp.concatenate([normal.reshape(steps, -1), uniform.reshape(steps, -1)], axis=1)
 
 
@@ -159,9 +152,9 @@ def step(
     powered, wanted = _power(plant, before.actuators, pwm, parameters, normal[:4])
     commands = latency.push(before.delay_line, actuators.rotor_speed_command(wanted))
     arriving, _ = latency.in_step(latency.DelayLine(commands), parameters, 1, 0)
-    near = ground.near_ground(parameters, before.state.position[2])
+    near = stepping.near_ground(parameters, before.state.position[2])
     advanced = plant.integrator(before.state, arriving, near)
-    state = ground.floor_reaction(advanced, STANDING_HEIGHT_M)
+    state = stepping.floor_reaction(advanced, STANDING_HEIGHT_M)
     time_step = jnp.float32(STEP)
     rates = before.state.body_rates, state.body_rates
     after = before._replace(

@@ -8,9 +8,9 @@ import numpy as np
 from maidenflight.deployment import export
 from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters, read_drone
+from maidenflight.parameters.frames import mixer_of
 from maidenflight.policy import untrained_policy
 from maidenflight.simulator.controllers.interface import ControlInterface
-from maidenflight.simulator.physics.mixing import mixer_of
 from maidenflight.simulator.policy_spec import PolicySpec
 
 

@@ -20,8 +20,7 @@ from maidenflight.parameters.frames import (
     x_frame,
 )
 from maidenflight.parameters.named import DRONES, NamedDrone, crazyflie, drone, sources
-from maidenflight.parameters.quantities import QUANTITIES, Parameters
-from maidenflight.parameters.quantity import Quantity
+from maidenflight.parameters.quantities import QUANTITIES, Parameters, Quantity
 from maidenflight.parameters.toml import (
     FORMAT,
     document,

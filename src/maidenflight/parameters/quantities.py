@@ -8,14 +8,53 @@ motor lag, estimator delay, battery) have neutral values, zero or one, in the na
 
 import dataclasses
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
 import jax
 import numpy as np
 
-from maidenflight.parameters.quantity import Quantity, quantity
+
+@dataclass(frozen=True)
+class Quantity:
+    """What is known of one physical constant."""
+
+    symbol: str
+    unit: str
+    """SI; "-" for a pure number."""
+    paper: Any
+    """The value of the paper's Crazyflie: a number, or one of each component."""
+    lower: float
+    """Smallest value with a physical meaning."""
+    upper: float
+    """Largest plausible value for a drone of 5 g to 5 kg."""
+    meaning: str
+    source: str
+    """Where the model or the named drone's value comes from."""
+    table: str
+    """The table of the TOML file in which it stands."""
+
+    @property
+    def size(self) -> int:
+        """Number of components."""
+        return len(self.paper) if isinstance(self.paper, tuple) else 1
+
+
+def quantity(
+    table: str,
+    label: str,
+    paper: Any,
+    bounds: tuple[float, float],
+    meaning: str,
+    source: str,
+) -> Any:
+    """Returns a field of `Parameters`, with what is known of it; labelled as `T_m [s]`."""
+    symbol, _, unit = label.removesuffix("]").partition(" [")
+    return field(
+        metadata={"quantity": Quantity(symbol, unit, paper, *bounds, meaning, source, table)}
+    )
+
 
 _PAPER = "Gronauer et al. 2022"
 _THRUST_CURVE = "affine-quadratic curves fitted to load cells by others, such as crazyflow's"

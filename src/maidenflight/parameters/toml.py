@@ -14,9 +14,8 @@ from maidenflight.inputs import StrPath
 from maidenflight.parameters import named
 from maidenflight.parameters.components import check, plain
 from maidenflight.parameters.frames import GEOMETRY, LAYOUTS
-from maidenflight.parameters.named import DRONES, crazyflie
+from maidenflight.parameters.named import DRONES, crazyflie, with_mass
 from maidenflight.parameters.quantities import QUANTITIES, Parameters
-from maidenflight.parameters.scaling import with_mass
 
 FORMAT = 7
 """Version of the TOML layout."""

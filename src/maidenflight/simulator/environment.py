@@ -16,7 +16,7 @@ from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.controllers.control import Controller
-from maidenflight.simulator.physics import actuators, dynamics, latency, noise, sensors
+from maidenflight.simulator.physics import actuators, dynamics, latency, sensors
 from maidenflight.simulator.physics.actuators import Actuators
 from maidenflight.simulator.physics.battery import MOST_COUNTS, PLUS, Supply, ThrustLaw
 from maidenflight.simulator.physics.dynamics import Integrator, State
@@ -195,7 +195,7 @@ def begin(
             only).
     """
     state = dynamics.check_state(state)
-    normal, uniform = noise.draw(key, 3 + sensors.NORMALS + 3, sensors.UNIFORMS)
+    normal, uniform = sensors.draw_noise(key, 3 + sensors.NORMALS + 3, sensors.UNIFORMS)
     command = environment.task.first_command(parameters)
     bias = sensors.turn_on_bias(parameters, normal[:3])
     estimator = jnp.zeros((environment.estimator_memory, 10))

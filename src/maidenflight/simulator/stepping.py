@@ -13,15 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from maidenflight.parameters import Parameters, replace
 from maidenflight.simulator.environment import Environment, EnvState
-from maidenflight.simulator.physics import (
-    actuators,
-    dynamics,
-    ground,
-    latency,
-    noise,
-    sensors,
-    vectors,
-)
+from maidenflight.simulator.physics import actuators, dynamics, latency, sensors, vectors
 from maidenflight.simulator.physics.dynamics import Integrator, State
 from maidenflight.simulator.physics.latency import DelayLine
 from maidenflight.simulator.policy_spec import ACTION_SIZE, observe, remember
@@ -60,7 +52,7 @@ def draw(environment: Environment, key: Array) -> Noise:
     estimates = environment.estimates_per_action
     commands = environment.commands_per_action // estimates
     size = commands * 7 + sensors.DRIFT_NORMALS + 3 + sensors.NORMALS + 3
-    normal, uniform = noise.draw(key, estimates * size, estimates * sensors.UNIFORMS)
+    normal, uniform = sensors.draw_noise(key, estimates * size, estimates * sensors.UNIFORMS)
     normal = normal.reshape(estimates, size)
     return Noise(
         command=normal[:, : commands * 7].reshape(estimates, commands, 7),
@@ -298,8 +290,8 @@ def drive(
         here = replace(parameters, time_step=time_step)
         if floor is None:
             return integrator(state, command, here), None
-        after = integrator(state, command, ground.near_ground(here, state.position[2]))
-        return ground.floor_reaction(after, floor), None
+        after = integrator(state, command, near_ground(here, state.position[2]))
+        return floor_reaction(after, floor), None
 
     return lax.scan(advance, state, (command, length), length=steps)[0]
 
@@ -332,3 +324,40 @@ def drive_entries(
         return integrator(state, vectors.Entries(command), here)  # type: ignore[arg-type]
 
     return lax.fori_loop(0, steps, advance, state)
+
+
+def floor_reaction(state: State, height: float) -> State:
+    """Stops a drone on a floor that it would sink below, at once and without a bounce; ours.
+
+    Args:
+        state: the drone.
+        height: of its centre when it stands [m].
+    """
+    sunk = state.position[2] < height
+    return state._replace(
+        position=state.position.at[2].max(height),
+        velocity=jnp.where(sunk, 0.0, state.velocity),
+        body_rates=jnp.where(sunk, 0.0, state.body_rates),
+    )
+
+
+MOST_GROUND_EFFECT = 4.0 / 15.0
+"""Largest gain of thrust near the ground [-] (gym-pybullet-drones, which limits the height in its
+formula to this end)."""
+
+
+def near_ground(parameters: Parameters, height: Float[Array, ""]) -> Parameters:
+    """Returns the drone near the ground, where the same rotor speed lifts more.
+
+    F (1 + min(c_g / z^2, 4/15)).
+
+    Args:
+        parameters: uses `ground_effect` c_g [m2].
+        height: of the rotors above the ground [m].
+
+    Source: Shi et al. 2019 and Danjun et al. 2015, c_g = 11.37 (r / 4)^2, as in
+    gym-pybullet-drones.
+    """
+    unlimited = parameters.ground_effect / jnp.maximum(height, 1e-3) ** 2
+    gain = jnp.minimum(unlimited, MOST_GROUND_EFFECT)
+    return replace(parameters, thrust_to_weight=parameters.thrust_to_weight * (1.0 + gain))

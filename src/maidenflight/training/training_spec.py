@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from maidenflight.errors import InputError
+from maidenflight.errors import InputError, check_traced
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
 from maidenflight.simulator.controllers import control
@@ -18,7 +18,6 @@ from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import Distribution, InSteps, stacked
 from maidenflight.simulator.tasks.tasks import Task
-from maidenflight.simulator.tasks.tracing import check_traced
 from maidenflight.training import checkpoint
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.ppo_settings import PPO

@@ -12,12 +12,12 @@ from hypothesis import given
 
 from arrays import float32
 from maidenflight.errors import InputError
-from maidenflight.parameters import crazyflie, noiseless, replace
+from maidenflight.parameters import crazyflie, frames, noiseless, replace
 from maidenflight.simulator import environment
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.controllers.position_pid import position_pid
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.physics import dynamics, mixing, rotations, vectors
+from maidenflight.simulator.physics import dynamics, rotations, vectors
 from maidenflight.simulator.physics.balance import balanced_command
 from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.physics.vectors import Entries
@@ -275,7 +275,7 @@ def test_pids_begin_anew_where_the_firmware_resets_them():
 
 
 @pytest.mark.parametrize("firmware", FIRMWARES)
-@pytest.mark.parametrize("mixer", [None, mixing.CRAZYFLIE])
+@pytest.mark.parametrize("mixer", [None, frames.CRAZYFLIE])
 def test_rate_pids_of_entries_are_those_of_arrays(firmware, mixer):
     """Over ticks with rates, yaws and, now and then, no thrust."""
     controller = control.attitude_rate(firmware)

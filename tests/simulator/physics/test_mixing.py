@@ -9,13 +9,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maidenflight.parameters import crazyflie, h_frame, noiseless, plus_frame, replace, x_frame
+from maidenflight.parameters import (
+    crazyflie,
+    frames,
+    h_frame,
+    noiseless,
+    plus_frame,
+    replace,
+    x_frame,
+)
 from maidenflight.parameters.frames import effectiveness
 from maidenflight.simulator import environment
 from maidenflight.simulator.controllers import control, firmware
 from maidenflight.simulator.controllers.position_pid import position_pid
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.physics import dynamics, mixing
+from maidenflight.simulator.physics import dynamics
 from maidenflight.simulator.rollouts import rollout
 from maidenflight.simulator.tasks import tasks
 
@@ -38,34 +46,34 @@ def on(frame):
 
 @given(sides, sides)
 def test_an_x_and_every_rectangle_are_mixed_by_the_firmware(forward, sideways):
-    assert mixing.mixer_of(on(h_frame(forward, sideways))) is None
+    assert frames.mixer_of(on(h_frame(forward, sideways))) is None
     np.testing.assert_allclose(
-        mixing.shares(on(h_frame(forward, sideways))), mixing.CRAZYFLIE, atol=1e-5
+        frames.shares(on(h_frame(forward, sideways))), frames.CRAZYFLIE, atol=1e-5
     )
 
 
 @pytest.mark.parametrize("name", FRAMES)
 def test_each_column_makes_its_own_torque_only(name):
     drone = on(FRAMES[name])
-    done = effectiveness(drone) @ mixing.shares(drone)
+    done = effectiveness(drone) @ frames.shares(drone)
     np.testing.assert_allclose(done, np.diag(np.diag(done)), atol=1e-6)
     assert np.all(np.diag(done) > 0)
-    mixer = mixing.mixer_of(drone)
+    mixer = frames.mixer_of(drone)
     assert mixer is not None
     hash(mixer)
     np.testing.assert_allclose(np.mean(mixer, axis=0)[0], 1.0)
 
 
 def test_the_mixer_of_a_plus_is_that_of_the_x_turned():
-    x, plus = (mixing.shares(on(frame)) for frame in (x_frame(0.05), plus_frame(0.05)))
+    x, plus = (frames.shares(on(frame)) for frame in (x_frame(0.05), plus_frame(0.05)))
     turn = np.array([[1.0, -1.0], [1.0, 1.0]]) / np.sqrt(2)
     np.testing.assert_allclose(plus[:, 1:3], x[:, 1:3] @ turn.T, atol=1e-6)
     np.testing.assert_allclose(plus[:, [0, 3]], x[:, [0, 3]], atol=1e-6)
 
 
 def test_reversed_rotors_change_the_sign_of_yaw_alone():
-    mixed = mixing.shares(on(FRAMES["props out"]))
-    np.testing.assert_allclose(mixed, np.array(mixing.CRAZYFLIE) * [1, 1, 1, -1], atol=1e-6)
+    mixed = frames.shares(on(FRAMES["props out"]))
+    np.testing.assert_allclose(mixed, np.array(frames.CRAZYFLIE) * [1, 1, 1, -1], atol=1e-6)
 
 
 @given(st.tuples(*[st.integers(-8000, 8000)] * 3))
@@ -73,7 +81,7 @@ def test_the_firmwares_own_numbers_as_a_mixer_are_within_two_counts_of_its_whole
     torque, thrust = jnp.array(asked, jnp.float32), jnp.float32(36000.0)
     own = firmware.mix(thrust, torque, "2026.08")
     np.testing.assert_allclose(
-        firmware.mix(thrust, torque, "2026.08", mixing.CRAZYFLIE), own, atol=2.0
+        firmware.mix(thrust, torque, "2026.08", frames.CRAZYFLIE), own, atol=2.0
     )
 
 

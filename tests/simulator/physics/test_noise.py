@@ -4,10 +4,10 @@ import jax
 import numpy as np
 from scipy import stats
 
-from maidenflight.simulator.physics import noise
+from maidenflight.simulator.physics import sensors
 
 NORMAL, UNIFORM = jax.jit(
-    lambda key: jax.vmap(lambda key: noise.draw(key, 3, 2))(jax.random.split(key, 20_000))
+    lambda key: jax.vmap(lambda key: sensors.draw_noise(key, 3, 2))(jax.random.split(key, 20_000))
 )(jax.random.key(0))
 
 
@@ -25,6 +25,6 @@ def test_all_of_them_are_independent_and_finite():
 
 
 def test_another_key_draws_other_numbers_and_the_same_key_the_same():
-    first, same, other = (noise.draw(jax.random.key(seed), 2, 2) for seed in (1, 1, 2))
+    first, same, other = (sensors.draw_noise(jax.random.key(seed), 2, 2) for seed in (1, 1, 2))
     np.testing.assert_array_equal(np.concatenate(first), np.concatenate(same))
     assert not np.any(np.concatenate(first) == np.concatenate(other))

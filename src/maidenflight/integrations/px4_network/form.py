@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from maidenflight.simulator.physics import rotations
-from maidenflight.simulator.policy_form import PolicyForm, require_pwm
+from maidenflight.simulator.policy_spec import PolicyForm, require_pwm
 from maidenflight.simulator.tasks.look_ahead import LookAhead
 
 PX4 = "px4"

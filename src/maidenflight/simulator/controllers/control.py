@@ -16,6 +16,7 @@ from jaxtyping import Array, Float, Int
 from maidenflight.errors import InputError
 from maidenflight.names import CONTROLS
 from maidenflight.parameters import Parameters, replace
+from maidenflight.parameters.frames import Mixer, mixer_of
 from maidenflight.registry import import_part
 from maidenflight.simulator.controllers import interface as interfaces
 from maidenflight.simulator.controllers.firmware import (
@@ -37,7 +38,6 @@ from maidenflight.simulator.controllers.rate_loops import (
 )
 from maidenflight.simulator.physics import rotations
 from maidenflight.simulator.physics.battery import COUNTS
-from maidenflight.simulator.physics.mixing import Mixer, mixer_of
 from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.physics.vectors import each
 

@@ -30,6 +30,7 @@ import numpy as np
 from jax import lax, tree
 from jaxtyping import Array, Bool, Float, Int
 
+from maidenflight.parameters.frames import Mixer
 from maidenflight.simulator.controllers.pid import (
     ATTITUDE_GAINS,
     ATTITUDE_RATE,
@@ -43,7 +44,6 @@ from maidenflight.simulator.controllers.pid import (
     wrap,
 )
 from maidenflight.simulator.physics.battery import MOST_COUNTS
-from maidenflight.simulator.physics.mixing import Mixer
 from maidenflight.simulator.physics.vectors import each, like
 
 DISABLE, ABSOLUTE, VELOCITY = 0, 1, 2

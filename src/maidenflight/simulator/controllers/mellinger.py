@@ -22,13 +22,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from maidenflight.parameters.frames import Mixer
 from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.controllers.firmware import cut, mix
 from maidenflight.simulator.controllers.pid import ATTITUDE_RATE, Generation, generation_of
 from maidenflight.simulator.controllers.position_pid import EXCITATION
 from maidenflight.simulator.physics import rotations
 from maidenflight.simulator.physics.battery import COUNTS
-from maidenflight.simulator.physics.mixing import Mixer
 from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.tasks.trajectories import Trajectory
 

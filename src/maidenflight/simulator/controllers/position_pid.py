@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from maidenflight.parameters.frames import Mixer
 from maidenflight.simulator.controllers.control import NOTHING, Controller, Heading, sensed
 from maidenflight.simulator.controllers.firmware import ABSOLUTE, DISABLE, Memory, switched_on, tick
 from maidenflight.simulator.controllers.interface import ControlInterface
@@ -18,7 +19,6 @@ from maidenflight.simulator.controllers.pid import (
     generation_of,
 )
 from maidenflight.simulator.physics.battery import COUNTS
-from maidenflight.simulator.physics.mixing import Mixer
 from maidenflight.simulator.physics.sensors import Measurement
 
 

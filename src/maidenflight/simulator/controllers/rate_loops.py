@@ -10,6 +10,7 @@ import numpy as np
 from jax import tree
 from jaxtyping import Array, Bool, Float
 
+from maidenflight.parameters.frames import CRAZYFLIE, Mixer
 from maidenflight.simulator.controllers.firmware import choose, cut, mix
 from maidenflight.simulator.controllers.pid import (
     ATTITUDE_RATE,
@@ -20,7 +21,6 @@ from maidenflight.simulator.controllers.pid import (
     pid,
     wrap,
 )
-from maidenflight.simulator.physics.mixing import CRAZYFLIE, Mixer
 from maidenflight.simulator.physics.vectors import each, like
 
 

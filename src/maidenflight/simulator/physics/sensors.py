@@ -2,9 +2,11 @@
 
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy
+from jax import lax
 from jaxtyping import Array, Float
 
 from maidenflight.parameters import Parameters
@@ -351,3 +353,19 @@ def delayed(
     return state._replace(
         position=late[:3], velocity=late[3:6], quaternion=rotations.normalise(late[6:])
     )
+
+
+def draw_noise(
+    key: Array, normals: int, uniforms: int
+) -> tuple[Float[Array, "normals"], Float[Array, "uniforms"]]:
+    """Draws independent random numbers.
+
+    Args:
+        key: random key.
+        normals: how many of the standard normal distribution; the inverse error function of uniform
+            ones, as in JAX.
+        uniforms: how many of the uniform distribution on [-1, 1).
+    """
+    least = np.nextafter(np.float32(-1.0), np.float32(0.0))
+    numbers = jax.random.uniform(key, (normals + uniforms,), minval=least, maxval=1.0)
+    return np.float32(np.sqrt(2)) * lax.erf_inv(numbers[:normals]), numbers[normals:]

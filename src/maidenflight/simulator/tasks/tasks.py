@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from maidenflight import names
-from maidenflight.errors import InputError
+from maidenflight.errors import InputError, check_traced
 from maidenflight.parameters import Parameters
 from maidenflight.registry import import_part
-from maidenflight.simulator.physics import dynamics, noise, rotations
+from maidenflight.simulator.physics import dynamics, rotations, sensors
 from maidenflight.simulator.physics.dynamics import State
 from maidenflight.simulator.tasks import courses, trajectories
 from maidenflight.simulator.tasks.failures import (
@@ -33,7 +33,6 @@ from maidenflight.simulator.tasks.rewards import (
     paper_reward,
     take_off_reward,
 )
-from maidenflight.simulator.tasks.tracing import check_traced
 from maidenflight.simulator.tasks.trajectories import Trajectory, cached_by_arguments
 from maidenflight.simulator.tasks.waypoints import read_reference
 
@@ -117,7 +116,7 @@ def _reset_near(
     box = np.array(start_range.position, np.float32)
 
     def reset(parameters: Parameters, key: Array) -> tuple[State, Float[Array, ""]]:
-        normal, uniform = noise.draw(key, 4, 13)
+        normal, uniform = sensors.draw_noise(key, 4, 13)
         start, draws = latest * (uniform[12] + 1.0) / 2.0, uniform[:12].reshape(4, 3)
         hover = dynamics.at_hover(reference(start) + box * draws[0], parameters)
         velocity = start_range.velocity * draws[1]
@@ -244,7 +243,7 @@ def take_off(height: float = 1.0, duration: float = 1.5) -> Task:
     """Rises from the ground, motors off, to a height [m] within a duration [s], and stays there.
 
     5 s an episode. The ground stops the drone without a bounce or a tilt; near it, thrust grows
-    (`ground.near_ground`).
+    (`stepping.near_ground`).
 
     Source: authors' code, there called "not yet working properly".
     """
