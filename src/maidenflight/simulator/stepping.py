@@ -1,6 +1,7 @@
 """A step of an episode: an action lasts one control period.
 
-Within it the controller commands the motors, the physics goes on and the sensors are read.
+Within it the controller commands the motors, the physics goes on and the sensors are read. The
+ground holds a drone that stands on it, and its rotors lift more near it.
 """
 
 from typing import NamedTuple
