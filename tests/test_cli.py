@@ -378,7 +378,6 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
         "duration": 2.0,
         "randomize": "trim",
         "accept_bounds": False,
-        "firmware": "2021.10",
     }
 
     first = output.read_bytes()
@@ -391,9 +390,13 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
     assert output.read_bytes() == first
     assert "Predicted flight times, simulated" in out
     assert "of 5" in out
-    for randomization in ("posterior", "0.2", "0"):
-        assert command(arguments, f"--overwrite --randomize {randomization}")[0] == 0
+    published = Path(__file__).parents[1] / "paper" / "gronauer_2021.toml"
+    for others in ("posterior", "0.2", f"0 --conditions {published}"):
+        assert command(arguments, f"--overwrite --randomize {others}")[0] == 0
         assert output.read_bytes() != first
+    made = json.loads(output.read_text().splitlines()[1].removeprefix("# record: "))
+    assert made["settings"]["conditions"].endswith(published.name)
+    assert made["inputs"][1].startswith(f"{published.name} ")
 
 
 @pytest.mark.usefixtures("without_optimizations_once")

@@ -1,5 +1,5 @@
 """One process of several that train together; `python one_of_many.py PROCESSES NUMBER PORT
-FOLDER_OF_CHECKPOINTS FOLDER_OF_POLICIES`. `test_train` trains alone by the same program."""
+FOLDER_OF_CHECKPOINTS FOLDER_OF_POLICIES METHOD`. `test_train` trains alone by the same program."""
 
 import sys
 from pathlib import Path
@@ -33,6 +33,7 @@ ODD = PPO(
     actor_minibatches=1,
     critic_minibatches=1,
 )
+METHODS = {type(settings).__name__: settings for settings in (TINY, ODD)}
 
 
 def learn(settings: Settings, checkpoint: Path) -> tuple[Policy, ...]:
@@ -49,9 +50,8 @@ def save(policies: tuple[Policy, ...], file: Path) -> None:
 
 if __name__ == "__main__":
     count, number, port = map(int, sys.argv[1:4])
-    saved, folder = map(Path, sys.argv[4:])
+    saved, folder = map(Path, sys.argv[4:6])
+    method = sys.argv[6]
     jax.distributed.initialize(f"localhost:{port}", count, number)
     assert len(jax.devices()) == count
-    for settings in (TINY, ODD):
-        name = type(settings).__name__
-        save(learn(settings, saved / f"{name}_{count}.npz"), folder / f"{name}.npz")
+    save(learn(METHODS[method], saved / f"{count}.npz"), folder / "policies.npz")
