@@ -107,7 +107,9 @@ def test_files_and_functions_are_short_and_take_few_arguments():
 
 
 PARTS = [
-    "drone_file methods behaviour path_flights",
+    "uncertainty unknowns",
+    "posterior",
+    "drone_file evidence methods behaviour path_flights",
     "identity",
     "signals",
     "search",
@@ -271,15 +273,15 @@ if str(BENCHMARKS) not in sys.path:
 parts: Any = importlib.import_module("parts")
 
 MOST = {
-    "closure of identify": 103,
+    "closure of identify": 104,
     "closure of train": 55,
     "closure of export": 26,
-    "log to drone.toml: stops": 665,
-    "log to drone.toml: modules": 112,
-    "log to drone.toml: names": 884,
-    "drone to policy: stops": 293,
-    "drone to policy: modules": 64,
-    "drone to policy: names": 440,
+    "log to drone.toml: stops": 679,
+    "log to drone.toml: modules": 113,
+    "log to drone.toml: names": 896,
+    "drone to policy: stops": 294,
+    "drone to policy: modules": 65,
+    "drone to policy: names": 441,
     "policy to flight: stops": 196,
     "policy to flight: modules": 43,
     "policy to flight: names": 316,
@@ -289,9 +291,9 @@ MOST = {
     "study to table: stops": 75,
     "study to table: modules": 14,
     "study to table: names": 123,
-    "constants": 690,
-    "constants without a source": 565,
-    "lines": 55_450,
+    "constants": 691,
+    "constants without a source": 564,
+    "lines": 55_970,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

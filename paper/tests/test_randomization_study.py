@@ -18,6 +18,7 @@ from maidenflight import parameters
 from maidenflight.experiments.drones import distribution_of
 from maidenflight.experiments.flight_times import predict_flight_times
 from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
+from maidenflight.identification.posterior import Posterior
 from maidenflight.policy import untrained_policy
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.physics import dynamics
@@ -116,7 +117,7 @@ def identified(folder: Path) -> Path:
     return DroneFile(
         parameters.crazyflie(),
         estimates,
-        samples,
+        Posterior(samples),
         Source(3, 90.0, False, "zero-order-hold", 60000.0),
         Search("likelihood", -15.0, 80, 3),
     ).write(folder / "drone.toml")
