@@ -15,6 +15,7 @@ import polars
 import pytest
 
 from maidenflight import parameters
+from maidenflight.experiments.conditions import CURRENT
 from maidenflight.experiments.drones import distribution_of
 from maidenflight.experiments.flight_times import predict_flight_times
 from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
@@ -231,8 +232,7 @@ def test_what_cannot_be_done_is_told_before_training(
 
 @pytest.mark.slow
 def test_policies_fly_under_the_structure_that_is_asked_for() -> None:
-    """One that turns the motors off: the drone falls 0.25 m within half a second; with none named
-    it flies as the authors' did."""
+    """One that turns the motors off: the drone falls 0.25 m within half a second."""
     hover = 2 * float(dynamics.hover_command(parameters.crazyflie())) - 1
     spec = PolicySpec(hidden=(8,))
     made = jax.tree.map(jnp.zeros_like, untrained_policy(jax.random.key(0), spec=spec))
@@ -243,19 +243,20 @@ def test_policies_fly_under_the_structure_that_is_asked_for() -> None:
     def off(memory: None, *_: Any) -> tuple[None, jax.Array]:
         return memory, jnp.zeros(4)
 
-    few = {"trials": 2, "duration": 1.0, "farthest": 0.25}
+    near = CURRENT._replace(guard=CURRENT.guard._replace(position_error=0.25))
     structures = {
-        "default": None,
-        "current": control.controller_for,
-        "off": lambda interface: control.controller_for(interface)._replace(command=off),
+        "default": near,
+        "current": near._replace(controller_for=control.controller_for),
+        "off": near._replace(
+            controller_for=lambda one: control.controller_for(one)._replace(command=off)
+        ),
     }
     flown = {
         name: predict_flight_times(
-            [hovering],
-            parameters.crazyflie(),
-            jax.random.key(0),
-            **few,
-            **({"controller_for": one} if one else {}),
+            *([hovering], parameters.crazyflie(), jax.random.key(0)),
+            trials=2,
+            duration=1.0,
+            conditions=one,
         )
         for name, one in structures.items()
     }
