@@ -261,6 +261,6 @@ def test_policies_fly_under_the_structure_that_is_asked_for() -> None:
         for name, one in structures.items()
     }
     assert flown["default"].equals(flown["current"])
-    assert (flown["default"]["duration"] > 0.5).all()
+    assert (flown["default"]["duration"] > 0.45).all()
     assert flown["off"]["duration"].is_between(0.2, 0.45).all()
     assert flown["off"]["end_reason"].to_list() == ["position error"] * 2
