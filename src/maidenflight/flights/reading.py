@@ -19,7 +19,7 @@ from maidenflight.errors import InputError, first_few
 from maidenflight.flights import compensation, formats, log, not_logs
 from maidenflight.flights.checked_log import check_log, cut
 from maidenflight.flights.checkup import one_drone
-from maidenflight.flights.checkup.result import CheckResult
+from maidenflight.flights.checkup.result import CheckResult, LogWarning, warnings_of
 from maidenflight.flights.log import ZERO_ORDER_HOLD, Flight
 from maidenflight.flights.sampling import sampled
 from maidenflight.flights.tables import Table
@@ -49,6 +49,8 @@ class Flights:
     """Files of the folder that could not be used, each with its reason."""
     checks: Mapping[str, tuple[CheckResult, ...]] = field(default_factory=dict)
     """The check-up of each log, by its name."""
+    warnings: tuple[LogWarning, ...] = ()
+    """What makes them doubtful, the surest first."""
 
     def __repr__(self) -> str:
         periods = sorted({flight.period for flight in self.flights}, reverse=True)
@@ -153,10 +155,11 @@ def read_flights(
     }
     selection = Flights(
         tuple(flights),
-        (*one_drone.compare_loads(loads), *reading.others, *reading.notes),
+        (*reading.others, *reading.notes),
         tuple(reading.paths),
         tuple(reading.refused),
         reading.checks,
+        (*warnings_of(reading.checks), *one_drone.compare_loads(loads)),
     )
     if duration <= most:
         return selection
@@ -272,13 +275,13 @@ def _of_file(file: Path, alone: bool, reading: _ReadLog, options: _ReadOptions) 
     log = check_log(logs, options.ignore)
     reading.checks.update(log.checks)
     if log.faults and options.faulty != names.FAULTY_LOGS[2]:
-        raise _FaultError(" ".join(log.faults))
+        raise _FaultError(" ".join(map(str, log.faults)))
     first = one_drone.find_copy(log.keys, reading.keys) if len(log.keys) else None
     if first is not None:
         reading.notes.append(f"{log.name}: holds the same flight as {first}; used once")
         return
     reading.keys[log.name] = log.keys
-    reading.notes.extend([*log.notes, *log.faults])
+    reading.notes.extend(log.notes)
     reading.paths.append(file)
     if log.parts == 1:
         yield from (log.without_wrong_speeds(piece) for piece in log.pieces)

@@ -131,6 +131,7 @@ class Identify(Verb):
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Identifies; writes the drone, every evaluation and a picture."""
+        from maidenflight.flights.checkup.result import warning_lines
         from maidenflight.identification.outcome.progress import Overall
         from maidenflight.identification.outcome.progress import Progress as Stage
         from maidenflight.identification.start import note_mass, note_start_at_bounds
@@ -165,7 +166,9 @@ class Identify(Verb):
             *logs_output.note_thrust(flights, self.start, start),
             *note_start_at_bounds(self.first, identification.estimates),
         ]
-        identification = dataclasses.replace(identification, notes=(*identification.notes, *notes))
+        identification = dataclasses.replace(
+            identification, notes=(*identification.notes, *notes), warnings=flights.warnings
+        )
         identification.write(output, record)
         _, evaluations, picture = self.places(output)
         run_folder.EVALUATIONS.write(evaluations, identification.search)
@@ -191,7 +194,7 @@ class Identify(Verb):
                 }
                 for name, one in identification.estimates.items()
             ],
-            notes=identification.notes,
+            notes=(*warning_lines(flights.warnings), *identification.notes),
             next=("validate", output, "OTHER_LOGS"),
             next_remark="flights that it was not identified from",
             value=identification,

@@ -321,6 +321,7 @@ class Train(Verb):
             record["settings"]["extended_from"] = list(stages[:-1])
         record["cores"] = cores.count_devices()
         record["drone"] = identity.identity_of(self.drone_file)
+        record |= {"doubts": found} if (found := drones.doubts(self.drone_file)) else {}
         written = folder.write_policies(
             output, policies, record, self.drone_file.parameters, scores.table
         )

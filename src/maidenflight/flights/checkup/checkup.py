@@ -8,6 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from maidenflight.flights.checkup.columns import check_columns
+from maidenflight.flights.checkup.evidence import FLIGHT, check_flight
 from maidenflight.flights.checkup.gravity import check_accelerometer
 from maidenflight.flights.checkup.kinematics import check_state
 from maidenflight.flights.checkup.motors import check_motors
@@ -17,7 +19,7 @@ from maidenflight.flights.checkup.result import FAILS, PASSES, WARNS, CheckResul
 from maidenflight.flights.checkup.rotor_speeds import check_rotor_speeds
 from maidenflight.flights.log import Flight
 
-_OF_FORCE = ("thrust curve", "thrust to weight", ONE_DRONE)
+_OF_FORCE = (FLIGHT, "thrust curve", "thrust to weight", ONE_DRONE)
 FEWEST_ROWS = 100
 """Rows of a log below which nothing is concluded."""
 
@@ -33,6 +35,9 @@ def check_up(pieces: Sequence[Flight]) -> tuple[CheckResult, ...]:
     """
     if sum(map(len, pieces)) < FEWEST_ROWS:
         return ()
+    columns, flight = check_columns(pieces), check_flight(pieces)
+    if flight.verdict == FAILS:
+        return *columns, flight
     force = check_accelerometer(pieces)
     state = check_state(pieces) if pieces[0].has_state else []
     verdicts = {one.name: one.verdict for one in state}
@@ -41,10 +46,11 @@ def check_up(pieces: Sequence[Flight]) -> tuple[CheckResult, ...]:
     aside = float(np.sqrt(np.mean(np.nan_to_num(np.sin(yaw)) ** 2)))
     yaw_is_right = aside > ASIDE and verdicts.get("body_rate") == verdicts.get("tilt") == PASSES
     results = (*check_motors(pieces, yaw_is_right), check_load(pieces))
+    results = (flight, *results)
     if any(one.verdict in (FAILS, WARNS) for one in force):
         # What follows from the force would repeat its fault.
         mend = "the accelerometer has to be mended first"
         results = tuple(
             unknown(one.name, mend) if one.name in _OF_FORCE else one for one in results
         )
-    return *state, *force, *results, *check_rotor_speeds(pieces)
+    return *columns, *state, *force, *results, *check_rotor_speeds(pieces)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from maidenflight.flights.checkup.evidence import belongs, load_factor
 from maidenflight.flights.checkup.response import (
     DELAYS_S,
     FORCE,
@@ -42,7 +43,7 @@ of long flights: 0.9 to 1.95 in 96 logs; with the commands of another time of th
 CLEARLY = {QUICK: 1.0, SLOW: 1.4}
 """Those from which another order of the motors is named; in slow motion chance reaches 0.95."""
 FEWEST, MANY = 3.5, 12.0
-"""Segments of flight from which that is judged, and from which a log is refused for it."""
+"""Segments of flight from which that is judged, and from which it is long."""
 BETTER = 0.06
 """By which another order must correlate better to be named; the next best one of sound logs is
 worse by 0.18 and more."""
@@ -90,15 +91,15 @@ def check_motors(pieces: Sequence[Flight], yaw_is_right: bool = False) -> list[C
         return [unknown("motors drive", "no piece lasts 0.6 s")]
     answer = responses(motion)
     fits = best_fits(answer)
-    drive = _check_drive(fits, answer.segments)
+    drive = _check_drive(fits, answer.segments, pieces)
     if drive.verdict != PASSES and (slow := spectra(pieces, SLOW)) is not None:
         # A very smooth flight may be all below the usual band.
         slow_answer = responses(slow)
         slowly = best_fits(slow_answer)
         if max(fit.score for fit in slowly.values()) > CLEARLY[SLOW]:
             motion, answer, fits = slow, slow_answer, slowly
-            drive = _check_drive(fits, answer.segments)
-    if drive.verdict in (FAILS, WARNS):
+            drive = _check_drive(fits, answer.segments, pieces)
+    if drive.verdict == FAILS:
         return [drive, _check_thrust(pieces)]
     order = _check_order(fits, motion, answer.segments)
     results = [drive, order]
@@ -135,7 +136,9 @@ def _place_of_largest(scores: Float[np.ndarray, "T D"]) -> tuple[int, int]:
     return int(lag), int(delay)
 
 
-def _check_drive(fits: dict[tuple[int, ...], Fit], segments: float) -> CheckResult:
+def _check_drive(
+    fits: dict[tuple[int, ...], Fit], segments: float, pieces: Sequence[Flight]
+) -> CheckResult:
     name = "motors drive"
     best = max(fit.score for fit in fits.values())
     text = f"roll and pitch follow the motors' torques with correlations of {best / 2:.2f}"
@@ -145,13 +148,16 @@ def _check_drive(fits: dict[tuple[int, ...], Fit], segments: float) -> CheckResu
     threshold = f"{least / 2:.2f} or more"
     if best >= least:
         return CheckResult(name, PASSES, text, best / 2, threshold)
-    sentence = (
-        f"commands do not drive the motion: {text}, in any order of the motors; expected "
-        f"{threshold}. They are of another flight or clock, the drone is held, or something else "
-        "than the motors was logged. Leave it out."
+    belong, coherence = belongs(pieces)
+    if belong is not False:
+        reason = "a calm flight, wind or rare rows hide how they drive it"
+        return unknown(name, f"{text}; {coherence}: {reason}" if belong else text, best / 2)
+    cause = (
+        f"commands have nothing to do with the motion: {text}, in any order of the motors, and "
+        f"neither answers the other ({coherence}). They are of another flight or clock, or "
+        "something else than the motors was logged."
     )
-    verdict = FAILS if segments >= MANY else WARNS
-    return CheckResult(name, verdict, sentence, best / 2, threshold)
+    return CheckResult(name, FAILS, cause, best / 2, threshold, "Leave it out.")
 
 
 def _check_order(fits: dict[tuple[int, ...], Fit], motion: Spectra, segments: float) -> CheckResult:
@@ -243,11 +249,14 @@ def _check_yaw(motion: Spectra, logged: Fit, yaw_is_right: bool) -> CheckResult:
             cause += "or yaw and body_rate_z have the opposite sign: look at your drone"
         sentence = (
             f"yaw answers its command the wrong way round (correlation -{against:.2f}): {cause}. "
-            "With props out begin with --start mine.toml, a drone of rotor_direction = "
-            "[1, -1, 1, -1] (maidenflight drone NAME prints one): with the usual directions "
-            "torque_to_thrust is worth nothing, and a policy turns yaw the wrong way round."
+            "With the usual directions torque_to_thrust is worth nothing, and a policy turns yaw "
+            "the wrong way round."
         )
-        return CheckResult(name, WARNS, sentence, -against, threshold)
+        remedy = (
+            "With props out begin with --start mine.toml, a drone of rotor_direction = "
+            "[1, -1, 1, -1] (maidenflight drone NAME prints one)."
+        )
+        return CheckResult(name, WARNS, sentence, -against, threshold, remedy)
     if along > YAW and along > YAW_DOMINATES * against:
         return CheckResult(name, PASSES, "yaw follows its command", along, threshold)
     return unknown(name, "yaw follows its command too little to show its sign", along)
@@ -267,16 +276,17 @@ def _check_delay(logged: Fit, answer: Responses) -> CheckResult:
     if force_is_clear and difference > LATE_GYRO_S:
         sentence = (
             f"{text}, the accelerometer {1e3 * difference:.0f} ms before the gyro: body rates are "
-            f"late by about {1e3 * difference:.0f} ms. Shift them, or log them with less filtering."
+            f"late by about {1e3 * difference:.0f} ms."
         )
-        return CheckResult(name, FAILS, sentence, late, threshold)
+        remedy = "Shift them, or log them with less filtering."
+        return CheckResult(name, FAILS, sentence, late, threshold, remedy)
     if EARLIEST_S < logged.delay < LATEST_S:
         return CheckResult(name, PASSES, text, late, threshold)
     off = 1e3 * (logged.delay - USUAL_S)
     side = "early" if off > 0 else "late"
     sentence = (
         f"commands are {side} by about {abs(off):.0f} ms: {text}; expected {threshold}. They have "
-        "another clock than gyro and accelerometer, or a long way to the motors: shift them."
+        "another clock than gyro and accelerometer, or a long way to the motors."
     )
     # The force follows the same commands: it has to be off on the same side.
     felt = float(DELAYS_S[delay])
@@ -284,7 +294,8 @@ def _check_delay(logged: Fit, answer: Responses) -> CheckResult:
     if alone:
         return unknown(name, f"{text}, but the force along z by {1e3 * felt:.0f} ms", late)
     possible = EARLIEST_S < logged.delay < LONGEST_S
-    return CheckResult(name, WARNS if possible else FAILS, sentence, late, threshold)
+    verdict = WARNS if possible else FAILS
+    return CheckResult(name, verdict, sentence, late, threshold, "Shift them.")
 
 
 def _check_curve(pieces: Sequence[Flight], answer: Responses, logged: Fit) -> CheckResult:
@@ -345,14 +356,3 @@ def _check_thrust(pieces: Sequence[Flight]) -> CheckResult:
         "throttle, PWM limits, or percent."
     )
     return CheckResult(name, WARNS, sentence, ratio, threshold)
-
-
-def load_factor(piece: Flight) -> Float[np.ndarray, "N"] | None:
-    """Measures specific force along z in g, by accelerometer or by velocity and tilt."""
-    if piece.accelerometer is not None:
-        return piece.accelerometer[:, 2].astype(float) / GRAVITY
-    if not piece.has_state or len(piece) < 3:
-        return None
-    level = np.cos(piece.attitude[:, 0].astype(float)) * np.cos(piece.attitude[:, 1].astype(float))
-    climb = np.gradient(piece.velocity[:, 2].astype(float), piece.period)
-    return (1 + climb / GRAVITY) / np.maximum(level, 0.3)
