@@ -67,7 +67,6 @@ def driven(rows=900, seed=0):
     return replace(
         flight,
         command=np.clip(0.6 + torque @ signs / 4 + noise, 0, 1).astype(np.float32),
-        battery=(3.7 - 1e-5 * np.arange(rows)).astype(np.float32),
         zero_order_hold=False,
     )
 

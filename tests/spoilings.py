@@ -160,8 +160,7 @@ _CURVE = frozenset({"thrust curve", "thrust to weight"})
 _SCALE, _SPEEDS = frozenset({"thrust to weight"}), frozenset({"rotor speeds"})
 _TILT, _MOVE = frozenset({"tilt", "body_rate"}), frozenset({"velocity"})
 _DRIVE = frozenset({"motors drive"})
-_FRAME, _COLUMNS = frozenset({"velocity", "velocity frame"}), frozenset({"columns"})
-_BATTERY = frozenset({"battery"})
+_FRAME, _COLUMNS = frozenset({"velocity frame"}), frozenset({"columns"})
 
 SPOILINGS: Mapping[str, Spoiling] = {
     **{
@@ -232,9 +231,6 @@ SPOILINGS: Mapping[str, Spoiling] = {
     "gyro frozen for a third": Spoiling(_freeze, _COLUMNS),
     "on a bench without propellers": Spoiling(
         _bench, frozenset({"flight", "motors drive"}), "accelerometer"
-    ),
-    "a voltage that never changes": Spoiling(
-        lambda flight: replace(flight, battery=np.full(len(flight), 3.7, F)), _BATTERY
     ),
     "sqrt(u) for u": Spoiling(
         partial(_command, lambda u: np.sqrt(np.maximum(u, 0))), _CURVE, "accelerometer"

@@ -19,6 +19,7 @@ from maidenflight.errors import InputError, first_few
 from maidenflight.flights import compensation, formats, log, not_logs
 from maidenflight.flights.checked_log import check_log, cut
 from maidenflight.flights.checkup import one_drone
+from maidenflight.flights.checkup.columns import check_battery
 from maidenflight.flights.checkup.result import CheckResult, LogWarning, warnings_of
 from maidenflight.flights.log import ZERO_ORDER_HOLD, Flight
 from maidenflight.flights.sampling import sampled
@@ -153,13 +154,15 @@ def read_flights(
         for one in results
         if one.name == "thrust to weight" and one.statistic is not None
     }
+    if dead := check_battery(flights):
+        flights = [replace(one, battery=np.full_like(one.battery, np.nan)) for one in flights]
     selection = Flights(
         tuple(flights),
         (*reading.others, *reading.notes),
         tuple(reading.paths),
         tuple(reading.refused),
         reading.checks,
-        (*warnings_of(reading.checks), *one_drone.compare_loads(loads)),
+        (*warnings_of(reading.checks), *one_drone.compare_loads(loads), *dead),
     )
     if duration <= most:
         return selection

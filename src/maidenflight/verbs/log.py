@@ -145,10 +145,10 @@ def _tabulate_checks(flights: "Flights") -> list[Table | str]:
 
 def _describe_unused(logs: list[Row], notes: Sequence[str]) -> list[str]:
     """Returns which signals no log gives, each with the note that says why, if one does."""
-    held = {name for one in logs for name in one["signals"]}
+    signals = {name for one in logs for name in one["signals"]}
     reasons = []
     for signal in (*_STATE, "accelerometer", "rotor_speed", "battery"):
-        if signal in held:
+        if signal in signals:
             continue
         words = signal.replace("_", " ")
         note = next((one for one in notes if words in one.partition(": ")[2]), "")

@@ -117,11 +117,6 @@ SWAP, LEFT, DOWN = ([[0, 1, 0], [1, 0, 0], [0, 0, 1]], [[0, 1, 0], [-1, 0, 0], [
 SPOILINGS: Mapping[str, tuple[Callable[[Flight], Flight], str, str]] = {
     "one motor twice": (partial(ordered, (0, 1, 2, 1)), "columns", "command_2 and command_4"),
     "gyro frozen": (frozen, "columns", "body_rate_x stands still for 4"),
-    "a dead voltage": (
-        lambda flight: replace(flight, battery=np.full(len(flight), 3.7, FLOAT), simulated=""),
-        "battery",
-        "reads 3.70 V in every row",
-    ),
     "a bench": (on_a_bench, "flight", "This is no flight"),
     "velocity of the body": (
         lambda flight: body_velocity(facing_aside(flight)),
@@ -323,6 +318,15 @@ def test_logs_of_other_loads_are_told_apart() -> None:
     assert one_drone.compare_loads({"a": 2.42, "b": 2.40, "c": 2.45}) == []
     (said,) = one_drone.compare_loads({"a": 2.42, "b": 2.07, "c": 2.43})
     assert "2.07 times the weight in b, and 2.42 times in a, c" in said.cause
+
+
+def test_a_voltage_that_never_changes_is_not_believed(tmp_path) -> None:
+    for number in range(7):
+        log.write(tmp_path / f"{number}.csv", driven(900, number))
+    assert [one.kind for one in read_flights(tmp_path / "0.csv").warnings] == []
+    logs = read_flights(tmp_path)
+    assert [one.kind for one in logs.warnings] == ["battery"]
+    assert not any(np.isfinite(one.battery).any() for one in logs)
 
 
 def test_a_folder_with_a_faulty_log_is_refused_unless_told(tmp_path) -> None:

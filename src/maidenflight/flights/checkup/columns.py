@@ -9,28 +9,27 @@ from itertools import combinations
 
 import numpy as np
 
-from maidenflight.flights.checkup.result import FAILS, PASSES, WARNS, CheckResult
+from maidenflight.flights.checkup.result import FAILS, PASSES, WARNS, CheckResult, LogWarning
 from maidenflight.flights.log import GROUPS, OPTIONAL, Flight
 
-NAME = "columns"
+NAME, BATTERY = "columns", "battery"
 _ALIKE = 0.95
 """Share of rows in which two motors must be equal to be one motor logged twice."""
 _LONGEST_S = {"body_rates": 0.3, "accelerometer": 0.3, "attitude": 1.0, "velocity": 1.0}
 """Times for which a column may stand still [s]; an estimate of position does for 0.6 s."""
 _WORST = 0.02
 """Share of the rows from which a log is refused for a column that stands still."""
-_BATTERY_S = 10.0
+_BATTERY_S = 60.0
 """Flight in which any battery's voltage changes [s]."""
 
 
 def check_columns(pieces: Sequence[Flight]) -> list[CheckResult]:
     """Checks the columns of pieces of one flight, each by itself."""
     seconds = sum(piece.duration for piece in pieces)
-    for found in (_find_equal(pieces), _find_frozen(pieces, seconds)):
-        if found is not None:
-            return [found, *_check_battery(pieces, seconds)]
-    same = CheckResult(NAME, PASSES, "no two motors are alike, and no sensor stands still")
-    return [same, *_check_battery(pieces, seconds)]
+    for fault in (_find_equal(pieces), _find_frozen(pieces, seconds)):
+        if fault is not None:
+            return [fault]
+    return [CheckResult(NAME, PASSES, "no two motors are alike, and no sensor stands still")]
 
 
 def _find_equal(pieces: Sequence[Flight]) -> CheckResult | None:
@@ -80,14 +79,16 @@ def _runs(values: np.ndarray) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), (edges[1::2] - edges[::2]).tolist(), strict=True))
 
 
-def _check_battery(pieces: Sequence[Flight], seconds: float) -> list[CheckResult]:
-    volts = np.concatenate([piece.battery for piece in pieces])
-    volts = volts[np.isfinite(volts)]
-    if not len(volts) or seconds < _BATTERY_S or pieces[0].simulated or np.ptp(volts) > 0:
+def check_battery(flights: Sequence[Flight]) -> list[LogWarning]:
+    """Checks that the voltage changes over flights of one drone, however many."""
+    seconds = sum(flight.duration for flight in flights)
+    volts = np.concatenate([flight.battery for flight in flights])
+    is_simulated = any(flight.simulated for flight in flights)
+    if seconds < _BATTERY_S or is_simulated or not np.isfinite(volts).all() or np.ptp(volts) > 0:
         return []
     cause = (
-        f"the battery reads {volts[0]:.2f} V in every row of {seconds:.0f} s, which no battery in "
-        "flight does: it was not measured, and a thrust that falls with it counts as the drone's."
+        f"the battery reads {volts[0]:.2f} V in every row of {seconds:.0f} s of flight, which none "
+        "does: it was not measured, and is passed over. A thrust that falls with it counts as the "
+        "drone's."
     )
-    remedy = "Log the voltage while it flies."
-    return [CheckResult("battery", WARNS, cause, 0.0, "a change", remedy)]
+    return [LogWarning(BATTERY, "", cause, "Log the voltage while it flies.", 0.0, "a change")]
