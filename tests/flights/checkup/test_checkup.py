@@ -95,7 +95,7 @@ def on_a_bench(flight: Flight) -> Flight:
     return replace(
         flight,
         command=(flight.command * throttle).astype(FLOAT),
-        accelerometer=(noise + [0, 0, 9.81]).astype(FLOAT),
+        accelerometer=(noise + np.array([0, 0, 9.81])).astype(FLOAT),
     )
 
 

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from maidenflight.flights.checkup.relations import block_mean
 from maidenflight.flights.checkup.response import QUICK, transforms
@@ -92,13 +93,14 @@ def belongs(pieces: Sequence[Flight]) -> tuple[bool | None, str]:
 
 def check_flight(pieces: Sequence[Flight]) -> CheckResult:
     """Checks that the specific force changes as the throttle does."""
-    changes = [_changes(piece) for piece in pieces]
-    throttle, force = (np.concatenate(side) for side in zip(*changes, strict=True))
-    if len(throttle) < _BLOCKS:
+    loads = [(piece, load) for piece in pieces if (load := load_factor(piece)) is not None]
+    each = [
+        changes(piece.mean_command.mean(axis=1, dtype=np.float64), load, piece.period)
+        for piece, load in loads
+    ]
+    if sum(len(throttle) for throttle, _ in each) < _BLOCKS:
         return unknown(FLIGHT, "too short, or no sensor shows how hard the motors push")
-    power = max(float(throttle @ throttle), 1e-12)
-    share = float(throttle @ force) / power
-    error = float(np.sqrt(np.sum((force - share * throttle) ** 2) / (len(force) - 1) / power))
+    share, error = elasticity(each)
     text = f"1 % more throttle changes the specific force by {share:.2f} % +- {error:.2f} %"
     threshold = f"{_FOLLOWS:g} % or more"
     if abs(share) + 3 * error > _FOLLOWS:
@@ -115,21 +117,31 @@ def check_flight(pieces: Sequence[Flight]) -> CheckResult:
     return CheckResult(FLIGHT, FAILS, cause, share, threshold, "Leave it out.")
 
 
-def _changes(piece: Flight) -> tuple[np.ndarray, np.ndarray]:
-    """Returns changes of throttle and force from block to block, as shares of their means."""
-    load = load_factor(piece)
-    if load is None:
-        return np.zeros(0), np.zeros(0)
-    rows = max(1, round(_BLOCK_S / piece.period))
-    throttle = piece.mean_command.mean(axis=1, dtype=np.float64)
-    signals = np.stack([throttle, load], axis=1)
+Changes = tuple[Float[np.ndarray, "B"], Float[np.ndarray, "B"]]
+"""Of throttle and of force, from block to block, as shares of their means."""
+
+
+def elasticity(each: Sequence[Changes]) -> tuple[float, float]:
+    """Measures by which share force changes with throttle, and its standard error."""
+    throttle, force = (np.concatenate(side) for side in zip(*each, strict=True))
+    power = max(float(throttle @ throttle), 1e-12)
+    share = float(throttle @ force) / power
+    left = force - share * throttle
+    return share, float(np.sqrt(left @ left / max(len(force) - 1, 1) / power))
+
+
+def changes(
+    throttle: Float[np.ndarray, "N"], force: Float[np.ndarray, "N"], period: float
+) -> Changes:
+    """Returns changes of throttle and force between blocks of rows."""
+    signals = np.stack([throttle, force], axis=1).astype(float)
     means = np.abs(np.nanmean(signals, axis=0))
-    blocks = block_mean(signals / np.maximum(means, 1e-6), rows)
+    blocks = block_mean(signals / np.maximum(means, 1e-6), max(1, round(_BLOCK_S / period)))
     change = np.diff(blocks[np.isfinite(blocks).all(axis=1)], axis=0)
     return change[:, 0], change[:, 1]
 
 
-def load_factor(piece: Flight) -> np.ndarray | None:
+def load_factor(piece: Flight) -> Float[np.ndarray, "N"] | None:
     """Measures specific force along z in g, by accelerometer or by velocity and tilt."""
     if piece.accelerometer is not None:
         return piece.accelerometer[:, 2].astype(float) / GRAVITY
