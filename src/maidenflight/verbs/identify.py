@@ -163,7 +163,7 @@ class Identify(Verb):
         start = float(self.first.parameters.thrust_to_weight)
         notes = [
             *note_mass(self.start, self.mass, flights),
-            *logs_output.note_thrust(flights, self.start, start),
+            *logs_output.note_thrust(flights, Path(self.start).name, start),
             *note_start_at_bounds(self.first, identification.estimates),
         ]
         identification = dataclasses.replace(

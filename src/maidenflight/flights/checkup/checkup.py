@@ -12,7 +12,7 @@ from maidenflight.flights.checkup.columns import check_columns
 from maidenflight.flights.checkup.evidence import FLIGHT, check_flight
 from maidenflight.flights.checkup.gravity import check_accelerometer
 from maidenflight.flights.checkup.kinematics import check_state
-from maidenflight.flights.checkup.motors import check_motors
+from maidenflight.flights.checkup.motors import ORDER, check_motors
 from maidenflight.flights.checkup.one_drone import NAME as ONE_DRONE
 from maidenflight.flights.checkup.one_drone import check_load
 from maidenflight.flights.checkup.result import FAILS, PASSES, WARNS, CheckResult, unknown
@@ -20,6 +20,7 @@ from maidenflight.flights.checkup.rotor_speeds import check_rotor_speeds
 from maidenflight.flights.log import Flight
 
 _OF_FORCE = (FLIGHT, "thrust curve", "thrust to weight", ONE_DRONE)
+_OF_AXES = ("body_rate", "accelerometer")
 FEWEST_ROWS = 100
 """Rows of a log below which nothing is concluded."""
 
@@ -47,6 +48,14 @@ def check_up(pieces: Sequence[Flight]) -> tuple[CheckResult, ...]:
     yaw_is_right = aside > ASIDE and verdicts.get("body_rate") == verdicts.get("tilt") == PASSES
     results = (*check_motors(pieces, yaw_is_right), check_load(pieces))
     results = (flight, *results)
+    if wrong := [one.name for one in (*state, *force) if one.name in _OF_AXES if one.is_failure]:
+        # Turned axes of the sensors turn the order of the motors too.
+        results = tuple(
+            unknown(one.name, f"{wrong[0]} has to be mended first")
+            if one.name == ORDER and one.is_failure
+            else one
+            for one in results
+        )
     if any(one.verdict in (FAILS, WARNS) for one in force):
         # What follows from the force would repeat its fault.
         mend = "the accelerometer has to be mended first"

@@ -25,17 +25,19 @@ from maidenflight.simulator.physics.geometry import TORQUES
 
 FLIGHT = "flight"
 CHANCE = 4.0
-"""Standard deviations of chance below which commands and motion are not coherent."""
+"""Standard deviations of chance below which commands and motion are not coherent; measured, sound
+logs have 17 and more (benchmarks/checkup.py)."""
 LEAST_COHERENCE = 0.25
-"""Least coherence of a sound log, 0.34 of 142: what chance may reach for a test to tell."""
+"""What chance may reach for a test to tell; measured, 0.27 and more in sound logs."""
 _FEWEST = 8
-"""Segments from which chance is known."""
+"""Segments from which chance is known; chosen."""
 _SHIFTS = 40
-"""Other times that are tried, at most."""
+"""Other times that are tried, at most; chosen for speed."""
 _BLOCK_S, _BLOCKS = 0.5, 8
-"""Time over which force and throttle are averaged [s], and changes between blocks that tell."""
+"""Time over which force and throttle are averaged [s], and changes that tell; chosen."""
 _FOLLOWS = 0.15
-"""Change of force by that of throttle, both as shares, that a drone in flight has at least."""
+"""Change of force by that of throttle, as shares, that flights exceed with 3 errors; measured,
+0.33 and more in sound logs."""
 
 
 class Coherence(NamedTuple):

@@ -28,6 +28,7 @@ from maidenflight.flights.checkup.result import FAILS, PASSES, WARNS, CheckResul
 from maidenflight.flights.log import GRAVITY, Flight
 from maidenflight.simulator.physics.geometry import TORQUES
 
+ORDER = "motor order"
 ORDERS = tuple(permutations(range(4)))
 """Orders of the motors; the first is the one of our format."""
 EARLIEST_S, LATEST_S = -0.015, 0.045
@@ -51,7 +52,7 @@ YAW, YAW_DOMINATES = 0.2, 1.5
 """Correlation of yaw with its command that shows its sign, and its ratio to the opposite one's."""
 _YAW_LEADS_S = (0.0, 0.02, 0.05, 0.1, 0.3)
 """How much the rotors' inertia lets yaw lead the drag of the blades [s]."""
-CURVE = (0.58, 1.35)
+CURVE_NAME, CURVE = "thrust curve", (0.58, 1.35)
 """Change of thrust by that of command, both as shares, that a thrust command may have: 0.63 to 1.18
 in 22 logs. Of sqrt(u) it is twice, of u squared half as much."""
 CABLE_S = 0.055
@@ -110,7 +111,7 @@ def check_motors(pieces: Sequence[Flight], yaw_is_right: bool = False) -> list[C
         results += [_check_delay(logged, answer), _check_yaw(motion, logged, yaw_is_right)]
         if pieces[0].accelerometer is not None:
             results.append(_check_curve(pieces, answer, logged))
-    return [*results, _check_thrust(pieces)]
+    return [*results, _check_thrust(pieces, results[-1])]
 
 
 def best_fits(answer: Responses) -> dict[tuple[int, ...], Fit]:
@@ -161,7 +162,7 @@ def _check_drive(
 
 
 def _check_order(fits: dict[tuple[int, ...], Fit], motion: Spectra, segments: float) -> CheckResult:
-    name = "motor order"
+    name = ORDER
     logged = fits[ORDERS[0]]
     best = max(fits.values(), key=lambda fit: fit.score)
     gain = max(best.score - logged.score, 0.0)
@@ -299,7 +300,7 @@ def _check_delay(logged: Fit, answer: Responses) -> CheckResult:
 
 
 def _check_curve(pieces: Sequence[Flight], answer: Responses, logged: Fit) -> CheckResult:
-    name = "thrust curve"
+    name = CURVE_NAME
     matches = answer.correlation(FORCE, np.ones(4))[:, _POSSIBLE]
     lag, delay = _place_of_largest(matches)
     match = float(matches[lag, delay])
@@ -330,7 +331,8 @@ def _check_curve(pieces: Sequence[Flight], answer: Responses, logged: Fit) -> Ch
     return CheckResult(name, WARNS, sentence, share, threshold)
 
 
-def _check_thrust(pieces: Sequence[Flight]) -> CheckResult:
+def _check_thrust(pieces: Sequence[Flight], curve: CheckResult | None = None) -> CheckResult:
+    """Checks full thrust by weight; a thrust curve that was measured tells the likelier cause."""
     name = "thrust to weight"
     loads, commands = [], []
     for piece in pieces:
@@ -351,8 +353,18 @@ def _check_thrust(pieces: Sequence[Flight]) -> CheckResult:
     text = f"hovering takes u = {1 / ratio:.2f}: full thrust is {ratio:.2f} times the weight"
     if low < ratio < high:
         return CheckResult(name, PASSES, f"{text}; compare that with yours", ratio, threshold)
-    sentence = (
-        f"{text}; expected {threshold} times. The scale of the commands looks wrong: another full "
-        "throttle, PWM limits, or percent."
+    by_root = float(load[is_finite].mean() / np.sqrt(command[is_finite]).mean())
+    scale = "The scale of the commands looks wrong: another full throttle, PWM limits, or percent."
+    measured = curve.statistic if curve is not None and curve.name == CURVE_NAME else None
+    if ratio > high > by_root and (measured is None or measured < np.sqrt(0.5)):
+        # Of no curve, thrust in proportion to the throttle is likelier than a wrong scale.
+        scale = (
+            "u was taken as the square of the throttle. If thrust follows the throttle itself, as "
+            f"through ESCs that linearise it, full thrust is {by_root:.2f} times the weight."
+        )
+    remedy = (
+        "Say which: THR_MDL_FAC of PX4 and the limits of the motors' outputs, or low, high and "
+        "thrust in a map."
     )
-    return CheckResult(name, WARNS, sentence, ratio, threshold)
+    cause = f"{text}; expected {threshold} times. {scale}"
+    return CheckResult(name, WARNS, cause, ratio, threshold, remedy)

@@ -29,6 +29,11 @@ class CheckResult:
     """How a fault is mended: sentences."""
 
     @property
+    def is_failure(self) -> bool:
+        """Whether logs are refused for it."""
+        return self.verdict == FAILS
+
+    @property
     def sentence(self) -> str:
         """Cause and remedy."""
         return f"{self.cause} {self.remedy}".rstrip()

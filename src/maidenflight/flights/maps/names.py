@@ -85,22 +85,22 @@ def read_names(columns: Iterable[str]) -> Names:
         others = groups.get((words, False), {})
         if is_turn and set(parts) == {"x", "y"} and set(others) >= {"y"} > set("x") & set(others):
             parts["z"] = others["y"]  # omega.r, omega.p, omega.y
-    found: dict[str, tuple[int, tuple[str, ...], tuple[str, ...]]] = {}
+    choices: dict[str, tuple[int, tuple[str, ...], tuple[str, ...]]] = {}
     for (words, is_turn), parts in groups.items():
         for signal, chosen in _signals(set(words), is_turn, parts):
             extra = len(words) + 2 * any(word not in _ALL for word in words)
             extra -= 2 * bool(set(words) & _SURE or len(chosen) > len(_AXES))
-            if signal not in found or extra < found[signal][0]:
-                found[signal] = extra, chosen, words
+            if signal not in choices or extra < choices[signal][0]:
+                choices[signal] = extra, chosen, words
     times = {one.words: name for name, one in reversed(parsed.items()) if set(one.words) & _CLOCK}
     alone = [name for words, name in reversed(times.items()) if set(words) <= _CLOCK | _PLAIN]
     clock = min(alone, key=lambda name: len(parsed[name].words), default="")
     own = {}
-    for signal, (_, _, words) in found.items():
+    for signal, (_, _, words) in choices.items():
         for at, name in times.items():
             if set(at) - _CLOCK and set(at) - _CLOCK == set(words) - {"m", "q"}:
                 own[signal] = name
-    return Names({signal: chosen for signal, (_, chosen, _) in found.items()}, clock, own)
+    return Names({signal: chosen for signal, (_, chosen, _) in choices.items()}, clock, own)
 
 
 def parse(name: str) -> Column:

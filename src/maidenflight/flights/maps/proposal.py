@@ -25,7 +25,8 @@ from maidenflight.flights.tables import Table
 
 _AXES = ("x", "y", "z")
 _FEWEST_SIGNALS, _FASTEST_ROTOR = 2, 6000.0
-"""Signals without which a table is taken for no flight, and speed that no rotor reaches [rad/s]."""
+"""Signals without which a table is taken for no flight, and speed that no rotor reaches [rad/s];
+chosen."""
 _COMMANDED = re.compile("pwm|cmd|command|throttle|thrust|control|output")
 """Names of motors that are commands, whatever their numbers are."""
 _RANGES = (

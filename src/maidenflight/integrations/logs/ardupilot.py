@@ -57,8 +57,8 @@ _GYRO_HZ, _ACCELEROMETER_HZ = 20.0, 20.0
 _FIRST_MOTOR = 33
 """SERVOn_FUNCTION of motor 1."""
 _OLDEST_S, _SATURATES = 0.06, 0.05
-"""Age of outputs that an IO processor reads back every 50 ms (AP_IOMCU.cpp), and share of motors at
-a limit from which a mixer saturates [s, -]."""
+"""Age of outputs that an IO processor reads back every 50 ms (source: AP_IOMCU.cpp) [s], and share
+of motors at a limit from which a mixer saturates."""
 _DIGITAL = range(4, 8)
 """MOT_PWM_TYPE of DShot, whose outputs are 1000 to 2000 whatever MOT_PWM_MIN and MAX say."""
 
@@ -158,7 +158,7 @@ def _frame(name: str, parameters: Parameters) -> tuple[Frame, list[str]]:
         raise InputError(
             f"{name}: its airframe is another (FRAME_CLASS {kind}, FRAME_TYPE {form}; -1 is not "
             "logged); expected a quadrotor in X (1 and one of "
-            f"{', '.join(map(str, _FRAMES))}), which is what maidenflight simulates."
+            f"{', '.join(map(str, _FRAMES))}), the frame that logs are read of."
         )
     frame = _FRAMES[form]
     order = ", ".join(str(number + 1) for number in frame.order)
@@ -185,11 +185,12 @@ def _motors(
     yaw = 1.0 if frame.turns_as_ours else -1.0
     torques = outputs.values[:, :3] * [1.0, 1.0, yaw] @ _MIX.T
     mixed = np.clip(outputs.values[:, 3:] + torques, 0.0, None)
-    ages = np.arange(0.0, _OLDEST_S, streams.period(outputs.time))
-    held = np.array(
-        [streams.hold_last(sent.time - age, Stream(outputs.time, mixed)) for age in ages]
-    )
-    compared = np.isfinite(held).all(axis=(0, 2)) & (sent.values > 0).all(axis=1)
+    period = streams.period(outputs.time)
+    steps = np.arange(round(_OLDEST_S / period) + 1)
+    newest = np.searchsorted(outputs.time, sent.time, "right") - 1
+    held = mixed[np.clip(newest - steps[:, None], 0, None)]
+    compared = (newest >= steps[-1]) & (sent.values > 0).all(axis=1)
+    compared &= np.isfinite(held).all(axis=(0, 2))
     logged, held = sent.values[compared], held[:, compared]
     # ArduPilot asks for more in thin air and of an empty battery, by one factor for all.
     gain = float(logged.sum() / max(float(held[0].sum()), 1e-9))
@@ -199,10 +200,11 @@ def _motors(
         oldest = np.argmin(((gain * held - logged) ** 2).sum(axis=2), axis=0)
         read_back = gain * held[oldest, np.arange(len(logged))]
         share = agreement.share_explained(logged, read_back)
-        late = f" as of {1e3 * ages[oldest].mean():.0f} ms before, by an IO processor,"
+        before = 1e3 * period * float(steps[oldest].mean())
+        late = f" as of {before:.0f} ms before, by an IO processor,"
     if share is None or share < agreement.LEAST_SHARE:
         percent = "nothing" if share is None else f"{100 * share:.3g} %"
-        limited = float(np.mean((logged >= 0.99) | (logged <= 0.01)))
+        limited = float(np.mean([logged >= 0.99, logged <= 0.01])) * 2 if logged.size else 0.0
         raise InputError(
             f"{name}: motors are logged at {sent.rate:.3g} Hz (RCOU), too rarely, and the outputs "
             f"of the control (RATE) explain {percent} of their variance, at whatever time within "
