@@ -254,6 +254,12 @@ def test_rotors_that_turn_the_other_way_are_named_where_the_state_confirms_yaw()
     assert "rotor_direction = [1, -1, 1, -1]" in found["yaw direction"].sentence
 
 
+@pytest.mark.parametrize("rows", [51, 60, 130])
+def test_short_pieces_are_checked_too(rows: int) -> None:
+    pieces = [recorded().part(start, start + rows) for start in (0, rows, 2 * rows)]
+    assert {one.verdict for one in check_up(pieces)} <= {"passes", UNKNOWN}
+
+
 def test_sensors_alone_show_gravity_and_motors() -> None:
     unknown = np.full((len(recorded()), 3), np.nan, FLOAT)
     alone = replace(recorded(), position=unknown, velocity=unknown, attitude=unknown)

@@ -137,9 +137,11 @@ def changes(
 ) -> Changes:
     """Returns changes of throttle and force between blocks of rows."""
     signals = np.stack([throttle, force], axis=1).astype(float)
-    means = np.abs(np.nanmean(signals, axis=0))
-    blocks = block_mean(signals / np.maximum(means, 1e-6), max(1, round(_BLOCK_S / period)))
-    change = np.diff(blocks[np.isfinite(blocks).all(axis=1)], axis=0)
+    blocks = block_mean(signals, max(1, round(_BLOCK_S / period)))
+    blocks = blocks[np.isfinite(blocks).all(axis=1)]
+    if len(blocks) < 2:
+        return np.zeros(0), np.zeros(0)
+    change = np.diff(blocks / np.maximum(np.abs(blocks.mean(axis=0)), 1e-6), axis=0)
     return change[:, 0], change[:, 1]
 
 
