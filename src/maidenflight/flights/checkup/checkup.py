@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from maidenflight.flights.checkup.columns import check_columns
-from maidenflight.flights.checkup.evidence import FLIGHT, check_flight
 from maidenflight.flights.checkup.gravity import check_accelerometer
+from maidenflight.flights.checkup.in_flight import FLIGHT, check_flight
 from maidenflight.flights.checkup.kinematics import check_state
 from maidenflight.flights.checkup.motors import ORDER, check_motors
 from maidenflight.flights.checkup.one_drone import NAME as ONE_DRONE

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from maidenflight.flights.checkup.evidence import belongs, load_factor
+from maidenflight.flights.checkup.in_flight import belongs, load_factor
 from maidenflight.flights.checkup.response import (
     DELAYS_S,
     FORCE,

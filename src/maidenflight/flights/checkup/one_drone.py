@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, UInt64
 
 from maidenflight.errors import first_few
-from maidenflight.flights.checkup.evidence import load_factor
+from maidenflight.flights.checkup.in_flight import load_factor
 from maidenflight.flights.checkup.relations import block_mean
 from maidenflight.flights.checkup.result import PASSES, WARNS, CheckResult, LogWarning, unknown
 from maidenflight.flights.log import Flight

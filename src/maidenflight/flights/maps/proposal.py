@@ -16,7 +16,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
 from maidenflight.errors import InputError
-from maidenflight.flights.checkup import evidence
+from maidenflight.flights.checkup import in_flight
 from maidenflight.flights.maps import column_map
 from maidenflight.flights.maps.column_map import TIME, ColumnMap, Source
 from maidenflight.flights.maps.names import Names, read_names
@@ -140,7 +140,9 @@ def _judge_law(
     Thrust in proportion to the numbers changes by 1 % with them, its square by 2 %.
     """
     throttle = ((motors - scale.low) / (scale.high - scale.low)).mean(axis=1)
-    share, error = evidence.elasticity([evidence.changes(throttle, force, _typical(np.diff(time)))])
+    share, error = in_flight.elasticity(
+        [in_flight.changes(throttle, force, _typical(np.diff(time)))]
+    )
     if not 3 * error < share:
         return scale
     return scale._replace(square=bool(share > np.sqrt(2.0)))
