@@ -6,6 +6,7 @@ result tables that maidenflight itself writes.
 
 import math
 import os
+import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -35,6 +36,8 @@ _RESULTS = (
     {"policy", "trial", "duration", "end_reason"},
 )
 """Columns by which our own result tables are known."""
+_DROPPED = re.compile("not used:|dropped|left out|damaged")
+"""Notes that say why rows are of no use."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +149,9 @@ def read_flights(
         )
     if not flights:
         count = len(reading.paths) + len(reading.refused)
-        reasons = [*reading.refused, *reading.notes, *reading.others]
+        # Why nothing is left comes before what was assumed.
+        notes = sorted(reading.notes, key=lambda note: not _DROPPED.search(note))
+        reasons = [*reading.refused, *notes, *reading.others]
         raise InputError(_nothing(path, count, reasons))
     loads = {
         name: one.statistic

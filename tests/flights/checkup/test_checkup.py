@@ -116,7 +116,12 @@ SWAP, LEFT, DOWN = ([[0, 1, 0], [1, 0, 0], [0, 0, 1]], [[0, 1, 0], [-1, 0, 0], [
                     [[1, 0, 0], [0, -1, 0], [0, 0, -1]])  # fmt: skip
 SPOILINGS: Mapping[str, tuple[Callable[[Flight], Flight], str, str]] = {
     "one motor twice": (partial(ordered, (0, 1, 2, 1)), "columns", "command_2 and command_4"),
-    "gyro frozen": (frozen, "columns", "body_rate_x stands still for 4"),
+    "a weak motor": (
+        lambda flight: replace(flight, command=flight.command / FLOAT([1, 1, 0.63, 1])),
+        "motor balance",
+        "the back left motor or its propeller gives about 3",
+    ),
+    "gyro frozen": (frozen, "columns", "body_rate_z stand still for 4"),
     "a bench": (on_a_bench, "flight", "This is no flight"),
     "velocity of the body": (
         lambda flight: body_velocity(facing_aside(flight)),

@@ -12,7 +12,7 @@ from maidenflight.flights.checkup.columns import check_columns
 from maidenflight.flights.checkup.gravity import check_accelerometer
 from maidenflight.flights.checkup.in_flight import FLIGHT, check_flight
 from maidenflight.flights.checkup.kinematics import check_state
-from maidenflight.flights.checkup.motors import ORDER, check_motors
+from maidenflight.flights.checkup.motors import CURVE, ORDER, check_motors
 from maidenflight.flights.checkup.one_drone import NAME as ONE_DRONE
 from maidenflight.flights.checkup.one_drone import check_load
 from maidenflight.flights.checkup.result import FAILS, PASSES, WARNS, CheckResult, unknown
@@ -39,7 +39,8 @@ def check_up(pieces: Sequence[Flight]) -> tuple[CheckResult, ...]:
     columns, flight = check_columns(pieces), check_flight(pieces)
     if flight.verdict == FAILS:
         return *columns, flight
-    force = check_accelerometer(pieces)
+    follows = flight.verdict == PASSES and (flight.statistic or 0.0) > CURVE[0]
+    force = check_accelerometer(pieces, follows)
     state = check_state(pieces) if pieces[0].has_state else []
     verdicts = {one.name: one.verdict for one in state}
     yaw = np.concatenate([piece.attitude[:, 2] for piece in pieces]).astype(float)

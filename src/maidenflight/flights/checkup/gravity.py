@@ -62,11 +62,16 @@ _UNITS = {
 }
 
 
-def check_accelerometer(pieces: Sequence[Flight]) -> list[CheckResult]:
-    """Checks scale, sign and frame of the accelerometer in pieces of one flight."""
+def check_accelerometer(pieces: Sequence[Flight], follows: bool = False) -> list[CheckResult]:
+    """Checks scale, sign and frame of the accelerometer in pieces of one flight.
+
+    Args:
+        pieces: of the flight.
+        follows: whether the force follows the throttle, so that it is measured well.
+    """
     if pieces[0].accelerometer is None:
         return []
-    return [_check_scale(pieces), _check_frame(pieces)]
+    return [_check_scale(pieces, follows), _check_frame(pieces)]
 
 
 def _inertial(piece: Flight) -> tuple[Float[np.ndarray, "M 3"], Float[np.ndarray, "M 3"], float]:
@@ -94,7 +99,7 @@ def mean_gravity(piece: Flight) -> Float[np.ndarray, "W"]:
     return np.linalg.norm(summed[starts + count] - summed[starts], axis=1) / count
 
 
-def _check_scale(pieces: Sequence[Flight]) -> CheckResult:
+def _check_scale(pieces: Sequence[Flight], follows: bool) -> CheckResult:
     name = "accelerometer"
     windows = np.concatenate([mean_gravity(piece) for piece in pieces])
     upward = np.concatenate([np.asarray(piece.accelerometer)[:, 2] for piece in pieces])
@@ -118,8 +123,8 @@ def _check_scale(pieces: Sequence[Flight]) -> CheckResult:
         return CheckResult(name, PASSES, text, ratio, threshold)
     elif high / max(low, 1e-6) > SPREAD:
         text += f", but windows differ ({low:.2f} to {high:.2f})"
-        if low < 1 / SCALE and high > SCALE:
-            return unknown(name, text, ratio)
+        if follows or (low < 1 / SCALE and high > SCALE):
+            return unknown(name, f"{text}: speed is gained over longer times than these", ratio)
         sentence = (
             f"the accelerometer's {text}: it does not measure gravity as gyro and time have it "
             "(vibration, clipping or a wrong scale), and thrust found from it is worth little."
