@@ -217,6 +217,9 @@ SPOILINGS: Mapping[str, Spoiling] = {
     "time times 1.25": Spoiling(
         lambda flight: replace(flight, period=1.25 * flight.period), _CLOCK, "state", True
     ),
+    "time times 1.1": Spoiling(
+        lambda flight: replace(flight, period=1.1 * flight.period), _CLOCK, "state", True
+    ),
     "time times 0.8": Spoiling(
         lambda flight: replace(flight, period=0.8 * flight.period), _CLOCK, "state", True
     ),

@@ -265,15 +265,15 @@ if str(BENCHMARKS) not in sys.path:
 parts: Any = importlib.import_module("parts")
 
 MOST = {
-    "closure of identify": 109,
+    "closure of identify": 111,
     "closure of train": 62,
     "closure of export": 29,
-    "log to drone.toml: stops": 665,
-    "log to drone.toml: modules": 113,
-    "log to drone.toml: names": 884,
-    "drone to policy: stops": 293,
-    "drone to policy: modules": 71,
-    "drone to policy: names": 439,
+    "log to drone.toml: stops": 704,
+    "log to drone.toml: modules": 117,
+    "log to drone.toml: names": 921,
+    "drone to policy: stops": 297,
+    "drone to policy: modules": 72,
+    "drone to policy: names": 445,
     "policy to flight: stops": 196,
     "policy to flight: modules": 47,
     "policy to flight: names": 315,
@@ -283,9 +283,9 @@ MOST = {
     "study to table: stops": 75,
     "study to table: modules": 15,
     "study to table: names": 123,
-    "constants": 690,
-    "constants without a source": 565,
-    "lines": 55_450,
+    "constants": 712,
+    "constants without a source": 569,
+    "lines": 56_721,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

@@ -202,7 +202,7 @@ SIDES: Mapping[str, tuple[Callable[[float, Flight], Flight], Sequence[float], Se
     "body_rate scale": (lambda by, one: scaled(one, body_rates=by), (0.87, 1.15), (0.8, 1.3)),
     "velocity scale": (lambda by, one: scaled(one, velocity=by), (0.8, 1.25), (0.66, 1.5)),
     "gyro delay": (partial(shifted, "body_rates"), (-0.008, 0.01), (0.03,)),
-    "clock": (faster, (0.92, 1.08), (0.8, 1.25)),
+    "clock": (faster, (0.92, 1.04), (0.8, 1.1, 1.25)),
     "accelerometer": (lambda by, one: scaled(one, accelerometer=by), (0.92, 1.08), (0.8, 1.3)),
     "command delay": (partial(shifted, "command"), (0.0, 0.02), (-0.05, 0.06)),
     "thrust curve": (
