@@ -267,15 +267,15 @@ if str(BENCHMARKS) not in sys.path:
 parts: Any = importlib.import_module("parts")
 
 MOST = {
-    "closure of identify": 111,
+    "closure of identify": 112,
     "closure of train": 62,
     "closure of export": 29,
     "log to drone.toml: stops": 704,
-    "log to drone.toml: modules": 117,
+    "log to drone.toml: modules": 118,
     "log to drone.toml: names": 921,
-    "drone to policy: stops": 297,
-    "drone to policy: modules": 72,
-    "drone to policy: names": 445,
+    "drone to policy: stops": 298,
+    "drone to policy: modules": 73,
+    "drone to policy: names": 446,
     "policy to flight: stops": 196,
     "policy to flight: modules": 47,
     "policy to flight: names": 315,
@@ -287,7 +287,7 @@ MOST = {
     "study to table: names": 123,
     "constants": 712,
     "constants without a source": 569,
-    "lines": 56_721,
+    "lines": 56_760,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
