@@ -270,7 +270,7 @@ def test_a_drone_s_warnings_are_a_line_each_and_ten_at_most() -> None:
     alike = (one, dataclasses.replace(one, file="b.csv"))
     file = DroneFile(drone, cast(Any, known), name="runs/mine.toml", warnings=alike)
     (line,) = drones.describe_unknown(file)
-    assert line == "mine.toml: a.csv: No flight. Leave it out. (And 1 other logs.)"
+    assert line == "mine.toml: a.csv: No flight. Leave it out. (And 1 more log.)"
     many = tuple(LogWarning("identification", "", f"Doubt {number}.") for number in range(14))
     assert len(drones.doubts(dataclasses.replace(file, warnings=many))) == 10
 

@@ -2,8 +2,8 @@
 
 **Coherence.** Commands of a flight under feedback turn the drone and answer its turns, so that the
 torques that they stand for and the body rates are coherent at any phase, however calm the flight
-is. What chance makes of that the same commands show against other times of the flight: 17 and more
-standard deviations less than their own time in 140 sound logs.
+is. What chance makes of that the same commands show against other times of the flight: 25 and more
+standard deviations less than their own time in 103 sound logs of 6 s and more.
 
 **Force.** In flight more throttle is more specific force: 1 % for 0.15 to 1.4 % in 141 sound logs.
 On a bench, or held, or without propellers, it stays gravity.
@@ -26,9 +26,9 @@ from maidenflight.simulator.physics.geometry import TORQUES
 FLIGHT = "flight"
 CHANCE = 4.0
 """Standard deviations of chance below which commands and motion are not coherent; measured, sound
-logs have 17 and more (benchmarks/checkup.py)."""
+logs have 25 and more (benchmarks/checkup.py)."""
 LEAST_COHERENCE = 0.25
-"""What chance may reach for a test to tell; measured, 0.27 and more in sound logs."""
+"""What chance may reach for a test to tell; measured, 0.34 and more in sound logs."""
 _FEWEST = 8
 """Segments from which chance is known; chosen."""
 _SHIFTS = 40

@@ -118,7 +118,8 @@ def warning_lines(warnings: Sequence[LogWarning], marks: tuple[str, str] = ("", 
         # What a stage says of all logs is of many kinds.
         kinds.setdefault(one.kind if one.file else str(one), []).append(one)
     lines = [
-        f"{marks[not first.sure]}{first}{f' (And {len(others)} other logs.)' if others else ''}"
+        f"{marks[not first.sure]}{first}"
+        + (f" (And {len(others)} more log{'s' * (len(others) > 1)}.)" if others else "")
         for first, *others in kinds.values()
     ]
     more = len(lines) - MOST_LINES + 1
