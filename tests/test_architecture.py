@@ -272,7 +272,7 @@ MOST = {
     "closure of export": 29,
     "log to drone.toml: stops": 704,
     "log to drone.toml: modules": 118,
-    "log to drone.toml: names": 921,
+    "log to drone.toml: names": 922,
     "drone to policy: stops": 298,
     "drone to policy: modules": 73,
     "drone to policy: names": 446,
@@ -287,7 +287,7 @@ MOST = {
     "study to table: names": 123,
     "constants": 712,
     "constants without a source": 569,
-    "lines": 56_760,
+    "lines": 56_784,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
