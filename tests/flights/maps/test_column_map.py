@@ -225,7 +225,7 @@ def test_measured_speeds_are_no_commands_and_keep_their_order() -> None:
         **named("ang_vel_x ang_vel_y ang_vel_z", flight.body_rates),
         **named("mot_1 mot_2 mot_3 mot_4", speeds),
     }
-    table = tables.Table("speeds.csv", polars.DataFrame(columns), {}, ())
+    table = tables.Table("speeds.csv", polars.DataFrame(columns))
     found = proposal.propose(table)
     assert found is not None
     assert "motors" not in found.sources
@@ -245,7 +245,7 @@ def test_the_force_decides_the_law_of_thrust(power: float) -> None:
         **named("accel_x accel_y accel_z", force),
         **named("thrust[0] thrust[1] thrust[2] thrust[3]", throttle**power),
     }
-    found = proposal.propose(tables.Table("t.csv", polars.DataFrame(columns), {}, ()))
+    found = proposal.propose(tables.Table("t.csv", polars.DataFrame(columns)))
     assert found is not None
     assert found.motors.square == (power == 0.5)
     assert found.sources["time"].unit == "us"
