@@ -232,7 +232,9 @@ SPOILINGS: Mapping[str, Spoiling] = {
         partial(_command, lambda u: u[:, [0, 1, 2, 1]]), _COLUMNS, whole=True
     ),
     "one motor 37 % weaker": Spoiling(
-        partial(_command, lambda u: u / [1, 0.63, 1, 1]), frozenset({"motor balance"}), whole=True
+        partial(_command, lambda u: u / np.array([1, 0.63, 1, 1])),
+        frozenset({"motor balance"}),
+        whole=True,
     ),
     "gyro frozen for a third": Spoiling(_freeze, _COLUMNS),
     "on a bench without propellers": Spoiling(
