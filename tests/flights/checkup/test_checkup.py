@@ -117,7 +117,7 @@ SWAP, LEFT, DOWN = ([[0, 1, 0], [1, 0, 0], [0, 0, 1]], [[0, 1, 0], [-1, 0, 0], [
 SPOILINGS: Mapping[str, tuple[Callable[[Flight], Flight], str, str]] = {
     "one motor twice": (partial(ordered, (0, 1, 2, 1)), "columns", "command_2 and command_4"),
     "a weak motor": (
-        lambda flight: replace(flight, command=flight.command / FLOAT([1, 1, 0.63, 1])),
+        lambda flight: replace(flight, command=flight.command / np.array([1, 1, 0.63, 1], FLOAT)),
         "motor balance",
         "the back left motor or its propeller gives about 3",
     ),
