@@ -160,10 +160,19 @@ def main(data: Path, only: str) -> None:
             f" ({100 * alarmed / len(logs):.1f} %; by test: {tests})"
         )
         click.echo(lines[-1])
-        tables[which] = {}
+        tables[which], total = {}, Counter[str]()
         for name, result in measure(logs, EVERY[which], only, report):
             tables[which][name] = result
+            total.update(result)
             click.echo(f"  {which} {name}: {dict(result)}")
+        judged = total["named"] + total["missed"]
+        lines.append(
+            f"- {which} set: {total['named']} of {judged} faults are named "
+            f"({100 * total['named'] / max(judged, 1):.1f} %); of {total['cannot tell']} the "
+            f"check-up says that it cannot tell, {total['no fault']} change nothing, "
+            f"{total['to compare']} are to compare"
+        )
+        click.echo(lines[-1])
     click.echo("\n".join(report))
     if only:
         return

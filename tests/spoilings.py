@@ -107,6 +107,30 @@ def _load(command: np.ndarray) -> np.ndarray:
     return changed
 
 
+def _freeze(flight: Flight) -> Flight:
+    """Returns the flight with a gyro that stands still for a third of it."""
+    rates = flight.body_rates.copy()
+    third = len(rates) // 3
+    rates[third : 2 * third] = rates[third]
+    return replace(flight, body_rates=rates)
+
+
+def _bench(flight: Flight) -> Flight:
+    """Returns the log of the same commands on a bench, without propellers: gravity and noise."""
+    generator = np.random.default_rng(3)
+    shape = len(flight), 3
+    force = np.array([0.0, 0.0, 9.81]) + 0.2 * generator.normal(size=shape)
+    rates = 0.02 * generator.normal(size=shape)
+    throttle = 1 + 0.5 * np.sin(2.0 * flight.period * np.arange(len(flight)))
+    return replace(
+        flight,
+        accelerometer=force.astype(F),
+        body_rates=rates.astype(F),
+        command=(flight.command * throttle[:, None]).astype(F),
+        **dict.fromkeys(("position", "velocity", "attitude"), np.full(shape, np.nan, F)),
+    )
+
+
 def _roll(share: float, values: np.ndarray) -> np.ndarray:
     return np.roll(values, int(share * len(values)), axis=0)
 
@@ -136,6 +160,7 @@ _CURVE = frozenset({"thrust curve", "thrust to weight"})
 _SCALE, _SPEEDS = frozenset({"thrust to weight"}), frozenset({"rotor speeds"})
 _TILT, _MOVE = frozenset({"tilt", "body_rate"}), frozenset({"velocity"})
 _DRIVE = frozenset({"motors drive"})
+_FRAME, _COLUMNS = frozenset({"velocity frame"}), frozenset({"columns"})
 
 SPOILINGS: Mapping[str, Spoiling] = {
     **{
@@ -176,18 +201,24 @@ SPOILINGS: Mapping[str, Spoiling] = {
     "pitch negated": Spoiling(partial(_angles, (1, -1, 1)), _TILT, "state"),
     "roll negated": Spoiling(partial(_angles, (-1, 1, 1)), _TILT, "state"),
     "yaw mirrored, gyro too": Spoiling(_mirror_yaw, _TILT | {"yaw direction"}, "state"),
-    "velocity along the body's axes": Spoiling(_body_velocity, _MOVE, "state"),
+    "velocity along the body's axes": Spoiling(_body_velocity, _FRAME, "state"),
     "velocity in ft/s": Spoiling(
         partial(_turn, "velocity", 3.28 * np.eye(3)), frozenset({"velocity scale"}), "state"
     ),
     "position in feet of metres": Spoiling(
         partial(_turn, "position", 0.3048 * np.eye(3)), frozenset({"velocity scale"}), "state"
     ),
+    "velocity times 1.5": Spoiling(
+        partial(_turn, "velocity", 1.5 * np.eye(3)), frozenset({"velocity scale"}), "state"
+    ),
     "velocity x and y swapped": Spoiling(partial(_turn, "velocity", SWAP), _MOVE, "state"),
     "velocity x negated": Spoiling(partial(_turn, "velocity", _diagonal(-1, 1, 1)), _MOVE, "state"),
     "velocity z negated": Spoiling(partial(_turn, "velocity", _diagonal(1, 1, -1)), _MOVE, "state"),
     "time times 1.25": Spoiling(
         lambda flight: replace(flight, period=1.25 * flight.period), _CLOCK, "state", True
+    ),
+    "time times 1.1": Spoiling(
+        lambda flight: replace(flight, period=1.1 * flight.period), _CLOCK, "state", True
     ),
     "time times 0.8": Spoiling(
         lambda flight: replace(flight, period=0.8 * flight.period), _CLOCK, "state", True
@@ -197,6 +228,18 @@ SPOILINGS: Mapping[str, Spoiling] = {
     "commands 50 ms early": Spoiling(partial(_shift, "command", -0.05), _DELAY),
     "commands of another time": Spoiling(partial(_command, partial(_roll, 0.43)), _DRIVE),
     "commands noise": Spoiling(partial(_command, _noise), _DRIVE),
+    "one motor logged twice": Spoiling(
+        partial(_command, lambda u: u[:, [0, 1, 2, 1]]), _COLUMNS, whole=True
+    ),
+    "one motor 37 % weaker": Spoiling(
+        partial(_command, lambda u: u / np.array([1, 0.63, 1, 1])),
+        frozenset({"motor balance"}),
+        whole=True,
+    ),
+    "gyro frozen for a third": Spoiling(_freeze, _COLUMNS),
+    "on a bench without propellers": Spoiling(
+        _bench, frozenset({"flight", "motors drive"}), "accelerometer"
+    ),
     "sqrt(u) for u": Spoiling(
         partial(_command, lambda u: np.sqrt(np.maximum(u, 0))), _CURVE, "accelerometer"
     ),

@@ -1,5 +1,6 @@
 """What people read: notes, hints and summaries, none of which needs anything compiled."""
 
+import dataclasses
 import re
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,6 +18,7 @@ from maidenflight import cli, parameters, policy, policy_file
 from maidenflight.errors import InputError
 from maidenflight.experiments import comparison, drones
 from maidenflight.experiments.policies import read_policies
+from maidenflight.flights.checkup.result import LogWarning
 from maidenflight.flights.reading import Flights
 from maidenflight.identification.drone_file import DroneFile, Estimate, GroupGain
 from maidenflight.identification.evidence import Evidence
@@ -260,6 +262,17 @@ def test_what_is_unknown_of_a_drone_is_said_where_policies_are_trained_for_it() 
     (some,) = drones.describe_unknown(lag)
     assert "do not determine latency (0 to 0.012), SI units" in some
     assert drones.describe_unknown(DroneFile(drone, known, name="mine.toml")) == []
+
+
+def test_a_drone_s_warnings_are_a_line_each_and_ten_at_most() -> None:
+    drone, known = parameters.crazyflie(), {"thrust_to_weight": None}
+    one = LogWarning("flight", "a.csv", "No flight.", "Leave it out.", 0.0, "0.15 % or more", True)
+    alike = (one, dataclasses.replace(one, file="b.csv"))
+    file = DroneFile(drone, cast(Any, known), name="runs/mine.toml", warnings=alike)
+    (line,) = drones.describe_unknown(file)
+    assert line == "mine.toml: a.csv: No flight. Leave it out. (And 1 more log.)"
+    many = tuple(LogWarning("identification", "", f"Doubt {number}.") for number in range(14))
+    assert len(drones.doubts(dataclasses.replace(file, warnings=many))) == 10
 
 
 def help_of(name: str) -> Setting:

@@ -47,7 +47,8 @@ class PolicyFile:
 
     policy: Policy
     record: Mapping[str, Any] = field(default_factory=dict, repr=False)
-    """As `results.record` makes it, with `hover`, `rotors`, `drone`, `number`; empty if unknown."""
+    """As `results.record` makes it, with `hover`, `rotors`, `drone`, `doubts`, `number`; empty if
+    unknown."""
     name: str = "policy"
     """Of the file, without its ending."""
 
@@ -115,6 +116,12 @@ class PolicyFile:
         drone: Any = self.record.get("drone")
         sound = isinstance(drone, dict) and inputs.is_number(drone.get("mass", 1.0))
         return dict(drone) if sound and drone.get("mass", 1.0) > 0 else {}
+
+    @property
+    def doubts(self) -> list[str]:
+        """What made the flights or values of its drone doubtful, a line each."""
+        lines = self.record.get("doubts")
+        return list(map(str, lines)) if isinstance(lines, list) else []
 
     @property
     def rotors(self) -> dict[str, list[float]] | None:

@@ -155,6 +155,7 @@ LOG_FORMATS = Registry(
         "crazyflie-card-2019": f"{_RING}.logs.usddeck:FORMAT_2019",
         "px4": f"{_RING}.logs.ulog:FORMAT",
         "ardupilot": f"{_RING}.logs.dataflash:FORMAT",
+        "ardupilot_text": f"{_RING}.logs.dataflash:TEXT",
         "betaflight": f"{_RING}.logs.blackbox:FORMAT",
         "mcap": f"{_RING}.logs.rosbag:MCAP",
         "rosbag2": f"{_RING}.logs.rosbag:SQLITE",

@@ -12,6 +12,7 @@ import pytest
 from maidenflight import cli, manifest, names, parameters, policy, policy_file
 from maidenflight.errors import InputError
 from maidenflight.experiments.drones import choose_prediction, find_reality, possible_drones
+from maidenflight.flights.checkup.result import LogWarning
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import (
     SAVED,
@@ -53,6 +54,10 @@ WHOLE = DroneFile(
         Advice("latency", "log rotor speeds", (0.017, 0.019)),
         Advice("inertia_z", "yaw to and fro", None),
     ),
+    warnings=(
+        LogWarning("thrust curve", "one.csv", "It is curved.", "Look.", 0.5, "0.58 .. 1.35", True),
+        LogWarning("identification", "", "The interval is too narrow."),
+    ),
 )
 TEXT = WHOLE.to_toml("mine")
 
@@ -66,6 +71,7 @@ def same(one: DroneFile, other: DroneFile) -> None:
     for name, values in one.posterior.items():
         np.testing.assert_allclose(values, other.posterior[name], rtol=1e-5)
     rest = ("estimates", "source", "search", "gains", "unidentified", "record", "advice")
+    rest += ("warnings",)
     assert [getattr(one, name) for name in rest] == [getattr(other, name) for name in rest]
 
 

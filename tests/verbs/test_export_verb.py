@@ -86,6 +86,14 @@ def test_what_is_exported_says_how_it_was_made(to: str, tmp_path: Path) -> None:
     assert all(json.dumps({"to": to, "control": "pwm"}).encode() in text for text in recorded)
 
 
+def test_doubts_of_the_drone_that_a_policy_was_trained_for_are_repeated(tmp_path: Path) -> None:
+    made = policy.untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(8, 8)))
+    record = {"doubts": ["mine.toml: a.csv: No flight."]}
+    path = policy_file.write_policy(tmp_path / "policy_1.json", made, record)
+    notes = Export(policy=path).run(tmp_path / "out").notes
+    assert list(notes) == record["doubts"]
+
+
 def test_a_policy_of_raptors_form_is_exported_for_its_programs() -> None:
     path = Path("policy_1.json")
     for form, options in (("raptor", ("--to", "raptor")), ("instants", ())):

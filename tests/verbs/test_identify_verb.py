@@ -9,6 +9,7 @@ import polars
 import pytest
 
 from made_flights import calm
+from maidenflight.flights.checkup.result import LogWarning
 from maidenflight.flights.reading import Flights
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Estimate, Source
@@ -58,6 +59,23 @@ def test_how_logs_were_read_stands_in_the_drone_file_s_record(
     Identify(logs=tmp_path).run(place)
     made = drone_file.read(place).record["settings"]
     assert not {"commands", "battery_law", "ignore"} & set(made)
+
+
+def test_what_is_wrong_with_logs_is_printed_and_stays_with_the_drone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wrong = LogWarning("thrust curve", "one.csv", "It is curved.", "", 0.5, "0.58 .. 1.35")
+
+    def read(*_: Any, **__: Any) -> Flights:
+        return Flights((), (), (), warnings=(wrong,))
+
+    monkeypatch.setattr("maidenflight.flights.reading.read_flights", read)
+    monkeypatch.setattr("maidenflight.identification.identify.identify", lambda *_, **__: NOTHING)
+    monkeypatch.setattr("maidenflight.reporting.figures.picture.svg", lambda *_: "")
+    result = Identify(logs=tmp_path).run(tmp_path / "drone.toml")
+    assert str(wrong) in result.notes
+    assert result.content["flights"]["warnings"] == [dataclasses.asdict(wrong)]
+    assert wrong in drone_file.read(tmp_path / "drone.toml").warnings
 
 
 @pytest.mark.parametrize(

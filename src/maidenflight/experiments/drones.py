@@ -2,11 +2,13 @@
 
 import os
 from dataclasses import replace
+from pathlib import Path
 
 import jax
 import numpy as np
 
 from maidenflight.errors import InputError
+from maidenflight.flights.checkup.result import warning_lines
 from maidenflight.flights.reading import read_flights
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile
@@ -87,6 +89,15 @@ def describe_unknown(file: DroneFile) -> list[str]:
     """Returns what a drone's file does not know of its drone, for users that train for it."""
     if file.name in DRONES:
         return []
+    return [*_unidentified(file), *doubts(file)]
+
+
+def doubts(file: DroneFile) -> list[str]:
+    """Returns what made the flights or values of a drone's file doubtful, a line each."""
+    return [f"{Path(file.name).name}: {line}" for line in warning_lines(file.warnings)]
+
+
+def _unidentified(file: DroneFile) -> list[str]:
     if not file.estimates:
         return [
             f"{file.name}: no parameter was identified from flights. Policies are trained as if "

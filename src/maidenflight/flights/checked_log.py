@@ -13,8 +13,9 @@ from maidenflight.flights.checkup.result import (
     FAILS,
     WARNS,
     CheckResult,
-    sentences,
+    LogWarning,
     typical_results,
+    warnings_of,
 )
 from maidenflight.flights.formats import Logged
 from maidenflight.flights.log import Flight
@@ -30,7 +31,8 @@ class CheckedLog(NamedTuple):
     notes: list[str]
     checks: dict[str, tuple[CheckResult, ...]]
     """By the flight's name."""
-    faults: list[str]
+    faults: list[LogWarning]
+    """Failures of the check-up, which logs are refused for."""
     keys: np.ndarray
     """What tells its rows apart; see `one_drone.row_keys`."""
 
@@ -66,14 +68,8 @@ def check_log(parts: Iterable[Logged], ignore: Collection[str] = ()) -> CheckedL
             results.setdefault(flight.name, []).append(check_up(pieces) if pieces else ())
             first.extend(pieces if number == 1 else [])
     checks = {flight: typical_results(several) for flight, several in results.items()}
-    sentences_of = {
-        verdict: [
-            f"{flight}: {one}" for flight in checks for one in sentences(checks[flight], verdict)
-        ]
-        for verdict in (WARNS, FAILS)
-    }
     return CheckedLog(
-        *(name, number, first, [*notes, *sentences_of[WARNS]], checks, sentences_of[FAILS]),
+        *(name, number, first, [*notes], checks, warnings_of(checks, [FAILS])),
         keys[1] if len(keys) == 2 else np.unique(np.concatenate(keys)),
     )
 

@@ -29,7 +29,7 @@ _NEEDED = {
 """How columns of signals that every log needs are called, more or less."""
 TABLES = (".csv", ".csv.gz", ".parquet")
 """Endings of files with tables."""
-HEAD = 64
+HEAD = 128
 """Bytes of a file's beginning by which it is known."""
 LoggedFlights = tuple[list[tuple[Flight, np.ndarray]], list[str]]
 """Flights as they were logged, each with the time of its rows [s], and notes."""
@@ -68,6 +68,8 @@ class Recording(NamedTuple):
     """Further endings, which others' files have too, so that their first bytes tell."""
     named: bool = False
     """Whether others begin as they do, so that its ending must fit too."""
+    within: bytes = b""
+    """What the beginning of files with its further endings holds if the first bytes are lost."""
 
 
 LogFormat = TableFormat | PackedTable | Recording
@@ -238,6 +240,8 @@ def _recording(file: Path, names: Iterable[str] = LOG_FORMATS) -> Recording | No
     head, ending = _beginning(file), file.name.lower()
     for kind in _formats(Recording, names):
         if head.startswith(kind.begins) and (not kind.named or ending.endswith(kind.suffixes)):
+            return kind
+        if kind.within and kind.within in head and ending.endswith(kind.shared):
             return kind
     return None
 

@@ -39,6 +39,13 @@ KINDS = (
     ),
     Foreign(b"\x89HDF", "an HDF5 file", "HDF5 files"),
     Foreign(b"MATLAB ", "a MATLAB file", "MATLAB files"),
+    Foreign(
+        b"",
+        "MAVLink telemetry of a ground station",
+        "files of MAVLink telemetry",
+        "It holds a few messages a second: give the log of the autopilot's card, .BIN or .ulg",
+        ".tlog",
+    ),
     Foreign(b"\x93NUMPY", "a NumPy array", "NumPy arrays"),
 )
 """Kinds of files that are recognised; of one beginning, the first whose suffix fits."""

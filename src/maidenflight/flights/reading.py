@@ -6,6 +6,7 @@ result tables that maidenflight itself writes.
 
 import math
 import os
+import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -19,7 +20,8 @@ from maidenflight.errors import InputError, first_few
 from maidenflight.flights import compensation, formats, log, not_logs
 from maidenflight.flights.checked_log import check_log, cut
 from maidenflight.flights.checkup import one_drone
-from maidenflight.flights.checkup.result import CheckResult
+from maidenflight.flights.checkup.columns import check_battery
+from maidenflight.flights.checkup.result import CheckResult, LogWarning, warnings_of
 from maidenflight.flights.log import ZERO_ORDER_HOLD, Flight
 from maidenflight.flights.sampling import sampled
 from maidenflight.flights.tables import Table
@@ -34,6 +36,8 @@ _RESULTS = (
     {"policy", "trial", "duration", "end_reason"},
 )
 """Columns by which our own result tables are known."""
+_DROPPED = re.compile("not used:|dropped|left out|damaged")
+"""Notes that say why rows are of no use."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,8 @@ class Flights:
     """Files of the folder that could not be used, each with its reason."""
     checks: Mapping[str, tuple[CheckResult, ...]] = field(default_factory=dict)
     """The check-up of each log, by its name."""
+    warnings: tuple[LogWarning, ...] = ()
+    """What makes them doubtful, the surest first."""
 
     def __repr__(self) -> str:
         periods = sorted({flight.period for flight in self.flights}, reverse=True)
@@ -143,7 +149,9 @@ def read_flights(
         )
     if not flights:
         count = len(reading.paths) + len(reading.refused)
-        reasons = [*reading.refused, *reading.notes, *reading.others]
+        # Why nothing is left comes before what was assumed.
+        notes = sorted(reading.notes, key=lambda note: not _DROPPED.search(note))
+        reasons = [*reading.refused, *notes, *reading.others]
         raise InputError(_nothing(path, count, reasons))
     loads = {
         name: one.statistic
@@ -151,12 +159,15 @@ def read_flights(
         for one in results
         if one.name == "thrust to weight" and one.statistic is not None
     }
+    if dead := check_battery(flights):
+        flights = [replace(one, battery=np.full_like(one.battery, np.nan)) for one in flights]
     selection = Flights(
         tuple(flights),
-        (*one_drone.compare_loads(loads), *reading.others, *reading.notes),
+        (*reading.others, *reading.notes),
         tuple(reading.paths),
         tuple(reading.refused),
         reading.checks,
+        (*warnings_of(reading.checks), *one_drone.compare_loads(loads), *dead),
     )
     if duration <= most:
         return selection
@@ -272,13 +283,13 @@ def _of_file(file: Path, alone: bool, reading: _ReadLog, options: _ReadOptions) 
     log = check_log(logs, options.ignore)
     reading.checks.update(log.checks)
     if log.faults and options.faulty != names.FAULTY_LOGS[2]:
-        raise _FaultError(" ".join(log.faults))
+        raise _FaultError(" ".join(map(str, log.faults)))
     first = one_drone.find_copy(log.keys, reading.keys) if len(log.keys) else None
     if first is not None:
         reading.notes.append(f"{log.name}: holds the same flight as {first}; used once")
         return
     reading.keys[log.name] = log.keys
-    reading.notes.extend([*log.notes, *log.faults])
+    reading.notes.extend(log.notes)
     reading.paths.append(file)
     if log.parts == 1:
         yield from (log.without_wrong_speeds(piece) for piece in log.pieces)

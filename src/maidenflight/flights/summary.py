@@ -10,7 +10,7 @@ import scipy
 from maidenflight.flights.log import SUBSAMPLED, ZERO_ORDER_HOLD, Flight, by_log
 from maidenflight.simulator.physics.geometry import TORQUES
 
-CALM = 0.02
+CALM, CALM_RAD_S = 0.02, 1.0
 """Spread of the motors' differences [-] below which a flight is calm: inertia, lag and latency show
 in what commands change. Hovers of real Crazyflies have 0.010 to 0.015, slow flights up to 0.03."""
 QUANTITIES: tuple[str, ...] = ("lag", "inertia x", "inertia y", "torque z", "thrust", "drag")
@@ -60,7 +60,7 @@ class Summary:
     @property
     def is_calm(self) -> bool:
         """Whether the motors differ little, so that another flight would tell more of them."""
-        return self.torque_spread < CALM
+        return self.torque_spread < CALM and self.body_rates < CALM_RAD_S
 
 
 def rank(logs: Sequence[Summary]) -> list[tuple[Summary, dict[str, float]]]:

@@ -13,6 +13,7 @@ objective = "likelihood"
 [identification.estimates.latency] # value, interval, search bounds, ...
 [identification.unidentified] # plausible range of what the flights cannot tell
 [[identification.gains]] # log-likelihood gain of each group of parameters
+[[identification.warnings]] # what makes flights and values doubtful
 
 [posterior] # samples of both
 [record] # version, seed, inputs and settings
@@ -29,6 +30,7 @@ import numpy as np
 
 from maidenflight import inputs, parameters, results
 from maidenflight.errors import InputError
+from maidenflight.flights.checkup.result import LogWarning, read_warning
 from maidenflight.flights.log import SUBSAMPLED, ZERO_ORDER_HOLD
 from maidenflight.identification.posterior import Posterior
 from maidenflight.inputs import Fields, StrPath
@@ -162,6 +164,8 @@ class DroneFile:
     """Of the file, for errors."""
     advice: tuple[Advice, ...] = ()
     """What makes intervals narrower."""
+    warnings: tuple[LogWarning, ...] = ()
+    """What makes its flights and values doubtful."""
 
     @property
     def full_scale_counts(self) -> float:
@@ -181,7 +185,8 @@ class DroneFile:
                 extra["identification"]["unidentified"] = {
                     name: _plain(ends) for name, ends in self.unidentified.items()
                 }
-            for key, entries in (("gains", self.gains), ("advice", self.advice)):
+            for key in ("gains", "advice", "warnings"):
+                entries = getattr(self, key)
                 if entries:
                     extra["identification"][key] = [_table(one) for one in entries]
         if self.posterior:
@@ -232,6 +237,7 @@ class DroneFile:
             ),
             gains=gains,
             advice=advice,
+            warnings=tuple(map(read_warning, table.tables("warnings"))),
             unidentified={} if unidentified is None else _ranges(unidentified),
         )
         table.end()

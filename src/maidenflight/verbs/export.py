@@ -107,6 +107,7 @@ class Export(Verb):
             written={"exported": written},
             read={"policies": [self.policy]},
             record=record,
+            notes=file.doubts,
             next=("report", home) if listed else ("report", "--policies", self.policy),
             value=written,
         )

@@ -132,6 +132,7 @@ class Identify(Verb):
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Identifies; writes the drone, every evaluation and a picture."""
+        from maidenflight.flights.checkup.result import warning_lines
         from maidenflight.identification.outcome.progress import Overall
         from maidenflight.identification.outcome.progress import Progress as Stage
         from maidenflight.identification.start import note_mass, note_start_at_bounds
@@ -163,10 +164,12 @@ class Identify(Verb):
         start = float(self.first.parameters.thrust_to_weight)
         notes = [
             *note_mass(self.start, self.mass, flights),
-            *logs_output.note_thrust(flights, self.start, start),
+            *logs_output.note_thrust(flights, Path(self.start).name, start),
             *note_start_at_bounds(self.first, identification.estimates),
         ]
-        identification = dataclasses.replace(identification, notes=(*identification.notes, *notes))
+        identification = dataclasses.replace(
+            identification, notes=(*identification.notes, *notes), warnings=flights.warnings
+        )
         identification.write(output, record)
         _, evaluations, picture = self.places(output)
         run_folder.EVALUATIONS.write(evaluations, identification.search)
@@ -192,7 +195,7 @@ class Identify(Verb):
                 }
                 for name, one in identification.estimates.items()
             ],
-            notes=identification.notes,
+            notes=(*warning_lines(flights.warnings), *identification.notes),
             next=("validate", output, "OTHER_LOGS"),
             next_remark="flights that it was not identified from",
             value=identification,

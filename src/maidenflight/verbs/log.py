@@ -73,7 +73,7 @@ class Log(Verb):
                 **logs_output.to_content(flights),
                 "logs": logs,
                 "checks": {
-                    name: [asdict(one) for one in results]
+                    name: [asdict(one) | {"sentence": one.sentence} for one in results]
                     for name, results in flights.checks.items()
                 },
                 "written": [str(path) for path in [*maps, *written]],
@@ -81,6 +81,7 @@ class Log(Verb):
             summary=[
                 *(f"columns: {path}; look it through, and mend what is wrong" for path in maps),
                 *_tabulate(logs),
+                *_describe_unused(logs, flights.notes),
                 *_tabulate_information(summaries),
                 *_tabulate_checks(flights),
                 *logs_output.describe_flights(flights),
@@ -108,11 +109,13 @@ def _name(flights: "Flights") -> "dict[str, Flight]":
 
 def _tabulate_checks(flights: "Flights") -> list[Table | str]:
     """Returns the check-up of all logs, a row for each test, and what is wrong in words."""
+    from maidenflight.flights.checkup.result import warning_lines
+
     tests: dict[str, list[Any]] = {}
     for results in flights.checks.values():
         for one in results:
             tests.setdefault(one.name, []).append(one)
-    rows, faults = [], []
+    rows = []
     for name, results in tests.items():
         counts = Counter(one.verdict for one in results)
         words = [verdict for verdict in _MARKS if counts[verdict]]
@@ -134,15 +137,23 @@ def _tabulate_checks(flights: "Flights") -> list[Table | str]:
                 "sentence": worst.sentence if worst.verdict in _GOOD else "see below",
             }
         )
-    for name, results in flights.checks.items():
-        faults += [
-            f"{_MARKS[one.verdict]} {name}: {one.sentence}"
-            for one in results
-            if one.verdict not in _GOOD
-        ]
+    faults = warning_lines(flights.warnings, marks=("✗ ", "! "))
     columns = {"test": "{test}", "result": "{result}", "measured": "{measured}"}
     columns |= {"expected": "{threshold}", "in the worst log": "{sentence}"}
     return [*([Table("Check-up against physics", columns, rows)] if rows else []), *faults]
+
+
+def _describe_unused(logs: list[Row], notes: Sequence[str]) -> list[str]:
+    """Returns which signals no log gives, each with the note that says why, if one does."""
+    signals = {name for one in logs for name in one["signals"]}
+    reasons = []
+    for signal in (*_STATE, "accelerometer", "rotor_speed", "battery"):
+        if signal in signals:
+            continue
+        words = signal.replace("_", " ")
+        note = next((one for one in notes if words in one.partition(": ")[2]), "")
+        reasons.append(f"{words} ({note.partition(': ')[2] or 'not logged'})")
+    return [f"not used: {one}" for one in reasons]
 
 
 def _count_failing(flights: "Flights") -> str:

@@ -1,6 +1,7 @@
 """Flight logs of a command: what was read, and what is written."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +68,7 @@ def to_content(flights: Flights) -> dict[str, Any]:
         "seconds": round(flights.duration, 2),
         "dropped": flights.notes,
         "refused": flights.refused,
+        "warnings": [asdict(one) for one in flights.warnings],
     }
 
 

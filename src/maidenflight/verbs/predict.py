@@ -123,6 +123,7 @@ class Predict(FliesPolicies):
                 *notes,
                 *comparison.describe_margins(summary),
                 *flight_times.describe_alike(summary, against_best),
+                *drones.doubts(drones.read_file(self.drone)),
             ],
             value=prediction,
         )

@@ -321,6 +321,8 @@ class Train(Verb):
             record["settings"]["extended_from"] = list(stages[:-1])
         record["cores"] = cores.count_devices()
         record["drone"] = identity.identity_of(self.drone_file)
+        if doubts := drones.doubts(self.drone_file):
+            record["doubts"] = doubts
         written = folder.write_policies(
             output, policies, record, self.drone_file.parameters, scores.table
         )

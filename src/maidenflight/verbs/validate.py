@@ -96,6 +96,8 @@ class Validate(Verb):
         Commands stand for what they did where the drone was identified, unless logs or the setting
         say it.
         """
+        from maidenflight.experiments import drones
+        from maidenflight.flights.checkup.result import warning_lines
         from maidenflight.flights.reading import COMMANDS, read_flights
         from maidenflight.identification import drone_file
         from maidenflight.identification.held_out import note_not_held_out, note_other_law
@@ -140,6 +142,8 @@ class Validate(Verb):
             *note_not_held_out(file, flights.paths),
             *note_other_law(file, law),
             *at_bounds(file.estimates).values(),
+            *warning_lines(flights.warnings),
+            *drones.doubts(file),
         ]
         simulated, rows = any(one.simulated for one in flights), errors.to_dicts()
         doubts = _compare(name, likelihoods, rows)

@@ -13,7 +13,7 @@ from made_flights import driven
 from maidenflight.errors import InputError
 from maidenflight.flights import formats, tables
 from maidenflight.flights.log import Flight
-from maidenflight.flights.maps import column_map, proposal
+from maidenflight.flights.maps import column_map, names, proposal
 from maidenflight.flights.reading import read_flights
 
 DOWN = np.array([1.0, -1.0, -1.0])
@@ -132,12 +132,149 @@ def test_a_map_stands_beside_any_table(ending: str, tmp_path: Path) -> None:
         read_flights(path, battery_law="legacy propellers")
 
 
-def test_known_formats_and_tables_without_motors_get_no_map(tmp_path: Path) -> None:
+def test_known_formats_get_no_map_and_a_lacking_part_is_open(tmp_path: Path) -> None:
     columns = of_ros(driven())
     lacking = {name: values for name, values in columns.items() if name[0] != "m"}
-    assert formats.write_map(write(tmp_path / "a.csv", lacking)) is None
+    written = formats.write_map(write(tmp_path / "a.csv", lacking))
+    assert written is not None
+    assert "# OPEN" in written.read_text()
+    with pytest.raises(InputError, match="motors missing"):
+        read_flights(tmp_path / "a.csv")
     (tmp_path / "b.csv").write_text("a;b\n1;2\n")
     assert formats.write_map(tmp_path / "b.csv") is None
+
+
+FOREIGN = {
+    "NeuroBEM": (
+        "t;ang acc x;ang acc y;ang acc z;ang vel x;ang vel y;ang vel z;quat x;quat y;quat z;quat w;"
+        "acc x;acc y;acc z;vel x;vel y;vel z;pos x;pos y;pos z;mot 1;mot 2;mot 3;mot 4;dmot 1;"
+        "dmot 2;dmot 3;dmot 4;vbat",
+        {"body_rates": "ang vel x", "attitude": "quat x", "accelerometer": "acc x"}
+        | {"velocity": "vel x", "position": "pos x", "motors": "mot 1", "battery": "vbat"},
+    ),
+    "TII": (
+        "elapsed_time;timestamp;accel_x;accel_y;accel_z;gyro_x;gyro_y;gyro_z;thrust[0];thrust[1];"
+        "thrust[2];thrust[3];channels_roll;channels_pitch;channels_yaw;vbat;drone_x;drone_y;drone_z;"
+        "drone_roll;drone_pitch;drone_yaw;drone_velocity_linear_x;drone_velocity_linear_y;"
+        "drone_velocity_linear_z;drone_velocity_angular_x;drone_velocity_angular_y;"
+        "drone_velocity_angular_z;drone_rot[0];drone_rot[1];drone_rot[2];drone_rot[3]",
+        {"accelerometer": "accel_x", "body_rates": "gyro_x", "motors": "thrust[0]"}
+        | {"attitude": "drone_roll", "position": "drone_x", "battery": "vbat"}
+        | {"velocity": "drone_velocity_linear_x"},
+    ),
+    "NanoDrone": (
+        "t;x;y;z;qx;qy;qz;qw;yaw;pitch;roll;vx;vy;vz;wx;wy;wz;x_mocap;y_mocap;z_mocap;m1_thrust;"
+        "m2_thrust;m3_thrust;m4_thrust;m1_erpm;m2_erpm;m3_erpm;m4_erpm;thrust;ax;ay;az;x_r;y_r;z_r;"
+        "qx_r;qy_r;qz_r;qw_r;vx_r;vy_r;vz_r;Vbat",
+        {"position": "x", "attitude": "qx", "velocity": "vx", "body_rates": "wx", "battery": "Vbat"}
+        | {"motors": "m1_thrust", "rotor_speed": "m1_erpm", "accelerometer": "ax"},
+    ),
+    "ulog2csv, sensors": (
+        "timestamp;gyro_rad[0];gyro_rad[1];gyro_rad[2];gyro_integral_dt;accelerometer_m_s2[0];"
+        "accelerometer_m_s2[1];accelerometer_m_s2[2];accelerometer_integral_dt",
+        {"body_rates": "gyro_rad[0]", "accelerometer": "accelerometer_m_s2[0]"},
+    ),
+    "ulog2csv, motors": (
+        "timestamp;timestamp_sample;reversible_flags;control[0];control[1];control[2];control[3]",
+        {"motors": "control[0]"},
+    ),
+    "Crazyflie's client": (
+        "Timestamp;stateEstimate.x;stateEstimate.y;stateEstimate.z;stabilizer.roll;stabilizer.pitch;"
+        "stabilizer.yaw;gyro.x;gyro.y;gyro.z;motor.m1;motor.m2;motor.m3;motor.m4;pm.vbat",
+        {"position": "stateEstimate.x", "attitude": "stabilizer.roll", "body_rates": "gyro.x"}
+        | {"motors": "motor.m1", "battery": "pm.vbat"},
+    ),
+    "rostopic echo -p, odometry": (
+        "%time;field.header.seq;field.header.stamp;field.pose.pose.position.x;"
+        "field.pose.pose.position.y;field.pose.pose.position.z;field.pose.pose.orientation.x;"
+        "field.pose.pose.orientation.y;field.pose.pose.orientation.z;field.pose.pose.orientation.w;"
+        "field.twist.twist.linear.x;field.twist.twist.linear.y;field.twist.twist.linear.z;"
+        "field.twist.twist.angular.x;field.twist.twist.angular.y;field.twist.twist.angular.z",
+        {"position": "field.pose.pose.position.x", "attitude": "field.pose.pose.orientation.x"}
+        | {"velocity": "field.twist.twist.linear.x", "body_rates": "field.twist.twist.angular.x"},
+    ),
+    "rostopic echo -p, IMU": (
+        "%time;field.header.stamp;field.orientation.x;field.orientation.y;field.orientation.z;"
+        "field.orientation.w;field.orientation_covariance0;field.orientation_covariance1;"
+        "field.orientation_covariance2;field.orientation_covariance3;field.angular_velocity.x;"
+        "field.angular_velocity.y;field.angular_velocity.z;field.linear_acceleration.x;"
+        "field.linear_acceleration.y;field.linear_acceleration.z",
+        {"attitude": "field.orientation.x", "body_rates": "field.angular_velocity.x"}
+        | {"accelerometer": "field.linear_acceleration.x"},
+    ),
+}
+
+
+@pytest.mark.parametrize("source", FOREIGN)
+def test_names_of_known_data_sets_tell_the_signals(source: str) -> None:
+    columns, expected = FOREIGN[source]
+    read = names.read_names(columns.split(";"))
+    assert {signal: chosen[0] for signal, chosen in read.signals.items()} == expected
+    assert read.clock in ("t", "timestamp", "Timestamp", "%time")
+    counts = {"battery": {1}, "motors": {4}, "rotor_speed": {4}, "attitude": {3, 4}}
+    for signal, chosen in read.signals.items():
+        assert len(set(chosen)) in counts.get(signal, {3})
+
+
+def test_measured_speeds_are_no_commands_and_keep_their_order() -> None:
+    """Speeds in rad/s, in NeuroBEM's order: front right, back left, back right, front left."""
+    flight = driven()
+    speeds = 1300.0 * np.sqrt(flight.command[:, [0, 2, 1, 3]] / 0.6)
+    columns = {
+        "t": np.arange(len(flight)) * flight.period,
+        **named("ang_vel_x ang_vel_y ang_vel_z", flight.body_rates),
+        **named("mot_1 mot_2 mot_3 mot_4", speeds),
+    }
+    table = tables.Table("speeds.csv", polars.DataFrame(columns))
+    found = proposal.propose(table)
+    assert found is not None
+    assert "motors" not in found.sources
+    speed = found.sources["rotor_speed"]
+    assert (speed.columns, speed.unit) == (("mot_1", "mot_3", "mot_2", "mot_4"), "rad/s")
+
+
+@pytest.mark.parametrize("power", [0.5, 1.0])
+def test_the_force_decides_the_law_of_thrust(power: float) -> None:
+    """Columns called thrust are the square root of it, or thrust itself."""
+    flight = driven()
+    throttle = flight.command * (1 + 0.3 * np.sin(0.02 * np.arange(len(flight))))[:, None]
+    force = np.stack([0 * throttle[:, 0], 0 * throttle[:, 0], 16.0 * throttle.mean(axis=1)], axis=1)
+    columns = {
+        "timestamp": 1e6 * np.arange(len(flight)) * flight.period,
+        **named("gyro_x gyro_y gyro_z", flight.body_rates),
+        **named("accel_x accel_y accel_z", force),
+        **named("thrust[0] thrust[1] thrust[2] thrust[3]", throttle**power),
+    }
+    found = proposal.propose(tables.Table("t.csv", polars.DataFrame(columns)))
+    assert found is not None
+    assert found.motors.square == (power == 0.5)
+    assert found.sources["time"].unit == "us"
+
+
+def test_each_signal_may_have_a_clock_of_its_own(tmp_path: Path) -> None:
+    flight, late = driven(), 3
+    clock = 1e9 * (1.7e9 + np.arange(len(flight)) * flight.period)
+    columns = {
+        "omega.time": clock,
+        **named("omega.r omega.p omega.y", np.degrees(flight.body_rates)),
+        "pos.time": clock,
+        **named("pos.x pos.y pos.z", flight.position),
+        "vel.time": clock,
+        **named("vel.x vel.y vel.z", flight.velocity),
+        "quat.time": clock,
+        **named("quat.w quat.x quat.y quat.z", quaternions(flight)[:, [3, 0, 1, 2]]),
+        # Each row has the command of three rows before, and its time.
+        "motor.time": np.roll(clock, late),
+        **named("motor.m1 motor.m2 motor.m3 motor.m4", np.roll(65535 * flight.command, late, 0)),
+    }
+    rows = {name: values[late:] for name, values in columns.items()}
+    path = tmp_path / "own.csv"
+    polars.DataFrame(rows).with_columns(polars.col("^.*time$").cast(polars.Int64)).write_csv(path)
+    assert formats.write_map(path) is not None
+    (found,) = read_flights(path)
+    assert_allclose(found.body_rates, flight.body_rates[late:][: len(found)], atol=1e-4)
+    wanted = flight.command[late:][: len(found)] ** 2
+    assert_allclose(found.command[:-late], wanted[:-late], atol=1e-3)
 
 
 GOOD = """

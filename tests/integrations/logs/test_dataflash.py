@@ -66,6 +66,46 @@ def test_channels_follow_their_functions_and_dshot_its_bounds(tmp_path: Path) ->
     assert_allclose(read_back.command, flight.command[:-1], atol=2e-3)
 
 
+def test_outputs_that_an_io_processor_reads_back_are_those_of_before(tmp_path: Path) -> None:
+    """Every 50 ms all four are read, and stay in RCOU until then."""
+    flight = sensed()
+    *others, (name, fields, letters, rows), battery, speeds = made.messages_of(flight, rare=1)
+    read_back = [(row[0], *rows[5 * (number // 5)][1:]) for number, row in enumerate(rows)]
+    kept = (name, fields, letters, read_back[3::10])
+    logs = read(tmp_path, [*others, kept, battery, speeds])
+    assert_allclose(logs.flights[0].command, flight.command[:-1], atol=2e-2)
+    assert any("by an IO processor" in note for note in logs.notes)
+    other = [(row[0], *row[2:5], row[1], *row[5:]) for row in read_back[3::10]]
+    with pytest.raises(InputError, match="another mixer, frame or order"):
+        read(tmp_path, [*others, (name, fields, letters, other), battery])
+
+
+def test_firmware_of_before_3_5_says_its_frame_and_channels_otherwise(tmp_path: Path) -> None:
+    flight = sensed()
+    messages = [
+        (name, fields.replace(",C", ",Ch"), letters, rows)
+        if name == "RCOU"
+        else (name, fields, letters, rows)
+        for name, fields, letters, rows in made.messages_of(flight)
+    ]
+    older = {key: value for key, value in made.PARAMETERS.items() if "FRAME" not in key}
+    path = tmp_path / "3.BIN"
+    path.write_bytes(made.dataflash(messages, older | {"FRAME": 1.0}))
+    (read_back,) = read_flights(path)
+    assert_allclose(read_back.command, flight.command[:-1], atol=2e-3)
+
+
+def test_a_lost_start_and_zeros_cost_a_note(tmp_path: Path, capfd: Any) -> None:
+    raw = made.dataflash(made.messages_of(sensed()), made.PARAMETERS)
+    path = tmp_path / "1.BIN"
+    middle = len(raw) // 2
+    path.write_bytes(raw[37:middle] + bytes(700) + raw[middle:])
+    logs = read_flights(path)
+    assert len(logs.flights[0]) > 200
+    assert sum("damaged" in note for note in logs.notes) == 1
+    assert capfd.readouterr().err == ""
+
+
 def test_filters_delay(tmp_path: Path) -> None:
     filters = {"INS_GYRO_FILTER": 40.0, "INS_ACCEL_FILTER": 20.0}
     (read_back,) = read(tmp_path, made.messages_of(sensed()), **filters)

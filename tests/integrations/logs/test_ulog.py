@@ -27,10 +27,10 @@ SENSED = ("body_rates", "accelerometer")
 STATE = ("position", "velocity", "attitude")
 
 
-def read(tmp_path: Path, topics: Any, parameters: Any = None) -> Flights:
+def read(tmp_path: Path, topics: Any, parameters: Any = None, **settings: Any) -> Flights:
     path = tmp_path / "log_1.ulg"
     path.write_bytes(made.ulog(topics, made.placed() if parameters is None else parameters))
-    return read_flights(path)
+    return read_flights(path, **settings)
 
 
 @pytest.mark.parametrize("state", [True, False])
@@ -190,7 +190,7 @@ def test_every_command_of_the_loop_is_averaged_over_the_rows(tmp_path: Path) -> 
     speed = 0.7 + 0.05 * np.random.default_rng(0).normal(size=(len(fast), 4))
     control = speed[:, [0, 2, 3, 1]]
     topics["actuator_motors"] = [("timestamp", "uint64_t", fast), ("control", "float", control)]
-    (found,) = read(tmp_path, topics)
+    (found,) = read(tmp_path, topics, faulty="use")  # commands by chance
     assert found.zero_order_hold
     mean = speed[: 4 * 599].reshape(599, 4, 4).mean(axis=1)
     assert_allclose(np.sqrt(found.command[:599]), mean, atol=1e-5)

@@ -41,6 +41,9 @@ IMPACT_MARGIN = 0.3
 LANDED = 1.0
 """Time by which autopilots say that they have landed later than they have [s]: PX4's
 LNDMC_TRIG_TIME, ArduPilot's LAND_DETECTOR_TRIGGER_SEC."""
+_IDLE_SHARE = 0.002
+"""Share of the median command below which motors are off: what a mixer leaves of no throttle;
+measured, idling ones take 0.01 of it and more."""
 _FAR = 1 << 40
 """Rows to ground that is nowhere."""
 
@@ -69,7 +72,9 @@ def motors_off(flight: Flight) -> Bool[np.ndarray, "N"]:
 
 
 def _off(flight: Flight) -> Bool[np.ndarray, "N"]:
-    return flight.command.max(axis=1) <= 0.0
+    most = flight.command.max(axis=1)
+    on = most[most > 0]
+    return most <= (_IDLE_SHARE * float(np.median(on)) if len(on) else 0.0)
 
 
 def leave_out_ground(

@@ -8,16 +8,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from maidenflight.flights.checkup.columns import check_columns
 from maidenflight.flights.checkup.gravity import check_accelerometer
+from maidenflight.flights.checkup.in_flight import FLIGHT, check_flight
 from maidenflight.flights.checkup.kinematics import check_state
-from maidenflight.flights.checkup.motors import check_motors
+from maidenflight.flights.checkup.motors import CURVE, ORDER, check_motors
 from maidenflight.flights.checkup.one_drone import NAME as ONE_DRONE
 from maidenflight.flights.checkup.one_drone import check_load
 from maidenflight.flights.checkup.result import FAILS, PASSES, WARNS, CheckResult, unknown
 from maidenflight.flights.checkup.rotor_speeds import check_rotor_speeds
 from maidenflight.flights.log import Flight
 
-_OF_FORCE = ("thrust curve", "thrust to weight", ONE_DRONE)
+_OF_FORCE = (FLIGHT, "thrust curve", "thrust to weight", ONE_DRONE)
+_OF_AXES = ("body_rate", "accelerometer")
 FEWEST_ROWS = 100
 """Rows of a log below which nothing is concluded."""
 
@@ -33,7 +36,11 @@ def check_up(pieces: Sequence[Flight]) -> tuple[CheckResult, ...]:
     """
     if sum(map(len, pieces)) < FEWEST_ROWS:
         return ()
-    force = check_accelerometer(pieces)
+    columns, flight = check_columns(pieces), check_flight(pieces)
+    if flight.verdict == FAILS:
+        return *columns, flight
+    follows = flight.verdict == PASSES and (flight.statistic or 0.0) > CURVE[0]
+    force = check_accelerometer(pieces, follows)
     state = check_state(pieces) if pieces[0].has_state else []
     verdicts = {one.name: one.verdict for one in state}
     yaw = np.concatenate([piece.attitude[:, 2] for piece in pieces]).astype(float)
@@ -41,10 +48,19 @@ def check_up(pieces: Sequence[Flight]) -> tuple[CheckResult, ...]:
     aside = float(np.sqrt(np.mean(np.nan_to_num(np.sin(yaw)) ** 2)))
     yaw_is_right = aside > ASIDE and verdicts.get("body_rate") == verdicts.get("tilt") == PASSES
     results = (*check_motors(pieces, yaw_is_right), check_load(pieces))
+    results = (flight, *results)
+    if wrong := [one.name for one in (*state, *force) if one.name in _OF_AXES if one.is_failure]:
+        # Turned axes of the sensors turn the order of the motors too.
+        results = tuple(
+            unknown(one.name, f"{wrong[0]} has to be mended first")
+            if one.name == ORDER and one.is_failure
+            else one
+            for one in results
+        )
     if any(one.verdict in (FAILS, WARNS) for one in force):
         # What follows from the force would repeat its fault.
         mend = "the accelerometer has to be mended first"
         results = tuple(
             unknown(one.name, mend) if one.name in _OF_FORCE else one for one in results
         )
-    return *state, *force, *results, *check_rotor_speeds(pieces)
+    return *columns, *state, *force, *results, *check_rotor_speeds(pieces)

@@ -62,11 +62,16 @@ _UNITS = {
 }
 
 
-def check_accelerometer(pieces: Sequence[Flight]) -> list[CheckResult]:
-    """Checks scale, sign and frame of the accelerometer in pieces of one flight."""
+def check_accelerometer(pieces: Sequence[Flight], follows: bool = False) -> list[CheckResult]:
+    """Checks scale, sign and frame of the accelerometer in pieces of one flight.
+
+    Args:
+        pieces: of the flight.
+        follows: whether the force follows the throttle, so that it is measured well.
+    """
     if pieces[0].accelerometer is None:
         return []
-    return [_check_scale(pieces), _check_frame(pieces)]
+    return [_check_scale(pieces, follows), _check_frame(pieces)]
 
 
 def _inertial(piece: Flight) -> tuple[Float[np.ndarray, "M 3"], Float[np.ndarray, "M 3"], float]:
@@ -94,11 +99,11 @@ def mean_gravity(piece: Flight) -> Float[np.ndarray, "W"]:
     return np.linalg.norm(summed[starts + count] - summed[starts], axis=1) / count
 
 
-def _check_scale(pieces: Sequence[Flight]) -> CheckResult:
+def _check_scale(pieces: Sequence[Flight], follows: bool) -> CheckResult:
     name = "accelerometer"
     windows = np.concatenate([mean_gravity(piece) for piece in pieces])
     upward = np.concatenate([np.asarray(piece.accelerometer)[:, 2] for piece in pieces])
-    up = float(upward.mean())
+    up, remedy = float(upward.mean()), ""
     if not len(windows):
         return unknown(name, f"no piece lasts {SHORTEST_S:g} s, over which gravity would show")
     ratio = float(np.median(windows)) / GRAVITY
@@ -106,18 +111,20 @@ def _check_scale(pieces: Sequence[Flight]) -> CheckResult:
     low, high = np.quantile(windows, [0.25, 0.75]) / GRAVITY
     text = f"specific force averages to {ratio:.3g} g"
     if ratio < 0.06 or abs(up) < 0.02 * GRAVITY:
-        fault = "gravity was removed from it; log the specific force, 9.81 m/s2 along z at rest"
+        fault = "gravity was removed from it"
+        remedy = "Log the specific force, 9.81 m/s2 along z at rest."
     elif up < -0.3 * GRAVITY * ratio:
         fault = (
             "it points down: it has the opposite sign (gravity for specific force), or z points "
-            "down (forward, right, down). Turn the sign, or of y and z of all that is of the body"
+            "down (forward, right, down)"
         )
+        remedy = "Turn the sign, or of y and z of all that is of the body."
     elif 1 / SCALE < ratio < SCALE:
         return CheckResult(name, PASSES, text, ratio, threshold)
     elif high / max(low, 1e-6) > SPREAD:
         text += f", but windows differ ({low:.2f} to {high:.2f})"
-        if low < 1 / SCALE and high > SCALE:
-            return unknown(name, text, ratio)
+        if follows or (low < 1 / SCALE and high > SCALE):
+            return unknown(name, f"{text}: speed is gained over longer times than these", ratio)
         sentence = (
             f"the accelerometer's {text}: it does not measure gravity as gyro and time have it "
             "(vibration, clipping or a wrong scale), and thrust found from it is worth little."
@@ -126,10 +133,10 @@ def _check_scale(pieces: Sequence[Flight]) -> CheckResult:
     else:
         unit = next((words for one, words in _UNITS.items() if 0.8 < ratio / one < 1.25), "")
         fault = f"it looks like {unit}" if unit else "its scale is wrong"
-        fault += ". Convert it"
+        remedy = "Convert it."
     sentence = f"the accelerometer's {text}, {up:.2f} m/s2 along z; {fault}."
     certain = not 1 / CERTAIN_SCALE < ratio < CERTAIN_SCALE or up < 0
-    return CheckResult(name, FAILS if certain else WARNS, sentence, ratio, threshold)
+    return CheckResult(name, FAILS if certain else WARNS, sentence, ratio, threshold, remedy)
 
 
 def _responses(
@@ -200,9 +207,9 @@ def _check_by_velocity(pieces: Sequence[Flight]) -> CheckResult | None:
         return CheckResult(FRAME, PASSES, text, best.logged, threshold)
     sentence = (
         f"the accelerometer's {text} as logged, and to {best.score:.2f} with {best.name}. "
-        "Expected specific force along the body's x forward, y left, z up. Convert it."
+        "Expected specific force along the body's x forward, y left, z up."
     )
-    return CheckResult(FRAME, FAILS, sentence, best.logged, threshold)
+    return CheckResult(FRAME, FAILS, sentence, best.logged, threshold, "Convert it.")
 
 
 def _check_frame(pieces: Sequence[Flight]) -> CheckResult:
@@ -221,18 +228,15 @@ def _check_frame(pieces: Sequence[Flight]) -> CheckResult:
     best = float(shares.max())
     tilts = np.array([answers[0] for _, answers in own])
     if (np.abs(tilts / GRAVITY - 1) < 0.4).all() and shares.min() > 0.5:
-        sentence = (
-            "the accelerometer follows the tilt itself, as along the world's axes: turn it into "
-            "the body's axes, x forward, y left, z up."
-        )
-        return CheckResult(name, FAILS, sentence, best, threshold)
+        sentence = "the accelerometer follows the tilt itself, as along the world's axes."
+        remedy = "Turn it into the body's axes, x forward, y left, z up."
+        return CheckResult(name, FAILS, sentence, best, threshold, remedy)
     if others.min() > EXPLAINED and shares.max() < 0.5 * others.min():
         sentence = (
             "the accelerometer's x and y look swapped: the force along each follows the drag "
-            f"along the other (R2 {others.min():.2f}, as logged {shares.max():.2f}). Put the "
-            "columns in order."
+            f"along the other (R2 {others.min():.2f}, as logged {shares.max():.2f})."
         )
-        return CheckResult(name, FAILS, sentence, best, threshold)
+        return CheckResult(name, FAILS, sentence, best, threshold, "Put the columns in order.")
     wrong = [
         "xy"[axis]
         for axis, (share, answers) in enumerate(own)
@@ -242,9 +246,11 @@ def _check_frame(pieces: Sequence[Flight]) -> CheckResult:
         axes = " and ".join(wrong)
         sentence = (
             f"the accelerometer's {axes} and the drag that the gyro predicts have opposite signs "
-            f"(R2 {best:.2f}). Turn the sign of {axes} of one of both: x forward, y left."
+            f"(R2 {best:.2f})."
         )
-        return CheckResult(name, FAILS if len(wrong) == 2 else WARNS, sentence, best, threshold)
+        remedy = f"Turn the sign of {axes} of one of both: x forward, y left."
+        verdict = FAILS if len(wrong) == 2 else WARNS
+        return CheckResult(name, verdict, sentence, best, threshold, remedy)
     if best < EXPLAINED:
         return unknown(name, f"drag explains {max(best, 0):.2f} of the force from the side", best)
     return CheckResult(name, PASSES, "drag has the right signs and axes", best, threshold)

@@ -12,6 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from maidenflight.flights.checkup.in_flight import belongs, load_factor
+from maidenflight.flights.checkup.relations import block_mean
 from maidenflight.flights.checkup.response import (
     DELAYS_S,
     FORCE,
@@ -27,6 +29,7 @@ from maidenflight.flights.checkup.result import FAILS, PASSES, WARNS, CheckResul
 from maidenflight.flights.log import GRAVITY, Flight
 from maidenflight.simulator.physics.geometry import TORQUES
 
+ORDER = "motor order"
 ORDERS = tuple(permutations(range(4)))
 """Orders of the motors; the first is the one of our format."""
 EARLIEST_S, LATEST_S = -0.015, 0.045
@@ -42,7 +45,7 @@ of long flights: 0.9 to 1.95 in 96 logs; with the commands of another time of th
 CLEARLY = {QUICK: 1.0, SLOW: 1.4}
 """Those from which another order of the motors is named; in slow motion chance reaches 0.95."""
 FEWEST, MANY = 3.5, 12.0
-"""Segments of flight from which that is judged, and from which a log is refused for it."""
+"""Segments of flight from which that is judged, and from which it is long."""
 BETTER = 0.06
 """By which another order must correlate better to be named; the next best one of sound logs is
 worse by 0.18 and more."""
@@ -50,11 +53,13 @@ YAW, YAW_DOMINATES = 0.2, 1.5
 """Correlation of yaw with its command that shows its sign, and its ratio to the opposite one's."""
 _YAW_LEADS_S = (0.0, 0.02, 0.05, 0.1, 0.3)
 """How much the rotors' inertia lets yaw lead the drag of the blades [s]."""
-CURVE = (0.58, 1.35)
+CURVE_NAME, CURVE = "thrust curve", (0.58, 1.35)
 """Change of thrust by that of command, both as shares, that a thrust command may have: 0.63 to 1.18
 in 22 logs. Of sqrt(u) it is twice, of u squared half as much."""
 CABLE_S = 0.055
 """Difference of the lags of force and of roll and pitch that shows a load on a cable [s]."""
+_SETTLED_S = 0.25
+"""Time in which motors settle [s]; chosen."""
 FORCE_EXPLAINED = 0.6
 """Correlation of the force along z with the commands from which the curve is judged."""
 THRUST_TO_WEIGHT = (1.02, 16.0)
@@ -90,15 +95,15 @@ def check_motors(pieces: Sequence[Flight], yaw_is_right: bool = False) -> list[C
         return [unknown("motors drive", "no piece lasts 0.6 s")]
     answer = responses(motion)
     fits = best_fits(answer)
-    drive = _check_drive(fits, answer.segments)
+    drive = _check_drive(fits, answer.segments, pieces)
     if drive.verdict != PASSES and (slow := spectra(pieces, SLOW)) is not None:
         # A very smooth flight may be all below the usual band.
         slow_answer = responses(slow)
         slowly = best_fits(slow_answer)
         if max(fit.score for fit in slowly.values()) > CLEARLY[SLOW]:
             motion, answer, fits = slow, slow_answer, slowly
-            drive = _check_drive(fits, answer.segments)
-    if drive.verdict in (FAILS, WARNS):
+            drive = _check_drive(fits, answer.segments, pieces)
+    if drive.verdict == FAILS:
         return [drive, _check_thrust(pieces)]
     order = _check_order(fits, motion, answer.segments)
     results = [drive, order]
@@ -109,7 +114,7 @@ def check_motors(pieces: Sequence[Flight], yaw_is_right: bool = False) -> list[C
         results += [_check_delay(logged, answer), _check_yaw(motion, logged, yaw_is_right)]
         if pieces[0].accelerometer is not None:
             results.append(_check_curve(pieces, answer, logged))
-    return [*results, _check_thrust(pieces)]
+    return [*results, _check_thrust(pieces, results[-1])]
 
 
 def best_fits(answer: Responses) -> dict[tuple[int, ...], Fit]:
@@ -135,7 +140,9 @@ def _place_of_largest(scores: Float[np.ndarray, "T D"]) -> tuple[int, int]:
     return int(lag), int(delay)
 
 
-def _check_drive(fits: dict[tuple[int, ...], Fit], segments: float) -> CheckResult:
+def _check_drive(
+    fits: dict[tuple[int, ...], Fit], segments: float, pieces: Sequence[Flight]
+) -> CheckResult:
     name = "motors drive"
     best = max(fit.score for fit in fits.values())
     text = f"roll and pitch follow the motors' torques with correlations of {best / 2:.2f}"
@@ -145,17 +152,20 @@ def _check_drive(fits: dict[tuple[int, ...], Fit], segments: float) -> CheckResu
     threshold = f"{least / 2:.2f} or more"
     if best >= least:
         return CheckResult(name, PASSES, text, best / 2, threshold)
-    sentence = (
-        f"commands do not drive the motion: {text}, in any order of the motors; expected "
-        f"{threshold}. They are of another flight or clock, the drone is held, or something else "
-        "than the motors was logged. Leave it out."
+    belong, coherence = belongs(pieces)
+    if belong is not False:
+        reason = "a calm flight, wind or rare rows hide how they drive it"
+        return unknown(name, f"{text}; {coherence}: {reason}" if belong else text, best / 2)
+    cause = (
+        f"commands have nothing to do with the motion: {text}, in any order of the motors, and "
+        f"neither answers the other ({coherence}). They are of another flight or clock, or "
+        "something else than the motors was logged."
     )
-    verdict = FAILS if segments >= MANY else WARNS
-    return CheckResult(name, verdict, sentence, best / 2, threshold)
+    return CheckResult(name, FAILS, cause, best / 2, threshold, "Leave it out.")
 
 
 def _check_order(fits: dict[tuple[int, ...], Fit], motion: Spectra, segments: float) -> CheckResult:
-    name = "motor order"
+    name = ORDER
     logged = fits[ORDERS[0]]
     best = max(fits.values(), key=lambda fit: fit.score)
     gain = max(best.score - logged.score, 0.0)
@@ -243,11 +253,14 @@ def _check_yaw(motion: Spectra, logged: Fit, yaw_is_right: bool) -> CheckResult:
             cause += "or yaw and body_rate_z have the opposite sign: look at your drone"
         sentence = (
             f"yaw answers its command the wrong way round (correlation -{against:.2f}): {cause}. "
-            "With props out begin with --start mine.toml, a drone of rotor_direction = "
-            "[1, -1, 1, -1] (maidenflight drone NAME prints one): with the usual directions "
-            "torque_to_thrust is worth nothing, and a policy turns yaw the wrong way round."
+            "With the usual directions torque_to_thrust is worth nothing, and a policy turns yaw "
+            "the wrong way round."
         )
-        return CheckResult(name, WARNS, sentence, -against, threshold)
+        remedy = (
+            "With props out begin with --start mine.toml, a drone of rotor_direction = "
+            "[1, -1, 1, -1] (maidenflight drone NAME prints one)."
+        )
+        return CheckResult(name, WARNS, sentence, -against, threshold, remedy)
     if along > YAW and along > YAW_DOMINATES * against:
         return CheckResult(name, PASSES, "yaw follows its command", along, threshold)
     return unknown(name, "yaw follows its command too little to show its sign", along)
@@ -267,16 +280,17 @@ def _check_delay(logged: Fit, answer: Responses) -> CheckResult:
     if force_is_clear and difference > LATE_GYRO_S:
         sentence = (
             f"{text}, the accelerometer {1e3 * difference:.0f} ms before the gyro: body rates are "
-            f"late by about {1e3 * difference:.0f} ms. Shift them, or log them with less filtering."
+            f"late by about {1e3 * difference:.0f} ms."
         )
-        return CheckResult(name, FAILS, sentence, late, threshold)
+        remedy = "Shift them, or log them with less filtering."
+        return CheckResult(name, FAILS, sentence, late, threshold, remedy)
     if EARLIEST_S < logged.delay < LATEST_S:
         return CheckResult(name, PASSES, text, late, threshold)
     off = 1e3 * (logged.delay - USUAL_S)
     side = "early" if off > 0 else "late"
     sentence = (
         f"commands are {side} by about {abs(off):.0f} ms: {text}; expected {threshold}. They have "
-        "another clock than gyro and accelerometer, or a long way to the motors: shift them."
+        "another clock than gyro and accelerometer, or a long way to the motors."
     )
     # The force follows the same commands: it has to be off on the same side.
     felt = float(DELAYS_S[delay])
@@ -284,11 +298,12 @@ def _check_delay(logged: Fit, answer: Responses) -> CheckResult:
     if alone:
         return unknown(name, f"{text}, but the force along z by {1e3 * felt:.0f} ms", late)
     possible = EARLIEST_S < logged.delay < LONGEST_S
-    return CheckResult(name, WARNS if possible else FAILS, sentence, late, threshold)
+    verdict = WARNS if possible else FAILS
+    return CheckResult(name, verdict, sentence, late, threshold, "Shift them.")
 
 
 def _check_curve(pieces: Sequence[Flight], answer: Responses, logged: Fit) -> CheckResult:
-    name = "thrust curve"
+    name = CURVE_NAME
     matches = answer.correlation(FORCE, np.ones(4))[:, _POSSIBLE]
     lag, delay = _place_of_largest(matches)
     match = float(matches[lag, delay])
@@ -310,6 +325,9 @@ def _check_curve(pieces: Sequence[Flight], answer: Responses, logged: Fit) -> Ch
     text = f"1 % more command gives {share:.2f} % more thrust"
     if low < share < high:
         return CheckResult(name, PASSES, text, share, threshold)
+    if share <= low and low < (gentle := _gentle_share(pieces)) < high:
+        text += f", at low throttle {gentle:.2f} %: motors or battery saturate above"
+        return CheckResult(name, PASSES, text, share, threshold)
     cause = (
         "commands may be rotor speeds, sqrt(u), or percent above an idle that was not taken off"
         if share > high
@@ -319,7 +337,25 @@ def _check_curve(pieces: Sequence[Flight], answer: Responses, logged: Fit) -> Ch
     return CheckResult(name, WARNS, sentence, share, threshold)
 
 
-def _check_thrust(pieces: Sequence[Flight]) -> CheckResult:
+def _gentle_share(pieces: Sequence[Flight]) -> float:
+    """Measures by which share force changes with throttle in the half with less throttle."""
+    signals = [
+        np.stack([piece.mean_command.mean(axis=1), np.asarray(piece.accelerometer)[:, 2]], axis=1)
+        for piece in pieces
+    ]
+    blocks = np.concatenate(
+        [
+            block_mean(one, max(1, round(_SETTLED_S / piece.period)))
+            for one, piece in zip(signals, pieces, strict=True)
+        ]
+    )
+    throttle, force = blocks[blocks[:, 0] < np.median(blocks[:, 0])].T
+    slope = np.polyfit(throttle, force, 1)[0] if len(throttle) > FEWEST else 0.0
+    return float(slope * throttle.mean() / max(float(force.mean()), 0.1 * GRAVITY))
+
+
+def _check_thrust(pieces: Sequence[Flight], curve: CheckResult | None = None) -> CheckResult:
+    """Checks full thrust by weight; a thrust curve that was measured tells the likelier cause."""
     name = "thrust to weight"
     loads, commands = [], []
     for piece in pieces:
@@ -340,19 +376,18 @@ def _check_thrust(pieces: Sequence[Flight]) -> CheckResult:
     text = f"hovering takes u = {1 / ratio:.2f}: full thrust is {ratio:.2f} times the weight"
     if low < ratio < high:
         return CheckResult(name, PASSES, f"{text}; compare that with yours", ratio, threshold)
-    sentence = (
-        f"{text}; expected {threshold} times. The scale of the commands looks wrong: another full "
-        "throttle, PWM limits, or percent."
+    by_root = float(load[is_finite].mean() / np.sqrt(command[is_finite]).mean())
+    scale = "The scale of the commands looks wrong: another full throttle, PWM limits, or percent."
+    measured = curve.statistic if curve is not None and curve.name == CURVE_NAME else None
+    if ratio > high > by_root and (measured is None or measured < np.sqrt(0.5)):
+        # Of no curve, thrust in proportion to the throttle is likelier than a wrong scale.
+        scale = (
+            "u was taken as the square of the throttle. If thrust follows the throttle itself, as "
+            f"through ESCs that linearise it, full thrust is {by_root:.2f} times the weight."
+        )
+    remedy = (
+        "Say which: THR_MDL_FAC of PX4 and the limits of the motors' outputs, or low, high and "
+        "thrust in a map."
     )
-    return CheckResult(name, WARNS, sentence, ratio, threshold)
-
-
-def load_factor(piece: Flight) -> Float[np.ndarray, "N"] | None:
-    """Measures specific force along z in g, by accelerometer or by velocity and tilt."""
-    if piece.accelerometer is not None:
-        return piece.accelerometer[:, 2].astype(float) / GRAVITY
-    if not piece.has_state or len(piece) < 3:
-        return None
-    level = np.cos(piece.attitude[:, 0].astype(float)) * np.cos(piece.attitude[:, 1].astype(float))
-    climb = np.gradient(piece.velocity[:, 2].astype(float), piece.period)
-    return (1 + climb / GRAVITY) / np.maximum(level, 0.3)
+    cause = f"{text}; expected {threshold} times. {scale}"
+    return CheckResult(name, WARNS, cause, ratio, threshold, remedy)

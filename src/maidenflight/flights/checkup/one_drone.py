@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Float, UInt64
 
 from maidenflight.errors import first_few
-from maidenflight.flights.checkup.motors import load_factor
+from maidenflight.flights.checkup.in_flight import load_factor
 from maidenflight.flights.checkup.relations import block_mean
-from maidenflight.flights.checkup.result import PASSES, WARNS, CheckResult, unknown
+from maidenflight.flights.checkup.result import PASSES, WARNS, CheckResult, LogWarning, unknown
 from maidenflight.flights.log import Flight
 
 NAME = "one drone"
@@ -56,17 +56,17 @@ def check_load(pieces: Sequence[Flight]) -> CheckResult:
     )
     volts = np.concatenate([piece.battery for piece in pieces])
     if np.isfinite(volts).any():
-        sentence = (
-            f"{change}: a load was taken up or lost, or a propeller or battery gave way. Cut the "
-            "log there: it is of two drones."
-        )
+        sentence = f"{change}: a load was taken up or lost, or a propeller or battery gave way."
+        remedy = "Cut the log there: it is of two drones."
     else:
         sentence = (
-            f"{change}: it may be the battery, whose voltage is not logged, or a load or "
-            "propeller. Log the battery's voltage, which tells; only if the load or a propeller "
-            "changed, cut the log there."
+            f"{change}: it may be the battery, whose voltage is not logged, or a load or propeller."
         )
-    return CheckResult(NAME, WARNS, sentence, step, threshold)
+        remedy = (
+            "Log the battery's voltage, which tells; only if the load or a propeller changed, cut "
+            "the log there."
+        )
+    return CheckResult(NAME, WARNS, sentence, step, threshold, remedy)
 
 
 def _error(before: Float[np.ndarray, "B"], after: Float[np.ndarray, "B"]) -> float:
@@ -92,7 +92,7 @@ def thrust_per_command(pieces: Sequence[Flight]) -> Float[np.ndarray, "B"]:
     return np.concatenate(ratios)
 
 
-def compare_loads(ratios: Mapping[str, float]) -> list[str]:
+def compare_loads(ratios: Mapping[str, float]) -> list[LogWarning]:
     """Says which logs are of another load than others, by thrust per command.
 
     Args:
@@ -108,11 +108,12 @@ def compare_loads(ratios: Mapping[str, float]) -> list[str]:
     gap = float(values[cut] - values[cut - 1])
     if gap < BETWEEN or gap < within:
         return []
-    return [
+    cause = (
         f"flights of two drones or loads: full thrust is {low:.2f} times the weight in "
-        f"{first_few(names[:cut])}, and {high:.2f} times in {first_few(names[cut:])}. Identify "
-        "each by itself."
-    ]
+        f"{first_few(names[:cut])}, and {high:.2f} times in {first_few(names[cut:])}."
+    )
+    expected = f"within {100 * BETWEEN:.0f} %"
+    return [LogWarning(NAME, "", cause, "Identify each by itself.", gap, expected)]
 
 
 def row_keys(flights: Sequence[Flight]) -> UInt64[np.ndarray, "N"]:

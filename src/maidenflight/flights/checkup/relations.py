@@ -76,7 +76,7 @@ def slow_down(piece: Flight) -> Flight:
 def block_mean(values: Float[np.ndarray, "N K"], rows: int) -> Float[np.ndarray, "M K"]:
     """Averages each `rows` rows."""
     count = len(values) // rows
-    return values[: count * rows].reshape(count, rows, -1).mean(axis=1, dtype=np.float64)
+    return values[: count * rows].reshape(count, rows, values.shape[1]).mean(1, dtype=np.float64)
 
 
 def span_mean(values: Float[np.ndarray, "N K"], rows: int) -> Float[np.ndarray, "M K"]:

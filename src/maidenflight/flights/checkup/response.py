@@ -8,7 +8,7 @@ would be the noise's, by their power a single oscillation's.
 Source: measured on 93 logs of ten sources; paper/notes/checkup.md has the figures.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -98,7 +98,31 @@ def spectra(pieces: Sequence[Flight], band: Band = QUICK, speeds: bool = False) 
         band: frequencies to look at.
         speeds: take the squares of measured rotor speeds instead of commands.
     """
-    total, segments, frequency, length = None, 0.0, np.zeros(0), 0
+    total, segments, frequency = None, 0.0, np.zeros(0)
+    for frequency, transform, late in _transforms(pieces, band, speeds):
+        turn = 2j * np.pi * frequency[:, None]
+        transform[:, :3] *= turn
+        transform[:, 4:] *= np.exp(-turn * late)
+        product = transform[:, :, None].conj() * transform[:, None, :]
+        total = product if total is None else total + product
+        segments += 0.5
+    if total is None or len(frequency) < 4:
+        return None
+    channels = np.einsum("fii->fi", total[:, :4, :4]).real
+    return Spectra(frequency, channels, total[:, 4:, 4:], total[:, 4:, :4], segments, band)
+
+
+def transforms(pieces: Sequence[Flight], band: Band) -> Complex[np.ndarray, "S F 8"]:
+    """Returns spectra of each segment: body rates, force along z, four thrusts."""
+    each = [transform for _, transform, _ in _transforms(pieces, band, False)]
+    return np.array(each) if each else np.zeros((0, 0, 8), complex)
+
+
+def _transforms(
+    pieces: Sequence[Flight], band: Band, speeds: bool
+) -> Iterator[tuple[Float[np.ndarray, "F"], Complex[np.ndarray, "F 8"], float]]:
+    """Yields frequencies and spectra of each segment, and how late the thrusts' rows are [s]."""
+    length = 0
     for piece in sorted(pieces, key=len, reverse=True):
         rows = max(1, round(1 / _RATE_HZ / piece.period))
         step = piece.period * rows
@@ -109,19 +133,8 @@ def spectra(pieces: Sequence[Flight], band: Band = QUICK, speeds: bool = False) 
         length = count
         frequency = np.fft.rfftfreq(count, step)
         inside = (frequency >= band.low) & (frequency <= min(band.high, 0.4 / step))
-        frequency = frequency[inside]
-        turn = 2j * np.pi * frequency[:, None]
         for part in _segments(signals, count):
-            transform = np.fft.rfft(part, axis=0)[inside]
-            transform[:, :3] *= turn
-            transform[:, 4:] *= np.exp(-turn * late)
-            product = transform[:, :, None].conj() * transform[:, None, :]
-            total = product if total is None else total + product
-            segments += 0.5
-    if total is None or len(frequency) < 4:
-        return None
-    channels = np.einsum("fii->fi", total[:, :4, :4]).real
-    return Spectra(frequency, channels, total[:, 4:, 4:], total[:, 4:, :4], segments, band)
+            yield frequency[inside], np.fft.rfft(part, axis=0)[inside], late
 
 
 def _signals(piece: Flight, rows: int, speeds: bool) -> tuple[Float[np.ndarray, "M 8"], float]:

@@ -1,10 +1,14 @@
-"""`CheckResult`, what one test of the check-up concludes."""
+"""`CheckResult`, what one test of the check-up concludes, and `LogWarning`, what becomes of it."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+
+from maidenflight.inputs import Fields
 
 PASSES, WARNS, FAILS, UNKNOWN = "passes", "warns", "fails", "cannot tell"
 """Verdicts. Logs that fail are refused; a warning is a note."""
+MOST_LINES = 10
+"""Lines of warnings that people are shown of one input; chosen to fit a screen."""
 
 
 @dataclass(frozen=True)
@@ -15,12 +19,66 @@ class CheckResult:
     """Of the test."""
     verdict: str
     """`PASSES`, `WARNS`, `FAILS` or `UNKNOWN`."""
-    sentence: str
-    """What was measured; of a fault what it is and how it is mended."""
+    cause: str
+    """What was measured; of a fault what it is."""
     statistic: float | None = None
     """The number that decides; None where there is none."""
     threshold: str = ""
     """Where it has to lie."""
+    remedy: str = ""
+    """How a fault is mended: sentences."""
+
+    @property
+    def is_failure(self) -> bool:
+        """Whether logs are refused for it."""
+        return self.verdict == FAILS
+
+    @property
+    def sentence(self) -> str:
+        """Cause and remedy."""
+        return f"{self.cause} {self.remedy}".rstrip()
+
+
+@dataclass(frozen=True)
+class LogWarning:
+    """What makes flights doubtful; terminal, JSON, drone file and report show the same ones."""
+
+    kind: str
+    """Name of the test, or the stage that found it."""
+    file: str
+    """Name of the log; empty where it concerns several."""
+    cause: str
+    """What is wrong, a sentence."""
+    remedy: str = ""
+    """What to do, sentences."""
+    measured: float | None = None
+    """The number that decides; None where there is none."""
+    expected: str = ""
+    """Where it has to lie."""
+    sure: bool = False
+    """Whether logs are refused for it."""
+
+    def __str__(self) -> str:
+        return f"{self.file}: {self.cause} {self.remedy}".removeprefix(": ").rstrip()
+
+
+def read_warning(table: Fields) -> LogWarning:
+    """Reads a warning from a result file.
+
+    Raises:
+        InputError: an entry is missing, unknown or of the wrong kind.
+    """
+    result = LogWarning(
+        kind=table.text("kind"),
+        file=table.text("file"),
+        cause=table.text("cause"),
+        remedy=table.text("remedy"),
+        measured=table.number("measured") if "measured" in table.content else None,
+        expected=table.text("expected"),
+        sure=table.flag("sure"),
+    )
+    table.end()
+    return result
 
 
 def unknown(name: str, reason: str, statistic: float | None = None) -> CheckResult:
@@ -28,9 +86,44 @@ def unknown(name: str, reason: str, statistic: float | None = None) -> CheckResu
     return CheckResult(name, UNKNOWN, reason, statistic)
 
 
-def sentences(results: Iterable[CheckResult], verdict: str) -> list[str]:
-    """Returns what the tests of one verdict say."""
-    return [one.sentence for one in results if one.verdict == verdict]
+def warnings_of(
+    checks: Mapping[str, Iterable[CheckResult]], verdicts: Sequence[str] = (FAILS, WARNS)
+) -> list[LogWarning]:
+    """Returns what is wrong with logs, the surest first.
+
+    Args:
+        checks: the check-up of each log, by its name.
+        verdicts: those to look at.
+    """
+    return [
+        LogWarning(
+            *(one.name, name, one.cause, one.remedy, one.statistic, one.threshold, verdict == FAILS)
+        )
+        for verdict in verdicts
+        for name, results in checks.items()
+        for one in results
+        if one.verdict == verdict
+    ]
+
+
+def warning_lines(warnings: Sequence[LogWarning], marks: tuple[str, str] = ("", "")) -> list[str]:
+    """Returns a line for each kind of warning, `MOST_LINES` at most.
+
+    Args:
+        warnings: the surest first.
+        marks: what lines begin with, of sure ones and others.
+    """
+    kinds: dict[str, list[LogWarning]] = {}
+    for one in warnings:
+        # What a stage says of all logs is of many kinds.
+        kinds.setdefault(one.kind if one.file else str(one), []).append(one)
+    lines = [
+        f"{marks[not first.sure]}{first}"
+        + (f" (And {len(others)} more log{'s' * (len(others) > 1)}.)" if others else "")
+        for first, *others in kinds.values()
+    ]
+    more = len(lines) - MOST_LINES + 1
+    return lines if more <= 1 else [*lines[: MOST_LINES - 1], f"and {more} more; --json lists them"]
 
 
 def typical_results(parts: Sequence[tuple[CheckResult, ...]]) -> tuple[CheckResult, ...]:

@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
+from maidenflight.flights.checkup.columns import PLACES
 from maidenflight.flights.checkup.motors import TORQUES
 from maidenflight.flights.checkup.relations import block_mean
 from maidenflight.flights.checkup.response import LAGS_S, responses, spectra
@@ -25,7 +26,6 @@ STOPPED = 0.2
 """Share of rows with a command in which a rotor may read 0."""
 _BAND_HZ = (0.3, 10.0)
 _STEP_S = 0.01
-_PLACES = ("front right", "back right", "back left", "front left")
 
 
 def check_rotor_speeds(pieces: Sequence[Flight]) -> list[CheckResult]:
@@ -37,7 +37,7 @@ def check_rotor_speeds(pieces: Sequence[Flight]) -> list[CheckResult]:
     on = command > 0.03
     with np.errstate(invalid="ignore"):
         stopped = ((speed <= 0.0) & on).sum(axis=0) / np.maximum(on.sum(axis=0), 1)
-    silent = [place for place, share in zip(_PLACES, stopped, strict=True) if share > STOPPED]
+    silent = [place for place, share in zip(PLACES, stopped, strict=True) if share > STOPPED]
     if silent:
         rotors = "all four read" if len(silent) == 4 else f"{', '.join(silent)} reads"
         return [_pass_over(f"{rotors} 0 while commanded to turn", float(stopped.max()))]
@@ -46,7 +46,7 @@ def check_rotor_speeds(pieces: Sequence[Flight]) -> list[CheckResult]:
         return [unknown(NAME, "no piece lasts 4 s")]
     still = [
         place
-        for place, values, commands in zip(_PLACES, speed.T, command.T, strict=True)
+        for place, values, commands in zip(PLACES, speed.T, command.T, strict=True)
         if values.std() < 1e-3 * max(abs(values.mean()), 1e-9) and commands.std() > 1e-3
     ]
     if still:
@@ -56,7 +56,7 @@ def check_rotor_speeds(pieces: Sequence[Flight]) -> list[CheckResult]:
     ratio = _motion_ratio(pieces)
     if follows[worst] < FOLLOWS or (ratio is not None and ratio < MOTION):
         motion = "" if ratio is None else f", and the motion to {ratio:.2f} of what commands do"
-        reading = f"{_PLACES[worst]} follows its command to {follows[worst]:.2f}{motion}"
+        reading = f"{PLACES[worst]} follows its command to {follows[worst]:.2f}{motion}"
         return [_pass_over(reading, float(follows[worst]))]
     return [CheckResult(NAME, PASSES, sentence, float(follows[worst]), f"{FOLLOWS:g} or more")]
 

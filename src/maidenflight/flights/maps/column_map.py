@@ -32,8 +32,10 @@ UNITS = {
     **{"rad": 1.0, "deg": np.pi / 180, "rad/s": 1.0, "mrad/s": 1e-3, "deg/s": np.pi / 180},
     **{"m/s2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY},
     **{"V": 1.0, "mV": 1e-3, "rpm": 2 * np.pi / 60},
+    **{"erpm": 2 * np.pi / 60 / 6, "erpm14": 2 * np.pi / 60 / 7},
 }
-"""SI units in each unit that a column may have."""
+"""SI units in each unit that a column may have; electrical rpm are of motors with 12 magnet poles,
+as a Crazyflie's, or 14, as most others."""
 REMEDY = "Log them at a higher rate."
 _ANGLES = 3
 """Columns of an attitude in roll, pitch, yaw instead of a quaternion."""
@@ -47,6 +49,8 @@ class Source:
     """Each with a minus before it where its sign is turned."""
     unit: str = ""
     """A key of `UNITS`; empty for SI."""
+    clock: str = ""
+    """Column of its own time, in the unit of `TIME`; empty for that one."""
 
 
 @dataclass(frozen=True)
@@ -93,10 +97,15 @@ def text(columns: ColumnMap) -> str:
         names = ", ".join(f'"{name}"' for name in source.columns)
         lines += ["", f"[{signal}]{comment}", f"columns = [{names}]"]
         lines += [f'unit = "{source.unit}"'] if source.unit else []
+        lines += [f'clock = "{source.clock}"'] if source.clock else []
         if signal == "motors":
             low, high, square = columns.motors
             thrust = signal_map.THRUSTS[0 if square else 1]
             lines += [f"low = {low:g}", f"high = {high:g}", f'thrust = "{thrust}"']
+    for signal in NEEDED:
+        if signal not in columns.sources:
+            lines += ["", f"# OPEN: no names of columns look like {signal}, which is needed."]
+            lines += [f"# [{signal}]  # {comments[signal]}", "# columns = []"]
     return "\n".join(lines) + "\n"
 
 
@@ -108,6 +117,12 @@ def flight(table: Table, columns: ColumnMap) -> tuple[Flight, np.ndarray, list[s
     """
     signal_values = {signal: values(table, source) for signal, source in columns.sources.items()}
     time = signal_values.pop(TIME)[:, 0]
+    unit = columns.sources[TIME].unit
+    own = {
+        signal: values(table, Source((source.clock,), unit))[:, 0]
+        for signal, source in columns.sources.items()
+        if source.clock
+    }
     steps = np.diff(time[np.isfinite(time)])
     if not len(steps) or not FASTEST_S < np.median(steps) < np.inf:
         raise InputError(
@@ -115,7 +130,7 @@ def flight(table: Table, columns: ColumnMap) -> tuple[Flight, np.ndarray, list[s
             f"{np.median(steps) if len(steps) else 0.0:.3g} s a row, which no drone logs. Mend the "
             "time, or its unit in the map of columns."
         )
-    signals = {signal: _stream(time, rows) for signal, rows in signal_values.items()}
+    signals = {name: _stream(own.get(name, time), rows) for name, rows in signal_values.items()}
     angles = signals.get("attitude")
     if angles is not None and angles.values.shape[1] == _ANGLES:
         turned = Rotation.from_euler("ZYX", angles.values[:, ::-1]).as_quat()
@@ -142,4 +157,5 @@ def _stream(time: np.ndarray, rows: np.ndarray) -> Stream:
 def _source(signal: str, fields: Fields) -> Source:
     counts = [1 if signal == TIME else COUNTS[signal]]
     counts += [_ANGLES] if signal == "attitude" else []
-    return Source(fields.texts("columns", counts), fields.choice("unit", UNITS, ""))
+    clock = fields.text("clock") if "clock" in fields.content else ""
+    return Source(fields.texts("columns", counts), fields.choice("unit", UNITS, ""), clock)

@@ -7,7 +7,7 @@ acceleration on the motors which corner each of them is in. What remains open th
 """
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 
 import numpy as np
@@ -16,77 +16,19 @@ from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
 from maidenflight.errors import InputError
+from maidenflight.flights.checkup import in_flight
 from maidenflight.flights.maps import column_map
 from maidenflight.flights.maps.column_map import TIME, ColumnMap, Source
+from maidenflight.flights.maps.names import Names, read_names
 from maidenflight.flights.maps.signal_map import COUNTS, Motors
 from maidenflight.flights.tables import Table
 
 _AXES = ("x", "y", "z")
-_CLOCKS = (
-    *("time", "timestamp", "t", "ts", "stamp", "times", "timeus", "timems", "timens"),
-    *("sec", "seconds", "timestampus", "timestampms", "timestampns", "elapsed"),
-)
-_UNITS = "rad_?s|deg_?s|dps|rad|deg|m_?s2|mps2|mss|m_?s|mps|mg?|g|m?v"
-"""Ends of columns' names that tell units."""
-
-
-def _axes(*patterns: str) -> tuple[tuple[str, ...], ...]:
-    """Names of three columns by letters, and by numbers."""
-    letters = (tuple(pattern + axis for axis in _AXES) for pattern in patterns)
-    return *letters, *(tuple(pattern + axis for axis in "012") for pattern in patterns if pattern)
-
-
-def _four(*patterns: str, ends: tuple[str, ...] = ("",)) -> tuple[tuple[str, ...], ...]:
-    """Names of four columns, numbered from 1 or from 0."""
-    return tuple(
-        tuple(f"{pattern}{first + number}{end}" for number in range(4))
-        for pattern in patterns
-        for first in (1, 0)
-        for end in ends
-    )
-
-
-_SPELLINGS: dict[str, tuple[tuple[str, ...], ...]] = {
-    "position": _axes("position", "pos", "p", ""),
-    "velocity": (*_axes("velocity", "vel", "v"), ("xdot", "ydot", "zdot")),
-    "attitude": (
-        *(
-            tuple(pattern + part for part in parts)
-            for parts in ("xyzw", "1230")
-            for pattern in ("quaternion", "orientation", "quat", "q")
-        ),
-        ("roll", "pitch", "yaw"),
-        ("phi", "theta", "psi"),
-    ),
-    "body_rates": (
-        *_axes("angularvelocity", "bodyrates", "bodyrate", "angvel", "gyroadc", "gyro", "gyr"),
-        *_axes("omega", "rates", "rate", "w", "g"),
-        ("rollrate", "pitchrate", "yawrate"),
-        ("rateroll", "ratepitch", "rateyaw"),
-        ("rolldot", "pitchdot", "yawdot"),
-        ("p", "q", "r"),
-    ),
-    "accelerometer": (
-        *_axes("linearacceleration", "specificforce", "accelerometer", "acceleration"),
-        *_axes("accsmooth", "accel", "acc", "a"),
-    ),
-    "motors": (
-        *_four("motorcommand", "motorcmd", "motoroutput", "motorpwm", "motors", "actuator"),
-        *_four("motor", "mot", ends=("", "pwm", "cmd")),
-        *_four("command", "throttle", "output", "thrust", "cmd", "pwm", "act", "esc"),
-        *_four("cmdm", "pwmm", "m", "u", ends=("", "pwm", "cmd")),
-    ),
-    "rotor_speed": (
-        *_four("rotorspeed", "motorspeed", "escrpm", "erpm", "rpm", "omega"),
-        *_four("rotor", "motor", "m", ends=("rpm",)),
-    ),
-    "battery": tuple(
-        (name,) for name in ("batteryvoltage", "voltage", "vbattery", "vbat", "battery", "bat")
-    ),
-}
-"""Names of columns by signal, the surest first, in small letters and digits alone."""
-_SHORT = 2
-"""Letters up to which a name must be the column's whole name, not its end."""
+_FEWEST_SIGNALS, _FASTEST_ROTOR = 2, 6000.0
+"""Signals without which a table is taken for no flight, and speed that no rotor reaches [rad/s];
+chosen."""
+_COMMANDED = re.compile("pwm|cmd|command|throttle|thrust|control|output")
+"""Names of motors that are commands, whatever their numbers are."""
 _RANGES = (
     *((0.0, 1.0), (0.0, 100.0), (0.0, 255.0)),
     *((1000.0, 2000.0), (48.0, 2047.0), (0.0, 65535.0)),
@@ -106,58 +48,42 @@ _LAGS = np.arange(0.0, 0.12, 0.01)
 
 
 def propose(table: Table) -> ColumnMap | None:
-    """Proposes a map; none where names show no time, body rates and motors."""
-    names = {}
-    for column in reversed(table.frame.columns):
-        if table.frame[column].dtype.is_numeric():
-            plain = re.sub(r"[\[(]\D[^\])]*[\])]?|_(" + _UNITS + ")$", "", column.strip().lower())
-            names[re.sub(r"[^a-z0-9]", "", plain)] = column
-    used_columns: set[str] = set()
-    result: dict[str, tuple[str, ...]] = {}
-    clock = next((names[name] for name in _CLOCKS if name in names), None)
-    if clock is None:
-        return None
-    for signal in ("rotor_speed", "body_rates", *_SPELLINGS):
-        columns = None if signal in result else _columns(_SPELLINGS[signal], names, used_columns)
-        if columns:
-            result[signal] = columns
-            used_columns.update(columns)
-    if not {"body_rates", "motors"} <= set(result):
+    """Proposes a map; none where names show no time, or too few signals for a flight.
+
+    A part that every map needs and no name shows is left out, for a person to fill in.
+    """
+    numeric = [name for name in table.frame.columns if table.frame[name].dtype.is_numeric()]
+    names = read_names(numeric)
+    clock = names.clock or next(iter(names.clocks.values()), "")
+    if not clock or len(names.signals.keys() - {"battery"}) < _FEWEST_SIGNALS:
         return None
     with suppress(InputError), np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        return _judged(table, clock, result)
+        return _judge(table, clock, names)
     return None
 
 
-def _columns(
-    spellings: Iterable[tuple[str, ...]], names: Mapping[str, str], used_columns: set[str]
-) -> tuple[str, ...] | None:
-    """Columns whose names end as one spelling says, with the same beginning."""
-    for spelling in spellings:
-        short = max(map(len, spelling)) <= _SHORT
-        ends = [name for name in names if name.endswith(spelling[0])]
-        for begin in sorted({name.removesuffix(spelling[0]) for name in ends}, key=len):
-            there = [names.get(begin + name, "") for name in spelling]
-            if all(there) and not (begin and short) and not used_columns.intersection(there):
-                return tuple(there)
-    return None
-
-
-def _judged(table: Table, clock: str, result: Mapping[str, tuple[str, ...]]) -> ColumnMap:
+def _judge(table: Table, clock: str, names: Names) -> ColumnMap:
     """The map of columns whose signals are known, with units, signs and the motors' order."""
-    rows = {signal: column_map.values(table, Source(names)) for signal, names in result.items()}
+    rows = {
+        signal: column_map.values(table, Source(columns))
+        for signal, columns in names.signals.items()
+    }
+    columns = dict(names.signals)
+    if "motors" in rows and "rotor_speed" not in rows and _are_speeds(rows["motors"], columns):
+        columns["rotor_speed"] = columns.pop("motors")
+        rows["rotor_speed"] = rows.pop("motors")
     time = column_map.values(table, Source((clock,)))[:, 0]
     step = _typical(np.diff(time))
     unit = "s" if step < 0.5 else "ms" if step < 500 else "us" if step < 5e5 else "ns"
     time, signs, units = time * column_map.UNITS[unit], {}, {TIME: unit}
-    force = _typical(rows["accelerometer"][:, 2]) if "accelerometer" in result else 0.0
-    below = "position" in result and _typical(rows["position"][:, 2]) < 0
+    force = _typical(rows["accelerometer"][:, 2]) if "accelerometer" in rows else 0.0
+    below = "position" in rows and _typical(rows["position"][:, 2]) < 0
     down = force < 0 if force else below
     units["accelerometer"] = "g" if abs(force) < 3 else "mg" if abs(force) > 300 else "m/s2"
     signs["accelerometer"] = signs["body_rates"] = (1, -1, -1) if down else (1, 1, 1)
-    gyro = rows["body_rates"] * signs["body_rates"]
+    gyro = rows.get("body_rates", np.zeros((len(time), 3))) * signs["body_rates"]
     degrees = _most(gyro) > _FASTEST
-    if "attitude" in result:
+    if "attitude" in rows:
         angles = rows["attitude"]
         if angles.shape[1] == len(_AXES):
             units["attitude"] = "deg" if _most(angles) > _HALF_TURN else "rad"
@@ -168,22 +94,58 @@ def _judged(table: Table, clock: str, result: Mapping[str, tuple[str, ...]]) -> 
     units["body_rates"] = "deg/s" if degrees else "rad/s"
     if below:
         signs["position"] = signs["velocity"] = (1, -1, -1)
-    order = _order(time, gyro, rows["motors"])
-    columns = dict(result)
-    for signal in ("motors", "rotor_speed"):
-        if signal in result:
-            columns[signal] = tuple(result[signal][number] for number in order)
-    if "rotor_speed" in result:
-        units["rotor_speed"] = "rpm" if "rpm" in result["rotor_speed"][0].lower() else "rad/s"
-    if "battery" in result:
+    turning = rows.get("motors", rows.get("rotor_speed"))
+    order = (0, 1, 2, 3) if turning is None else _order(time, gyro, turning)
+    for signal in {"motors", "rotor_speed"} & set(columns):
+        columns[signal] = tuple(columns[signal][number] for number in order)
+    if "rotor_speed" in columns:
+        word = columns["rotor_speed"][0].lower()
+        units["rotor_speed"] = "erpm" if "erpm" in word else "rpm" if "rpm" in word else "rad/s"
+    if "battery" in columns:
         units["battery"] = "mV" if _typical(rows["battery"]) > 500 else "V"
     sources = {TIME: Source((clock,), unit)}
     for signal in COUNTS:
         if signal in columns:
             turned = (*signs.get(signal, ()), *(1,) * len(columns[signal]))
-            names = ("-" * (sign < 0) + name for sign, name in zip(turned, columns[signal]))  # noqa: B905
-            sources[signal] = Source(tuple(names), units.get(signal, ""))
-    return ColumnMap(sources, _range(rows["motors"], result["motors"]))
+            signed = ("-" * (sign < 0) + name for sign, name in zip(turned, columns[signal]))  # noqa: B905
+            own = names.clocks.get("motors" if signal == "rotor_speed" else signal, "")
+            own = "" if own == clock else own
+            sources[signal] = Source(tuple(signed), units.get(signal, ""), own)
+    if "motors" not in rows:
+        return ColumnMap(sources)
+    scale = _range(rows["motors"], names.signals["motors"])
+    force_rows = rows.get("accelerometer")
+    if force_rows is None:
+        return ColumnMap(sources, scale)
+    return ColumnMap(sources, _judge_law(scale, time, rows["motors"], force_rows[:, 2]))
+
+
+def _are_speeds(motors: np.ndarray, names: Mapping[str, tuple[str, ...]]) -> bool:
+    """Returns whether numbers of motors are measured speeds: of no range of commands, and uneven.
+
+    Commands are counts, or shares.
+    """
+    if _COMMANDED.search(names["motors"][0].lower()):
+        return False
+    numbers = motors[np.isfinite(motors)]
+    uneven = np.mean(numbers != np.round(numbers)) > 0.5 if len(numbers) else False
+    return bool(uneven and _RANGES[2][1] < _most(motors) < _FASTEST_ROTOR)
+
+
+def _judge_law(
+    scale: Motors, time: np.ndarray, motors: np.ndarray, force: Float[np.ndarray, "N"]
+) -> Motors:
+    """Returns the law by which the force along z follows the motors, by name where it does not.
+
+    Thrust in proportion to the numbers changes by 1 % with them, its square by 2 %.
+    """
+    throttle = ((motors - scale.low) / (scale.high - scale.low)).mean(axis=1)
+    share, error = in_flight.elasticity(
+        [in_flight.changes(throttle, force, _typical(np.diff(time)))]
+    )
+    if not 3 * error < share:
+        return scale
+    return scale._replace(square=bool(share > np.sqrt(2.0)))
 
 
 def _typical(values: np.ndarray) -> float:

@@ -64,6 +64,11 @@ def read_sources(
     unknown = set(entries) - {*COUNTS, *needed}
     lacking = [signal for signal in needed if signal not in entries]
     if unknown or lacking:
+        if "motors" in lacking and "rotor_speed" in entries:
+            raise InputError(
+                f"{path}: measured rotor speeds, but no commands of the motors, without which no "
+                "drone is identified. Log the commands too, and add [motors]."
+            )
         raise InputError(
             f"{path}: {', '.join(sorted(unknown)) or 'nothing'} unknown and "
             f"{', '.join(lacking) or 'nothing'} missing; expected {', '.join(needed)}, and perhaps "

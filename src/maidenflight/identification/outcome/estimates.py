@@ -13,6 +13,7 @@ import numpy as np
 import polars
 
 from maidenflight.errors import InputError
+from maidenflight.flights.checkup.result import LogWarning
 from maidenflight.flights.log import SUBSAMPLED, ZERO_ORDER_HOLD, Flight
 from maidenflight.flights.windows import SEGMENT_SECONDS
 from maidenflight.identification.drone_file import (
@@ -35,6 +36,8 @@ from maidenflight.parameters import Parameters, replace
 from maidenflight.registry import PLOTS
 from maidenflight.simulator.randomization import Ensemble
 
+_FITTED = "identification"
+"""Kind of warnings that its notes are."""
 _FEWEST_SEGMENTS = 6
 """Segments of flight below which redrawing them says little."""
 USUAL_PERIOD = 0.0125
@@ -113,6 +116,8 @@ class Identification:
     """Wall time [s]."""
     advice: tuple[Advice, ...] = ()
     """What makes intervals narrower."""
+    warnings: tuple[LogWarning, ...] = ()
+    """What makes the flights doubtful."""
     evidence: tuple[Evidence, ...] = ()
     """What each signal says by itself of each parameter, and of motor lag and latency together."""
 
@@ -154,6 +159,7 @@ class Identification:
             self.unidentified,
             record or {},
             advice=self.advice,
+            warnings=(*self.warnings, *(LogWarning(_FITTED, "", note) for note in self.notes)),
         )
 
     def write(self, path: StrPath, record: Mapping[str, Any] | None = None) -> Path:

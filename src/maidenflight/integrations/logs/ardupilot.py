@@ -32,15 +32,17 @@ Parameters = Mapping[str, float]
 _CHANNELS = tuple(f"C{number}" for number in range(1, 15))
 _OUTPUTS = ("ROut", "POut", "YOut", "AOut")
 _TURNS, _FORCES = ("GyrX", "GyrY", "GyrZ"), ("AccX", "AccY", "AccZ")
+_TIME = ("TimeUS", "TimeMS")
+"""Clock of messages, before ArduCopter 3.3 in ms."""
 MESSAGES = {
-    "RATE": ("TimeUS", "R", "P", "Y", *_OUTPUTS),
-    "IMU": ("TimeUS", *_TURNS, *_FORCES),
-    "RCOU": ("TimeUS", *_CHANNELS),
-    "ESC": ("TimeUS", "RPM"),
-    "BAT": ("TimeUS", "Volt"),
-    "EV": ("TimeUS", "Id"),
+    "RATE": (*_TIME, "R", "P", "Y", *_OUTPUTS),
+    "IMU": (*_TIME, *_TURNS, *_FORCES),
+    "RCOU": (*_TIME, *_CHANNELS),
+    "ESC": (*_TIME, "RPM"),
+    "BAT": (*_TIME, "Volt"),
+    "EV": (*_TIME, "Id"),
 }
-"""Messages that are read, and of each the fields: TimeUS in us, R, P, Y in deg/s, gyro in rad/s,
+"""Messages that are read, and of each the fields: R, P, Y in deg/s, gyro in rad/s,
 accelerometer in m/s^2, channels in us of PWM."""
 REMEDY = (
     "Add ATTITUDE_FAST (1) and IMU_FAST (262144) to LOG_BITMASK, so that RATE and IMU are logged "
@@ -54,6 +56,9 @@ _GYRO_HZ, _ACCELEROMETER_HZ = 20.0, 20.0
 """ArduCopter's usual INS_GYRO_FILTER and INS_ACCEL_FILTER [Hz]."""
 _FIRST_MOTOR = 33
 """SERVOn_FUNCTION of motor 1."""
+_OLDEST_S, _SATURATES = 0.06, 0.05
+"""Age of outputs that an IO processor reads back every 50 ms (source: AP_IOMCU.cpp) [s], and share
+of motors at a limit from which a mixer saturates."""
 _DIGITAL = range(4, 8)
 """MOT_PWM_TYPE of DShot, whose outputs are 1000 to 2000 whatever MOT_PWM_MIN and MAX say."""
 
@@ -146,11 +151,14 @@ def _frame(name: str, parameters: Parameters) -> tuple[Frame, list[str]]:
         InputError: it is no quadrotor in X.
     """
     kind, form = (int(parameters.get(key, -1)) for key in ("FRAME_CLASS", "FRAME_TYPE"))
+    if kind == form == -1 and "FRAME" in parameters:
+        # Firmware of before 3.5 is built for one class, which RATE and RCOU show.
+        kind, form = _QUADROTOR, int(parameters["FRAME"])
     if kind != _QUADROTOR or form not in _FRAMES:
         raise InputError(
             f"{name}: its airframe is another (FRAME_CLASS {kind}, FRAME_TYPE {form}; -1 is not "
             "logged); expected a quadrotor in X (1 and one of "
-            f"{', '.join(map(str, _FRAMES))}), which is what maidenflight simulates."
+            f"{', '.join(map(str, _FRAMES))}), the frame that logs are read of."
         )
     frame = _FRAMES[form]
     order = ", ".join(str(number + 1) for number in frame.order)
@@ -177,22 +185,40 @@ def _motors(
     yaw = 1.0 if frame.turns_as_ours else -1.0
     torques = outputs.values[:, :3] * [1.0, 1.0, yaw] @ _MIX.T
     mixed = np.clip(outputs.values[:, 3:] + torques, 0.0, None)
-    held = streams.hold_last(sent.time, Stream(outputs.time, mixed))
-    compared = np.isfinite(held).all(axis=1) & (sent.values > 0).all(axis=1)
+    period = streams.period(outputs.time)
+    steps = np.arange(round(_OLDEST_S / period) + 1)
+    newest = np.searchsorted(outputs.time, sent.time, "right") - 1
+    held = mixed[np.clip(newest - steps[:, None], 0, None)]
+    compared = (newest >= steps[-1]) & (sent.values > 0).all(axis=1)
+    compared &= np.isfinite(held).all(axis=(0, 2))
+    logged, held = sent.values[compared], held[:, compared]
     # ArduPilot asks for more in thin air and of an empty battery, by one factor for all.
-    gain = float(np.sum(sent.values[compared]) / max(float(np.sum(held[compared])), 1e-9))
-    share = agreement.share_explained(sent.values[compared], gain * held[compared])
+    gain = float(logged.sum() / max(float(held[0].sum()), 1e-9))
+    share, late = agreement.share_explained(logged, gain * held[0]), ""
+    if share is not None and share < agreement.LEAST_SHARE:
+        # An IO processor's outputs are read back at 20 Hz: all four are of one earlier instant.
+        oldest = np.argmin(((gain * held - logged) ** 2).sum(axis=2), axis=0)
+        read_back = gain * held[oldest, np.arange(len(logged))]
+        share = agreement.share_explained(logged, read_back)
+        before = 1e3 * period * float(steps[oldest].mean())
+        late = f" as of {before:.0f} ms before, by an IO processor,"
     if share is None or share < agreement.LEAST_SHARE:
         percent = "nothing" if share is None else f"{100 * share:.3g} %"
+        limited = float(np.mean([logged >= 0.99, logged <= 0.01])) * 2 if logged.size else 0.0
         raise InputError(
             f"{name}: motors are logged at {sent.rate:.3g} Hz (RCOU), too rarely, and the outputs "
-            f"of the control (RATE) explain {percent} of their variance; at least "
-            f"{100 * agreement.LEAST_SHARE:g} % are needed. Expected a flight whose motors rarely "
-            "saturate."
+            f"of the control (RATE) explain {percent} of their variance, at whatever time within "
+            f"{1e3 * _OLDEST_S:.0f} ms before; at least {100 * agreement.LEAST_SHARE:g} % are "
+            f"needed. Motors are at a limit in {limited:.0%} of the rows: "
+            + (
+                "the mixer saturates. Expected a flight whose motors rarely do."
+                if limited > _SATURATES
+                else "another mixer, frame or order than the parameters say."
+            )
         )
     return Stream(outputs.time, np.clip(gain * mixed, 0.0, 1.0)), (
-        f"{name}: motors of RATE by ArduPilot's mixer, {outputs.rate:.0f} Hz; they explain "
-        f"{np.floor(1e4 * share) / 100:.2f} % of the variance of the logged motors "
+        f"{name}: motors of RATE by ArduPilot's mixer, {outputs.rate:.0f} Hz; they explain"
+        f"{late} {np.floor(1e4 * share) / 100:.2f} % of the variance of the logged motors "
         f"({sent.rate:.3g} Hz), with a factor of {gain:.3g}; {law}"
     )
 

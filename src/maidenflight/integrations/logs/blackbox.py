@@ -227,14 +227,16 @@ def _command(
     name: str, motor: Float[np.ndarray, "N 4"], headers: Mapping[str, Any]
 ) -> tuple[Float[np.ndarray, "N 4"], list[str]]:
     """Thrust commands of our motors, and how they were read."""
-    bounds = headers.get("motorOutput")
+    older = [headers.get("minthrottle"), headers.get("maxthrottle")]
+    bounds = headers.get("motorOutput", older)
     sound = isinstance(bounds, list) and all(isinstance(one, int | float) for one in bounds)
     bounds = bounds if isinstance(bounds, list) else []
     if not sound or len(bounds) != 2 or not 0 <= bounds[0] < bounds[1] <= 2500:
         raise InputError(
-            f"{name}: its header says motorOutput {headers.get('motorOutput')!r}; expected the "
-            "least and the greatest output of the motors, as Betaflight writes them since 3.1 "
-            f"({headers.get('Firmware revision', 'firmware unknown')})."
+            f"{name}: its header says motorOutput {headers.get('motorOutput')!r} and minthrottle, "
+            f"maxthrottle {older}; expected the least and the greatest output of the motors, of "
+            f"which one pair stands in Betaflight's logs "
+            f"({headers.get('Firmware revision', 'firmware unknown')}). Copy the log again."
         )
     digital = bounds[0] < 900
     still = blackbox_header.number(headers, "mincommand", 1000.0)

@@ -97,7 +97,11 @@ OPTIONAL: dict[str, tuple[Spelling, ...]] = {
     "setpoint": (Spelling(_columns("ctrltarget.{}", *_XYZ), _scaled(1.0)),),
     "thrust": (Spelling(("controller.cmd_thrust",), _scaled(1.0)),),
     "accelerometer": (Spelling(_columns("acc.{}", *_XYZ), _scaled(GRAVITY)),),
-    "rotor speed": (Spelling(_columns("rpm.m{}", *_MOTORS), _scaled(2 * np.pi / 60)),),
+    "rotor speed": (
+        Spelling(_columns("rpm.m{}", *_MOTORS), _scaled(2 * np.pi / 60)),
+        # Firmware of 2026: electrical turns, of motors with 12 magnet poles.
+        Spelling(_columns("motor.m{}_erpm", *_MOTORS), _scaled(2 * np.pi / 60 / 6)),
+    ),
 }
 """Signals that may be there, likewise."""
 _LEAST_US = 1000.0
@@ -114,8 +118,9 @@ _KNOWN = {
 
 
 def recognises(table: Table) -> bool:
-    """Returns whether three or more columns are log variables of the firmware."""
-    return len(_KNOWN & set(table.frame.columns)) >= 3
+    """Returns whether a clock and three or more columns are log variables of the firmware."""
+    columns = set(table.frame.columns)
+    return len(_KNOWN & columns) >= 3 and not {f"{one}.time" for one in ("motor", "gyro")} & columns
 
 
 def flights(table: Table) -> LoggedFlights:

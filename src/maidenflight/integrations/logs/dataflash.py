@@ -6,7 +6,11 @@ Source: ArduPilot documentation, Onboard Message Log Messages; libraries/AP_Logg
 """
 
 import contextlib
-import io
+import os
+import re
+import sys
+import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +21,8 @@ from maidenflight.flights.formats import LoggedFlights, Recording
 from maidenflight.integrations.logs import ardupilot
 from maidenflight.integrations.logs.ardupilot import Messages
 
+_OLDER = re.compile(r"^Ch(an)?(?=\d)")
+"""Channels of RCOU before ArduCopter 3.5, Ch1, Ch2, ..., and in other vehicles."""
 _NUMBERS = ("I", "Instance")
 """Fields that number sensors of one kind, in new logs and old ones."""
 
@@ -33,11 +39,13 @@ def flights(path: Path, name: str) -> LoggedFlights:
             lacking.
     """
     with optional("pymavlink", "ardupilot", "reading an ArduPilot log"):
-        from pymavlink.DFReader import DFReader_binary
-    silence = io.StringIO()  # It prints what is damaged.
+        from pymavlink.DFReader import DFReader_binary, DFReader_text
+    raw = path.read_bytes()[: len(FORMAT.begins)]
+    read = DFReader_text if TEXT.begins.startswith(raw) else DFReader_binary
+    damage: list[str] = []
     try:
-        with contextlib.redirect_stdout(silence), contextlib.redirect_stderr(silence):
-            reader = DFReader_binary(str(path))
+        with _silence(damage):
+            reader = read(str(path))
             with contextlib.closing(reader):
                 messages, parameters = _read(reader)
     except Exception as error:
@@ -46,8 +54,26 @@ def flights(path: Path, name: str) -> LoggedFlights:
             error
         )
     flight, time, notes = ardupilot.flight(name, messages, parameters)
-    damage = [f"{name}: damaged in places; what could be read of it is used"]
-    return [(flight, time)], [*(damage if silence.getvalue() else []), *notes]
+    note = f"{name}: damaged in places; what could be read of it is used"
+    return [(flight, time)], [*([note] if damage else []), *notes]
+
+
+@contextlib.contextmanager
+def _silence(lines: list[str]) -> Iterator[None]:
+    """Collects what the reader prints of damage: a line for each byte, in part by a C library."""
+    with tempfile.TemporaryFile("w+") as file:
+        sys.stderr.flush()
+        own = os.dup(2)
+        os.dup2(file.fileno(), 2)
+        try:
+            with contextlib.redirect_stdout(file), contextlib.redirect_stderr(file):
+                yield
+        finally:
+            file.flush()
+            os.dup2(own, 2)
+            os.close(own)
+            file.seek(0)
+            lines.extend(file)
 
 
 def _read(reader: Any) -> tuple[Messages, dict[str, float]]:
@@ -64,13 +90,25 @@ def _read(reader: Any) -> tuple[Messages, dict[str, float]]:
         numbers = [int(getattr(message, one)) for one in _NUMBERS if hasattr(message, one)]
         if kind == "IMU" and any(numbers):
             continue  # The first is read, and others are as many rows again.
-        known = [one for one in ardupilot.MESSAGES[kind] if one in message.get_fieldnames()]
+        logged = message.get_fieldnames()
+        known = [one for one in logged if _OLDER.sub("C", one) in ardupilot.MESSAGES[kind]]
         key = f"{kind}[{numbers[0]}]" if numbers else kind
         if fields.setdefault(key, known) == known:
             rows.setdefault(key, []).append([float(getattr(message, one)) for one in known])
-    return {
-        key: dict(zip(fields[key], np.array(table).T, strict=True)) for key, table in rows.items()
-    }, {key: value for key, value in parameters.items() if np.isfinite(value)}
+    return {key: _renamed(fields[key], np.array(table).T) for key, table in rows.items()}, {
+        key: value for key, value in parameters.items() if np.isfinite(value)
+    }
 
 
-FORMAT = Recording("ArduPilot DataFlash", (), b"\xa3\x95\x80", flights, (".bin",))
+def _renamed(fields: list[str], columns: np.ndarray) -> dict[str, np.ndarray]:
+    """Returns columns by the names of today's firmware."""
+    by_name = {_OLDER.sub("C", name): column for name, column in zip(fields, columns, strict=True)}
+    if "TimeMS" in by_name:
+        by_name["TimeUS"] = 1e3 * by_name.pop("TimeMS")
+    return by_name
+
+
+FORMAT = Recording(
+    *("ArduPilot DataFlash", (), b"\xa3\x95\x80", flights, (".bin",)), within=b"\xa3\x95\x80"
+)
+TEXT = Recording("ArduPilot DataFlash as text", (), b"FMT", flights, (".log",))

@@ -77,7 +77,7 @@ def check_airframe(name: str, parameters: Parameters) -> None:
         raise InputError(
             f"{name}: its airframe is another: {vehicle[0]} "
             f"({vehicle[1]} {whole_number(vehicle[1])}); "
-            "expected a quadrotor in X, which is what maidenflight simulates."
+            "expected a quadrotor in X, the frame that logs are read of."
         )
 
 
@@ -107,7 +107,7 @@ def rotors(name: str, parameters: Parameters) -> Rotors:
         places = "; ".join(f"{forward:g}, {left:g}" for forward, left in placed.values())
         raise InputError(
             f"{name}: {len(placed)} rotors at {places} m forward, left (CA_ROTORn_PX, PY); "
-            "expected four in X, which is what maidenflight simulates."
+            "expected four in X, the frame that logs are read of."
         )
     number_at = {corner: number for number, corner in quadrants.items()}
     order = tuple(number_at[corner] for corner in corners)

@@ -8,6 +8,7 @@ import numpy as np
 import polars
 from markupsafe import Markup
 
+from maidenflight.flights.checkup.result import warning_lines
 from maidenflight.flights.windows import SEGMENT_SECONDS
 from maidenflight.identification.calibration import summarize
 from maidenflight.identification.outcome.bounds import bound_reached
@@ -60,6 +61,7 @@ def section(run: Run) -> Markup:
     return render(
         "parameters.html",
         source=_source(run),
+        doubts=[] if run.drone is None else warning_lines(run.drone.warnings),
         estimates=_estimates(run),
         segment_seconds=f"{SEGMENT_SECONDS:g}",
         missed=_missed(run),
