@@ -225,7 +225,7 @@ def test_the_python_and_the_commands_on_realities_run(monkeypatch: pytest.Monkey
     policies = [policy.untrained_policy(jax.random.key(0))]
     monkeypatch.setattr(mf, "transfer", partial(mf.transfer, duration=0.5), raising=False)
     names = run_python("docs/evaluation.md", "Your own", policies=policies)
-    assert set(names["evaluation"].table["reality"]) == {"virtual-7", "worn-7"}
+    assert set(names["evaluation"].table["reality"]) == {"virtual:7", "worn-7"}
     policy_file.write_policy("policies/policy_1.json", policies[0])
     DroneFile(mf.crazyflie()).write("drone.toml")
     Path("mine.csv").write_text("t,x,y,z\n0,0,0,1\n1,0.1,0,1\n")
@@ -250,7 +250,7 @@ def test_a_reality_of_ones_own_as_the_page_on_extending_shows_it(
     (flight,) = names["flights"]
     assert np.abs(flight.attitude[:, :2]).max() < 0.4
     assert np.abs(flight.position[:, 2] - 1.0).max() < 0.2
-    assert set(names["evaluation"].table["reality"]) == {"virtual-7", "mine"}
+    assert set(names["evaluation"].table["reality"]) == {"virtual:7", "mine"}
     assert mf.reality("mine:0").name == "mine"
     policy_file.write_policy("policies/policy_1.json", policy.untrained_policy(jax.random.key(0)))
     (command,) = [

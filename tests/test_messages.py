@@ -169,7 +169,7 @@ def test_the_best_policy_is_told_from_one_of_the_same_name(trained: Path) -> Non
         [
             {
                 "policy": name,
-                "reality": "virtual-7",
+                "reality": "virtual:7",
                 "duration": duration,
                 "position_error": error,
                 "command_change": change,
@@ -196,11 +196,11 @@ def test_the_best_policy_is_told_from_one_of_the_same_name(trained: Path) -> Non
         "at_limits",
         *comparison.LARGEST,
     ]
-    assert summary.row(1)[:8] == ("circle/policy_2", "virtual-7", 2, 1, 20.0, 0.05, 0.4, 0.0)
+    assert summary.row(1)[:8] == ("circle/policy_2", "virtual:7", 2, 1, 20.0, 0.05, 0.4, 0.0)
     (near,) = comparison.describe_margins(summary)
     assert near.startswith("circle/policy_2, hover/policy_1: tilts of up to 25 deg")
     (note,) = comparison.describe_limit_cycles(summary)
-    assert note.startswith("circle/policy_2 in virtual-7 changes its commands by 0.40 ")
+    assert note.startswith("circle/policy_2 in virtual:7 changes its commands by 0.40 ")
 
 
 def test_equal_notes_are_said_once() -> None:

@@ -53,7 +53,7 @@ def test_every_policy_flies_every_reality_and_the_logs_match_the_table() -> None
     assert repr(flown).startswith("<8 flights of 2 policies in 2 realities: ")
     assert flown.table.select("policy", "reality", "trial").rows() == [
         (policy, reality, trial)
-        for reality in ("virtual-1", "virtual-2")
+        for reality in ("virtual:1", "virtual:2")
         for policy in ("policy_1", "policy_2")
         for trial in (1, 2)
     ]
@@ -94,7 +94,7 @@ def test_a_flight_is_the_same_until_its_drone_changes() -> None:
 def test_a_change_in_flight_is_refused_for_policies_that_fly_alone() -> None:
     pid = foreign_policy("pid")
     assert pid is not None
-    with pytest.raises(InputError, match=r"virtual-1\+yaw4000@5"):
+    with pytest.raises(InputError, match=r"virtual:1\+yaw4000@5"):
         transfer([*POLICIES, pid], named("virtual:1+yaw4000@5"), duration=0.1)
 
 

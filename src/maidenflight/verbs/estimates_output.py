@@ -123,13 +123,13 @@ def _describe_thrust(result: Identification) -> list[str]:
 
 
 def describe_delays(result: Identification) -> list[str]:
-    """Returns motor lag and latency together, by each signal."""
+    """Returns motor time constant plus latency, by each signal."""
     estimates = ", ".join(
         f"{one.signal} {1e3 * one.value:.0f} [{1e3 * one.interval[0]:.0f}, "
         f"{1e3 * one.interval[1]:.0f}]"
         for one in result.delay_estimates
     )
-    text = f"motor lag and latency together, by signal, in ms with 95 % interval: {estimates}"
+    text = f"motor time constant plus latency, by signal, in ms with 95 % interval: {estimates}"
     return [fill(text, _WIDTH)] if estimates else []
 
 

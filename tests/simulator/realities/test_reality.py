@@ -39,7 +39,7 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 def test_a_seed_makes_a_registered_reality(variant: str) -> None:
     made = reality(f"{variant}:12")
     assert isinstance(made, VirtualDrone)
-    assert made.name == f"{variant}-12"
+    assert made.name == f"{variant}:12"
 
 
 def test_a_reality_is_added_by_one_entry(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 import vl_convert
 from markupsafe import escape
 
-from maidenflight.reporting.figures.charts import Entry, Figure, Spec
+from maidenflight.reporting.figures.charts import NARROW, Entry, Figure, Spec
 from maidenflight.reporting.html import asset
 
 WIDTH = 920
@@ -137,6 +137,8 @@ def _plain(part: Any, width: float) -> Any:
         return part.translate(str.maketrans(_LACKING))
     if not isinstance(part, dict):
         return part
+    if "narrow" in part:
+        return _plain(part["narrow" if width < NARROW else "wide"], width)
     if "share" in part:
         return max(24, int(width / part["share"] - part["less"]))
     if "columns" in part and len(part) == 1:

@@ -15,6 +15,8 @@ SCORES = {
 """Label and displayed value per SI value of a policy's scores."""
 _OVER = {"steps": ("simulated steps [million]", 1e-6), "seconds": ("time [s]", 1.0)}
 """The same of what they are drawn over."""
+_LEAST = {"survival": 20.0, "position_error": 1.0}
+"""Least spans of displayed scores: below them curves differ by single episodes."""
 
 
 def learning_curves(scores: polars.DataFrame) -> Figure:
@@ -72,7 +74,9 @@ def panel(scores: polars.DataFrame, score: str, title: str, over: str = "steps")
         ends = {"y": np.nanmin(each), "high": np.nanmax(each)}
         rows += [{"series": "range", "policy": "range", "x": place, **ends}] if several else []
     blue, x = charts.paint("blue"), charts.number("x", _OVER[over][0])
-    y = charts.number("y", scale={"zero": False})
+    low, high = charts.margin(drawn, _LEAST.get(score, 0.0))
+    high = min(high, 100.5) if score == "survival" else high
+    y = charts.number("y", **charts.within(low, high))
     tooltip = charts.tooltip({"policy": "", "x": _OVER[over][0], "y": label})
     curves = "datum.series !== 'range'"
     size, opacity = (

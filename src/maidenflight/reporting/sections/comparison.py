@@ -73,7 +73,7 @@ def parameters(runs: Runs) -> Markup:
             f"[{', '.join(text.fixed(scale * end, digits) for end in one.interval)}]"
             for name, one in estimates.items()
         }
-        label = f"{parameter.replace('_', ' ')}{f' [{unit}]' if unit else ''}"
+        label = f"{text.label(parameter)}{f' [{unit}]' if unit else ''}"
         rows.append(
             {"parameter": label, **_fill(runs, values), "apart": _measure_difference(estimates)}
         )
@@ -147,7 +147,7 @@ def _draw(runs: Runs, names: Sequence[str]) -> Figure:
                 {**look, "kind": "bar", "x": start, "x2": stop},
                 {**look, "kind": "value", "x": value},
             ]
-    labels = [(name.replace("_", " "), "") for name in names]
+    labels = [(text.label(name), "") for name in names]
     legend = [Entry(name, _colour(runs, name), "bar", name) for name in runs]
     panel = intervals.rows(labels, marks, intervals.plausible_axis(), {"name": "run"})
     return Figure("Parameters", [panel], legend, columns=1)

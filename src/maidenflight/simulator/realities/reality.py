@@ -171,7 +171,7 @@ def _virtual_about(drawn_name: str, centre: str) -> VirtualDrone:
         )
     law = law_for(parameters.full_scale_counts(centre))
     drone = virtual_drone(int(seed), kind, parameters.read_drone(centre), law)
-    return dataclasses.replace(drone, name=f"{drone.name}-{parameters.name_of(centre)}")
+    return dataclasses.replace(drone, name=f"{drone.name}@{parameters.name_of(centre)}")
 
 
 def check_reality(candidate: Any) -> AnyReality:
