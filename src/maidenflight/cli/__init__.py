@@ -5,7 +5,7 @@ import sys
 
 import click
 
-from maidenflight import __version__
+from maidenflight import __version__, terminal
 from maidenflight.cli import interruption
 from maidenflight.cli.command import Commands
 from maidenflight.errors import InputError
@@ -37,17 +37,21 @@ def main(*, in_own_process: bool = False) -> None:
         with interruption.handle_sigint(in_own_process=in_own_process):
             commands(prog_name="maidenflight", standalone_mode=False)
     except InputError as error:
-        print(f"maidenflight: {error}", file=sys.stderr)
+        _complain(str(error))
         sys.exit(2)
     except click.exceptions.NoArgsIsHelpError as error:
         error.show()
         sys.exit(error.exit_code)
     except click.ClickException as error:
-        print(f"maidenflight: {_one_line(error)}", file=sys.stderr)
+        _complain(_one_line(error))
         sys.exit(error.exit_code)
     except (click.Abort, KeyboardInterrupt):
-        print(f"maidenflight: {interruption.line()}", file=sys.stderr)
+        _complain(interruption.line())
         sys.exit(interruption.CODE)
+
+
+def _complain(text: str) -> None:
+    print(terminal.lay_out(f"maidenflight: {text}", sys.stderr), file=sys.stderr)
 
 
 def _one_line(error: click.ClickException) -> str:

@@ -248,7 +248,8 @@ def _print(result: Result, as_json: bool) -> None:
         return
     terminal.show(*result.summary)
     if result.written:
-        print(f"written: {', '.join(map(_name, filter(None, result.written.values())))}")
+        names = map(_name, filter(None, result.written.values()))
+        terminal.show(f"written: {', '.join(names)}")
     if result.next and not result.error:
         command = shlex.join(["maidenflight", *map(str, result.next)])
         print(f"next: {command}{f'  ({result.next_remark})' if result.next_remark else ''}")

@@ -64,7 +64,7 @@ class Doctor(Verb):
 def _versions() -> Iterator[Finding]:
     yield Finding("maidenflight", __version__)
     yield Finding("Python", platform.python_version())
-    yield Finding("system", platform.platform())
+    yield Finding("system", f"{platform.system()} {platform.release()}, {platform.machine()}")
     yield Finding("JAX", _version("jax") or "none", "", _version("jax") is None)
 
 

@@ -1,7 +1,6 @@
 """Output of identified parameters, and of how well they fit."""
 
 from collections.abc import Mapping
-from textwrap import fill
 from typing import Any
 
 from maidenflight.identification.outcome.estimates import Identification
@@ -13,8 +12,6 @@ from maidenflight.verbs.logs_output import scale_of
 
 _MAIN = ("thrust_to_weight", "motor_time_constant", "latency")
 """The parameters of the paper."""
-_WIDTH = 118
-"""Of long lines."""
 
 
 def tabulate_estimates(
@@ -48,7 +45,7 @@ def tabulate_estimates(
     columns |= {"range within\n1 %": "{valley}", "between\ntrials": "{trials}"} if replayed else {}
     columns |= {"truth": "{truth}"} if truth is not None else {}
     return [
-        Table("Identified parameters", columns | {"unit": "{unit}"}, rows),
+        Table("Identified parameters", columns | {"unit": "{unit}"}, rows, tuple(columns)[:2:-1]),
         "between flights: standard deviation from one flight, or segment of it, to the next",
         *(["between trials: standard deviation, of the optimiser only"] if replayed else []),
     ]
@@ -130,7 +127,7 @@ def describe_delays(result: Identification) -> list[str]:
         for one in result.delay_estimates
     )
     text = f"motor time constant plus latency, by signal, in ms with 95 % interval: {estimates}"
-    return [fill(text, _WIDTH)] if estimates else []
+    return [text] if estimates else []
 
 
 def tabulate_gains(result: Identification) -> list[Table | str]:
@@ -168,7 +165,7 @@ def describe_fit(result: Identification, start: str) -> list[str]:
             for name, value in result.noise.items()
             if value
         )
-        lines.append(fill(f"noise: {', '.join(levels)}", _WIDTH))
+        lines.append(f"noise: {', '.join(levels)}")
     fit = (
         f"mean error of a replayed window {result.value:.4g} ({result.start_value:.4g} for {start})"
         if result.objective == "replay"

@@ -46,6 +46,8 @@ LARGEST = {
     "farthest": "{largest_distance:.0f cm}",
 }
 """Columns of the largest tilt, body rate and distance of flights, beside the limits of guards."""
+RARE = ("change of u", *reversed(LARGEST))
+"""Columns of flights that a narrow terminal leaves out first."""
 
 
 def _names_reality_in_code(text: str) -> bool:
