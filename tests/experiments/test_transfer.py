@@ -80,7 +80,7 @@ def test_a_flight_is_the_same_until_its_drone_changes() -> None:
     assert programs[2] == programs[1], "jumps share a program"
     for plain, *others in zip(*flown, strict=True):
         for other, name, rows in zip(others, names[1:], (20, 10), strict=True):
-            assert other.simulated == name.replace(":", "-")
+            assert other.simulated == name
             # A row is measured before its period, in which the change acts first.
             before, length = rows + 1, min(len(plain), len(other))
             for group in ("position", "body_rates", "command"):
@@ -132,7 +132,7 @@ def test_policies_of_different_shapes_and_empty_lists_are_refused() -> None:
         ),
         (
             POLICIES[0],
-            ["virtual:7"],
+            ["virtul:7"],
             "virtual:7",
         ),
         (POLICIES, [crazyflie()], "Parameters"),

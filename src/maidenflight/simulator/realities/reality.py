@@ -175,11 +175,13 @@ def _virtual_about(drawn_name: str, centre: str) -> VirtualDrone:
 
 
 def check_reality(candidate: Any) -> AnyReality:
-    """Returns a reality.
+    """Returns a reality, or that of a name.
 
     Raises:
         InputError: it is none.
     """
+    if isinstance(candidate, str):
+        return reality(candidate)
     if isinstance(candidate, AnyReality) and not isinstance(candidate, type):
         return candidate
     lacking = ", ".join(member for member in _MEMBERS if not hasattr(candidate, member))
