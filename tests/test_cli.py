@@ -486,7 +486,7 @@ def test_a_board_whose_package_is_missing_is_said_before_training_begins(
     monkeypatch.setitem(sys.modules, package, None)
     code, out, err = command(f"train --drone crazyflie -o {tmp_path}/policies --log {board}")
     assert (code, out, len(err.splitlines())) == (2, "", 1)
-    assert f"pip install '.[{board}]'" in err
+    assert f"pip install -e '.[{board}]'" in err
     assert not (tmp_path / "policies").exists()
 
 

@@ -16,7 +16,7 @@ _CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 @click.group(cls=Commands, context_settings=_CONTEXT)
 @click.version_option(__version__, prog_name="maidenflight")
 def commands() -> None:
-    """Takes flight logs to a neural network that flies the real drone on its first try.
+    """Takes flight logs of a quadrotor to a neural network that is to fly it.
 
     \b
     flight logs -> identify -> validate -> train -> transfer -> export -> report
