@@ -12,8 +12,6 @@ from typing import Any, Self, TextIO
 
 from maidenflight.errors import printable
 
-_WIDE = 110
-"""Columns of a terminal from which a bar may be long."""
 _PER_SI = {"cm": 100.0, "g": 1e3, "deg": math.degrees(1.0), "deg/s": math.degrees(1.0)}
 """Displayed value per value in SI units, of the units that are none."""
 _NUMBER = re.compile(r"[-+*]? ?\d|$|none$|unknown$")
@@ -53,7 +51,7 @@ class Bar(Progress):
         from rich.table import Column
 
         console = Console(stderr=True)
-        width = 24 if console.width >= _WIDE else 5
+        width = max(6, min(24, console.width // 5))
         columns = (
             "[bold]{task.description:<9}",
             # A bar must not give way to the remark: it would jump with each.
@@ -69,7 +67,10 @@ class Bar(Progress):
             ),
         )
         self._bar = progress.Progress(
-            *columns, console=console, disable=not console.is_terminal, expand=True
+            *columns,
+            console=console,
+            disable=not (console.is_terminal or console.is_jupyter),
+            expand=True,
         )
         self._bar.add_task(self._title, total=None, remark="")
         self._bar.start()

@@ -147,8 +147,8 @@ class Validate(Verb):
         verdict, remark = f"good: no rival predicts these flights clearly better than {name}", ""
         if doubts and not _compare(name, likelihoods, rows, trimmed):
             verdict = (
-                f"good but for the trim of the day: {'; '.join(doubts)}, but {name} predicts as well "
-                "with each flight's torque bias. The default --randomize of train covers other trims"
+                f"good but for the trim of the day: {'; '.join(doubts)}, but with each flight's "
+                f"torque bias {name} predicts as well. The default --randomize of train covers that"
             )
             doubts = []
         elif doubts:
