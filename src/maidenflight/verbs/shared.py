@@ -124,7 +124,7 @@ def accept_bounds() -> Any:
 def mass() -> Any:
     """Declares the mass of what flies."""
     return setting(
-        number(5.0, 5000.0),
+        number(5.0, 5000.0, "g"),
         None,
         "Mass of what flies [g], battery and decks included; that of the drone by default. "
         "Inertia and thrust-to-weight ratio follow it.",
