@@ -265,12 +265,12 @@ if str(BENCHMARKS) not in sys.path:
 parts: Any = importlib.import_module("parts")
 
 MOST = {
-    "closure of identify": 109,
+    "closure of identify": 110,
     "closure of train": 62,
     "closure of export": 32,
-    "log to drone.toml: stops": 672,
-    "log to drone.toml: modules": 113,
-    "log to drone.toml: names": 893,
+    "log to drone.toml: stops": 685,
+    "log to drone.toml: modules": 114,
+    "log to drone.toml: names": 902,
     "drone to policy: stops": 301,
     "drone to policy: modules": 72,
     "drone to policy: names": 451,
@@ -283,9 +283,9 @@ MOST = {
     "study to table: stops": 75,
     "study to table: modules": 15,
     "study to table: names": 123,
-    "constants": 693,
-    "constants without a source": 569,
-    "lines": 56_000,
+    "constants": 695,
+    "constants without a source": 571,
+    "lines": 56_400,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
