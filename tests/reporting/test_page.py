@@ -843,6 +843,19 @@ def test_two_runs_are_compared_in_standard_errors_of_their_difference(run):
     assert apart["thrust-to-weight ratio"] == pytest.approx(0.0, abs=1e-9)
 
 
+def test_key_figures_of_two_runs_have_differences_and_learning_curves_lie_over_each_other(run):
+    some = beside(run)
+    rows = file(str(comparison.key_figures(some)), "figures")
+    apart = dict(rows.select("figure", "difference").iter_rows())
+    [lag] = [one for name, one in apart.items() if name.startswith("motor time constant")]
+    assert float(lag.replace("\N{MINUS SIGN}", "-").split()[0]) != 0.0
+    assert lag.endswith(" ms")
+    some["b"] = replace(some["b"], training=some["a"].training)
+    content = str(comparison.trained(some))
+    assert 'id="compared-training"' in content
+    assert comparison.trained({"a": some["a"]}) == ""
+
+
 def test_test_flights_of_two_runs_have_a_row_each(run):
     rows = file(str(comparison.tested(beside(run))), "flown")
     assert rows["run"].to_list() == ["a", "b"]
@@ -855,7 +868,9 @@ def test_a_run_without_what_another_has_is_compared_by_the_rest(run):
     some["b"] = replace(some["b"], table=None, drone=None)
     assert comparison.parameters(some) == ""
     assert file(str(comparison.tested(some)), "flown")["run"].to_list() == ["a"]
-    assert set(file(str(comparison.key_figures(some)), "figures").columns) == {"figure", "a", "b"}
+    assert set(file(str(comparison.key_figures(some)), "figures").columns) == {
+        *("figure", "a", "b", "difference")
+    }
 
 
 def test_runs_of_one_name_are_told_apart_by_their_folders(run, tmp_path):

@@ -15,9 +15,12 @@ from maidenflight.reporting.figures.charts import Entry, Figure, Spec
 
 _OUTSIDE = -0.25, 1.25
 """Shares of a plausible range beyond which marks are left out."""
+_WEAK = 0.5
+"""Share of a plausible range from which on an interval is no finding of the flights."""
 _TOOLTIP = {"name": "", "value": "value", "between": "95 % interval", "source": ""}
 _ENTRIES = {
     "identified": Entry("identified, 95 % interval", "orange", "bar", "identified"),
+    "weak": Entry("identified, over half of what was plausible", "soft", "bar", "weak"),
     "unidentified": Entry("not identified: plausible range", "line", "thick", "unidentified"),
     "truth": Entry("truth", "green", "tick", "truth"),
     "start": Entry("start", "purple", "tick", "start"),
@@ -82,6 +85,8 @@ def estimates(
         between = f"{written(low)} .. {written(high)} {unit}".rstrip()
         common = {"row": row, "name": text.label(name), "between": between}
         series, colour = ("identified", "orange") if name in known else ("unidentified", "line")
+        if name in known and place(high) - place(low) > _WEAK:
+            series, colour = "weak", "soft"
         common |= {"series": series, "colour": charts.paint(colour)}
         marks.append({**common, "kind": "bar", "x": place(low), "x2": place(high)})
         numbers = f"not identified, {written(low)} .. {written(high)} {unit}"

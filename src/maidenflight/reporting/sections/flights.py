@@ -153,6 +153,7 @@ def recorded(run: Run) -> Markup:
         table=_recorded(run, rows) if rows.height else Markup(),
         refused=run.refused,
         with_drone=run.drone is not None,
+        identified=bool(run.estimates),
     )
 
 
