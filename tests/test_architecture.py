@@ -268,9 +268,9 @@ MOST = {
     "closure of identify": 110,
     "closure of train": 62,
     "closure of export": 32,
-    "log to drone.toml: stops": 685,
+    "log to drone.toml: stops": 686,
     "log to drone.toml: modules": 114,
-    "log to drone.toml: names": 902,
+    "log to drone.toml: names": 903,
     "drone to policy: stops": 301,
     "drone to policy: modules": 72,
     "drone to policy: names": 451,
@@ -283,9 +283,9 @@ MOST = {
     "study to table: stops": 75,
     "study to table: modules": 15,
     "study to table: names": 123,
-    "constants": 695,
-    "constants without a source": 571,
-    "lines": 56_400,
+    "constants": 696,
+    "constants without a source": 572,
+    "lines": 56_450,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
