@@ -101,7 +101,9 @@ def test_files_and_functions_are_short_and_take_few_arguments():
 
 
 PARTS = [
-    "drone_file methods behaviour path_flights",
+    "uncertainty unknowns",
+    "posterior",
+    "drone_file evidence methods behaviour path_flights",
     "identity",
     "signals",
     "search",
@@ -265,15 +267,15 @@ if str(BENCHMARKS) not in sys.path:
 parts: Any = importlib.import_module("parts")
 
 MOST = {
-    "closure of identify": 110,
+    "closure of identify": 111,
     "closure of train": 62,
     "closure of export": 32,
     "log to drone.toml: stops": 686,
-    "log to drone.toml: modules": 114,
+    "log to drone.toml: modules": 115,
     "log to drone.toml: names": 903,
-    "drone to policy: stops": 301,
-    "drone to policy: modules": 72,
-    "drone to policy: names": 451,
+    "drone to policy: stops": 302,
+    "drone to policy: modules": 73,
+    "drone to policy: names": 452,
     "policy to flight: stops": 260,
     "policy to flight: modules": 57,
     "policy to flight: names": 391,
@@ -285,7 +287,7 @@ MOST = {
     "study to table: names": 123,
     "constants": 696,
     "constants without a source": 572,
-    "lines": 56_450,
+    "lines": 56_500,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
