@@ -87,9 +87,7 @@ def test_what_is_no_reality_is_refused_and_what_was_meant_is_named(
         reality(name)
 
 
-@pytest.mark.parametrize(
-    "given", [7, "virtual:7", NumpyDrone, VirtualDrone, parameters.crazyflie()]
-)
+@pytest.mark.parametrize("given", [7, "virtul:7", NumpyDrone, VirtualDrone, parameters.crazyflie()])
 def test_what_lacks_the_protocol_is_no_reality(given: object) -> None:
     with pytest.raises(InputError):
         check_reality(given)
