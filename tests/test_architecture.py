@@ -272,7 +272,7 @@ MOST = {
     "closure of export": 32,
     "log to drone.toml: stops": 686,
     "log to drone.toml: modules": 115,
-    "log to drone.toml: names": 903,
+    "log to drone.toml: names": 904,
     "drone to policy: stops": 302,
     "drone to policy: modules": 73,
     "drone to policy: names": 452,
@@ -287,7 +287,7 @@ MOST = {
     "study to table: names": 123,
     "constants": 696,
     "constants without a source": 572,
-    "lines": 56_500,
+    "lines": 56_550,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
