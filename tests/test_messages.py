@@ -302,9 +302,8 @@ def test_the_page_that_the_help_of_training_names_tells_how_many_updates_are_usu
             for method in ("gradient", "distillation")
         )
         assert distilled == 3 * by_gradient
-    ppo, further = (
-        usual_settings("pwm", **how).updates for how in ({"method": "ppo"}, {"initial": True})
-    )
+    ppo = usual_settings("pwm", method="ppo").updates
+    further = usual_settings("pwm", initial=True).updates
     assert f"| PPO; `--from` | {ppo} epochs; {further} |" in told
 
 
