@@ -18,7 +18,7 @@ define install
   && $(BIN)/python -m pip install --quiet --editable '.$(1)' $(3); }
 endef
 
-.PHONY: demo test test-all night lint docs paper format lock oldest audit release-check clean
+.PHONY: demo extras test test-all night lint docs paper format lock oldest audit release-check clean
 
 demo: $(VENV)/.installed
 	$(BIN)/maidenflight demo
@@ -43,6 +43,10 @@ lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/pyright
+
+# Packages of extras beside the same editable install: make extras EXTRAS=ulog,onnx
+extras: $(VENV)/.installed
+	$(call install,[$(EXTRAS)],,)
 
 # The documentation site, in site/; a broken link is an error (with --quiet it would not be). The variable silences an advertisement.
 docs: $(VENV)/.installed-dev

@@ -16,6 +16,9 @@ os.environ.setdefault(
 )
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 
+# Tests read lines as pipes have them, whatever terminal they are begun in.
+os.environ.pop("COLUMNS", None)
+
 import jax
 import pytest
 from hypothesis import settings

@@ -3,8 +3,7 @@
     maidenflight demo -o run
     python benchmarks/gallery.py run
 
-needs Chromium and pdftoppm for the report, Pillow, and for the last picture the extra viewer and a
-display (`xvfb-run -a` where there is none). Pictures are of the files in the run's folder alone.
+needs Chromium and Pillow. Pictures are of the files in the run's folder alone.
 """
 
 import io
@@ -84,16 +83,6 @@ def _of_report(run: Path, to: Path) -> None:
         _small(home / "shot.png", to / "phone.png", 500)
         _browse(page + _ALONE, home, "1000,560", shot, query="theme=light&autoplay")
         _small(home / "shot.png", to / "viewer.png", 1000)
-        paper = home / "paper.pdf"
-        _browse(page, home, "1120,1590", "--no-pdf-header-footer", f"--print-to-pdf={paper}")
-        pdf = ["pdftoppm", "-png", "-scale-to-x", "600", "-scale-to-y", "-1", "-l", "3"]
-        subprocess.run([*pdf, paper, home / "paper"], check=True)
-        pages = [Image.open(one) for one in sorted(home.glob("paper-*.png"))]
-        sheet = Image.new("RGB", (sum(one.width for one in pages), pages[0].height))
-        for number, one in enumerate(pages):
-            sheet.paste(one, (number * pages[0].width, 0))
-        sheet.save(home / "shot.png")
-        _small(home / "shot.png", to / "print.png", 1800)
 
 
 def _of_charts(run: Path, to: Path) -> None:

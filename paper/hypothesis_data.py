@@ -58,7 +58,7 @@ class Data(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Such as "virtual-7, matching rates"."""
+        """Such as "virtual:7, matching rates"."""
         return f"{self.reality}, {self.rates}"
 
 

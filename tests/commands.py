@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from maidenflight import cli
+import laid_out
+from maidenflight import cli, terminal
 
 Command = Callable[..., tuple[int, str, str]]
 """Of words to exit code, standard output and standard error: texts are split as by a shell, lists
@@ -23,6 +24,16 @@ def run(
         parts = shlex.split(word) if isinstance(word, str) else word
         arguments += map(str, parts if isinstance(parts, list | tuple) else [parts])
     monkeypatch.setattr(sys, "argv", ["maidenflight", *arguments])
+    show = terminal.show
+
+    def show_and_check(*parts: Any) -> None:
+        with monkeypatch.context() as without:
+            without.setattr(terminal, "show", show)
+            laid_out.check(parts)
+        show(*parts)
+
+    if terminal.show.__name__ == "show":
+        monkeypatch.setattr(terminal, "show", show_and_check)
     try:
         cli.main()
         code = 0

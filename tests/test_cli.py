@@ -493,7 +493,7 @@ def test_a_board_whose_package_is_missing_is_said_before_training_begins(
     monkeypatch.setitem(sys.modules, package, None)
     code, out, err = command(f"train --drone crazyflie -o {tmp_path}/policies --log {board}")
     assert (code, out, len(err.splitlines())) == (2, "", 1)
-    assert f"pip install '.[{board}]'" in err
+    assert f"pip install -e '.[{board}]'" in err
     assert not (tmp_path / "policies").exists()
 
 
@@ -613,3 +613,17 @@ def test_where_programs_cannot_be_kept_or_are_kept_elsewhere_nothing_happens(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     cache.keep_compiled()
     assert "JAX_COMPILATION_CACHE_DIR" not in os.environ
+
+
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [
+        ("identfy flights", "did you mean identify?"),
+        ("export p.json --to px", "did you mean px4?"),
+        ("identify flights --mass 0.033", "from 5 to 5000 g"),
+    ],
+)
+def test_a_mistyped_word_is_answered_by_what_it_resembles(words, hint, command):
+    code, _, err = command(words)
+    assert code == 2
+    assert hint.lower() in err.lower()

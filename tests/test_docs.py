@@ -169,8 +169,9 @@ def test_the_python_of_the_training_page_runs(
 def test_the_python_on_predicted_flights_runs(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for path in ("policies/policy_1.json", "attitude_rate_066.json"):
-        policy_file.write_policy(path, policy.untrained_policy(jax.random.key(0)))
+    for number in (1, 2):
+        path = f"policies/policy_{number}.json"
+        policy_file.write_policy(path, policy.untrained_policy(jax.random.key(number)))
     parameters.write_drone("drone.toml", parameters.crazyflie(), {})
     monkeypatch.setattr(
         mf,
@@ -179,9 +180,9 @@ def test_the_python_on_predicted_flights_runs(
         raising=False,
     )
     names = run_python("docs/evaluation.md", "Predict")
-    assert names["flights"]["policy"].to_list() == ["ours"] * 2 + ["theirs"] * 2
+    assert names["flights"]["policy"].to_list() == ["policy_1"] * 2 + ["policy_2"] * 2
     assert "quantile_90" in names["summary"](names["flights"]).columns
-    assert "theirs" in capsys.readouterr().out
+    assert "policy_2" in capsys.readouterr().out
 
 
 @pytest.mark.slow
@@ -226,7 +227,7 @@ def test_the_python_and_the_commands_on_realities_run(monkeypatch: pytest.Monkey
     policies = [policy.untrained_policy(jax.random.key(0))]
     monkeypatch.setattr(mf, "transfer", partial(mf.transfer, duration=0.5), raising=False)
     names = run_python("docs/evaluation.md", "Your own", policies=policies)
-    assert set(names["evaluation"].table["reality"]) == {"virtual-7", "worn-7"}
+    assert set(names["evaluation"].table["reality"]) == {"virtual:7", "worn-7"}
     policy_file.write_policy("policies/policy_1.json", policies[0])
     DroneFile(mf.crazyflie()).write("drone.toml")
     Path("mine.csv").write_text("t,x,y,z\n0,0,0,1\n1,0.1,0,1\n")
@@ -251,7 +252,7 @@ def test_a_reality_of_ones_own_as_the_page_on_extending_shows_it(
     (flight,) = names["flights"]
     assert np.abs(flight.attitude[:, :2]).max() < 0.4
     assert np.abs(flight.position[:, 2] - 1.0).max() < 0.2
-    assert set(names["evaluation"].table["reality"]) == {"virtual-7", "mine"}
+    assert set(names["evaluation"].table["reality"]) == {"virtual:7", "mine"}
     assert mf.reality("mine:0").name == "mine"
     policy_file.write_policy("policies/policy_1.json", policy.untrained_policy(jax.random.key(0)))
     (command,) = [
@@ -362,19 +363,21 @@ def test_the_python_of_a_question_is_short_and_runs(
     monkeypatch.setattr(mf, "transfer", traced_flights)
     if word == "logs":
         (flight,) = mf.record(mf.virtual_drone(7), jax.random.key(0), rate=100)[:1]
+        time = flight.period * np.arange(len(flight))[:, None]
+        angles = np.degrees(flight.attitude)
         table = np.hstack(
-            [flight.position, flight.velocity, flight.attitude, flight.body_rates, flight.command]
+            [time, flight.position, flight.velocity, angles, flight.body_rates, flight.command]
         )
         np.savetxt(
             "my_log.csv",
             table,
             delimiter=",",
             comments="",
-            header="x,y,z,vx,vy,vz,roll,pitch,yaw,p,q,r,m1,m2,m3,m4",
+            header="time,x,y,z,vx,vy,vz,roll,pitch,yaw,p,q,r,m1,m2,m3,m4",
         )
     run_snippet(snippet, page)
     if word == "logs":
-        assert mf.read_flights("logs").duration == pytest.approx(4.0)
+        assert Path("flight.pdf").read_bytes().startswith(b"%PDF")
 
 
 @pytest.mark.slow
@@ -450,7 +453,8 @@ def test_the_api_shows_every_module_and_its_index_every_public_name() -> None:
     public = {f"maidenflight.{name}" for name in modules if not name.startswith("_")} - {
         "maidenflight.cli"
     }
-    assert set().union(*(shown(page) for page in (ROOT / "docs/api").glob("*.md"))) == public
+    pages = set().union(*(shown(page) for page in (ROOT / "docs/api").glob("*.md")))
+    assert {".".join(name.split(".")[:2]) for name in pages} == public
     index = (ROOT / "docs/api/index.md").read_text()
     names = [*mf.__all__, *sim.__all__]
     assert all(f"[`{name}`]" in index for name in names if name != "__version__")
@@ -718,7 +722,7 @@ def test_the_documentation_for_users_is_short_and_so_are_its_sentences() -> None
     # Marks of tables are no words.
     words = {page: len(re.findall(r"(?<!\S)[^\s|]\S*", page.read_text())) for page in GUIDES}
     assert words[ROOT / "README.md"] <= 400
-    assert sum(words.values()) <= 16_300
+    assert sum(words.values()) <= 16_000
     spoken = [sentence for page in GUIDES for sentence in sentences(page)]
     long = [sentence for sentence in spoken if len(sentence.split()) > 25]
     assert len(spoken) > 500
@@ -736,7 +740,7 @@ def test_the_gallery_shows_small_pictures_and_all_of_its_folder() -> None:
 def test_the_tour_leads_through_fifteen_files_that_are_there_and_not_longer_than_it_says() -> None:
     rows = re.findall(
         r"^(\d+)\. `([\w/]+\.py)` \((\d+)\): (.+?\.) (.+\?)$",
-        (ROOT / "docs" / "tour.md").read_text(),
+        (ROOT / "CONTRIBUTING.md").read_text(),
         re.M,
     )
     assert [int(number) for number, *_ in rows] == list(range(1, 16))

@@ -171,7 +171,7 @@ def test_the_best_policy_is_told_from_one_of_the_same_name(trained: Path) -> Non
         [
             {
                 "policy": name,
-                "reality": "virtual-7",
+                "reality": "virtual:7",
                 "duration": duration,
                 "position_error": error,
                 "command_change": change,
@@ -198,11 +198,11 @@ def test_the_best_policy_is_told_from_one_of_the_same_name(trained: Path) -> Non
         "at_limits",
         *comparison.LARGEST,
     ]
-    assert summary.row(1)[:8] == ("circle/policy_2", "virtual-7", 2, 1, 20.0, 0.05, 0.4, 0.0)
+    assert summary.row(1)[:8] == ("circle/policy_2", "virtual:7", 2, 1, 20.0, 0.05, 0.4, 0.0)
     (near,) = comparison.describe_margins(summary)
     assert near.startswith("circle/policy_2, hover/policy_1: tilts of up to 25 deg")
     (note,) = comparison.describe_limit_cycles(summary)
-    assert note.startswith("circle/policy_2 in virtual-7 changes its commands by 0.40 ")
+    assert note.startswith("circle/policy_2 in virtual:7 changes its commands by 0.40 ")
 
 
 def test_equal_notes_are_said_once() -> None:
@@ -296,16 +296,17 @@ def test_the_page_that_the_help_of_training_names_tells_how_many_updates_are_usu
     told = " ".join(TRAINING_PAGE.read_text().split())
     usual = {structure: usual_settings(structure).updates for structure in CONTROLS}
     remembering = usual_settings("attitude", memory=16).updates
-    assert (
-        f"{usual['pwm']} for pwm and attitude_rate, {usual['attitude']} for attitude "
-        f"({remembering} with a memory);"
-    ) in told
+    assert f"| pwm, attitude_rate | {usual['pwm']} |" in told
+    assert f"| attitude | {usual['attitude']}; {remembering} with a memory |" in told
     assert usual["attitude_rate"] == usual["pwm"]
     long = ("figure_eight", "fast_figure_eight", "tracking")
     for structure, count in usual.items():
         for task, times, word in (
-            ("hover", 2, "twice as many for hover"),
-            *((name, 3, f"three times for {', '.join(long[:2])} and {long[2]}") for name in long),
+            ("hover", 2, "| hover | twice that |"),
+            *(
+                (name, 3, f"| {', '.join(long)}; distillation | three times that |")
+                for name in long
+            ),
         ):
             assert usual_settings(structure, task).updates == times * count
             assert word in told
@@ -314,9 +315,9 @@ def test_the_page_that_the_help_of_training_names_tells_how_many_updates_are_usu
             for method in ("gradient", "distillation")
         )
         assert distilled == 3 * by_gradient
-    assert "by distillation three times as many" in told
-    assert f"{usual_settings('pwm', method='ppo').updates} epochs of PPO" in told
-    assert f"{usual_settings('pwm', initial=True).updates} from a policy" in told
+    ppo = usual_settings("pwm", method="ppo").updates
+    further = usual_settings("pwm", initial=True).updates
+    assert f"| PPO; `--from` | {ppo} epochs; {further} |" in told
 
 
 def test_the_help_of_training_tells_the_usual_randomization() -> None:

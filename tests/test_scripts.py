@@ -71,7 +71,7 @@ def test_what_lacks_is_said_before_anything_is_done(
         check=False,
     )
     assert done.returncode == 1, done.stderr
-    assert done.stderr.strip().splitlines() == [f"Needs {package}: pip install '.[{extra}]'"], (
+    assert done.stderr.strip().splitlines() == [f"Needs {package}: pip install -e '.[{extra}]'"], (
         done.stderr
     )
     assert list(tmp_path.iterdir()) == []

@@ -71,8 +71,8 @@ def test_policies_fly_in_mujoco_as_the_page_says() -> None:
     (line,) = [line for line in commands("MuJoCo") if line[0] == "transfer"]
     cli.commands([*line, "--trials", "1", "--duration", "0.5"], standalone_mode=False)
     flights = Path("transfer/flights.csv").read_text()
-    assert "mujoco-drone" in flights
-    assert "mujoco-crazyflie+sensors" in flights
+    assert "mujoco:drone" in flights
+    assert "mujoco:crazyflie+sensors" in flights
 
 
 def test_the_hour_in_gym_pybullet_drones() -> None:

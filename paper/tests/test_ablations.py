@@ -206,7 +206,7 @@ def test_variants_are_trained_flown_and_drawn_and_nothing_twice(
         for latency in (0.018, 0.0)
     ]
     assert data.height == 2 * 2 * (2 + 2 + 2)
-    assert set(data["reality"]) == {"itself", "virtual-7", "other motors", "unequal motors, 5 %"}
+    assert set(data["reality"]) == {"itself", "virtual:7", "other motors", "unequal motors, 5 %"}
     assert data["duration"].is_between(0.01, 0.3).all()
     output = capsys.readouterr().out
     for words in ("no latency", "other motors", "flight time [s]", "crazyflie has no posterior"):

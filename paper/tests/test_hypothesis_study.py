@@ -306,7 +306,7 @@ def test_names_of_realities_are_understood(hypothesis: Any, tmp_path: Path) -> N
     both = polars.concat(
         [
             table.with_columns(reality=polars.lit(name))
-            for name in ("virtual-7", "pybullet-7", "mine")
+            for name in ("virtual:7", "pybullet:7", "mine")
         ]
     )
     path = written(both, tmp_path / "flights.csv")
@@ -316,8 +316,8 @@ def test_names_of_realities_are_understood(hypothesis: Any, tmp_path: Path) -> N
     record = (tmp_path / "statistics.csv").read_text().splitlines()[1].removeprefix("# record: ")
     lags = json.loads(record)["settings"]["total_lag"]
     assert lags == {
-        "virtual-7": pytest.approx(truth, abs=1e-6),
-        "pybullet-7": pytest.approx(truth, abs=1e-6),
+        "virtual:7": pytest.approx(truth, abs=1e-6),
+        "pybullet:7": pytest.approx(truth, abs=1e-6),
         "mine": pytest.approx(0.091),
     }
 
@@ -355,7 +355,7 @@ def test_mistakes_are_named(
         written(good, tmp_path / "drone.csv", settings={"drone": "heavy.toml"}), *known
     )
     assert "reality made-up is unknown" in refused(path)
-    assert "no flight in virtual-7" in refused(path, *known, "--lag", "virtual-7=0.1")
+    assert "no flight in virtual:7" in refused(path, *known, "--lag", "virtual:7=0.1")
     assert "expected NAME=VALUE" in refused(path, "--lag", "0.09")
     assert "expected seconds" in refused(path, "--lag", "made-up=90")
     assert "told twice" in refused(

@@ -111,7 +111,7 @@ def test_history_and_hidden_layers_are_studied(
     told = capsys.readouterr().out
     for words in ("| H |", "| hidden layers |", "| 3 | 596 |", "| 8x8 | 596 |"):
         assert words in told
-    assert '"reality": "virtual-7"' in (tmp_path / "study.csv").read_text()
+    assert '"reality": "virtual:7"' in (tmp_path / "study.csv").read_text()
 
 
 @pytest.fixture(scope="module")
@@ -276,7 +276,7 @@ def test_figure_4_computes_gathers_and_draws_a_study_and_goes_on_where_it_was(
     drawn = picture.read_text()
     assert all(
         f"{name}: latency {latency} ms in training" in drawn
-        for name in ("near-7", "real")
+        for name in ("near:7", "real")
         for latency in (0, 15)
     )
     assert "T_m 80 ms" in capsys.readouterr().out

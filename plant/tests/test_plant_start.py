@@ -18,9 +18,9 @@ ROOT = Path(__file__).parents[1]
 
 def test_a_plant_is_refused_at_once_where_the_drone_changes_in_flight() -> None:
     assert callable(find_plant("virtual:1+yaw600", 0))
-    with pytest.raises(InputError, match="virtual-1"):
+    with pytest.raises(InputError, match="virtual:1"):
         find_plant("virtual:1+yaw600@1", 0)
-    with pytest.raises(InputError, match="near-7"):
+    with pytest.raises(InputError, match="near:7"):
         plant_of(reality("near:7+weak10@5"), 65535.0)  # pyright: ignore[reportArgumentType]
 
 

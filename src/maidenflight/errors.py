@@ -62,7 +62,7 @@ def optional(package: str, extra: str, purpose: str, remark: str = "") -> Iterat
         missing = getattr(error, "name", None) or package
         raise InputError(
             f"{missing.partition('.')[0]} is not installed, but {purpose} needs it. In "
-            f"maidenflight's source folder: pip install '.[{extra}]'{remark and f' ({remark})'}"
+            f"maidenflight's source folder: pip install -e '.[{extra}]'{remark and f' ({remark})'}"
         ) from error
 
 
@@ -94,7 +94,7 @@ def require_packages(*packages: str) -> None:
     lacking = [package for package in packages if find_spec(package) is None]
     if lacking:
         extras = ",".join(dict.fromkeys(_EXTRAS.get(package, package) for package in lacking))
-        raise SystemExit(f"Needs {', '.join(lacking)}: pip install '.[{extras}]'")
+        raise SystemExit(f"Needs {', '.join(lacking)}: pip install -e '.[{extras}]'")
 
 
 def require_simulators(realities: Iterable[str]) -> None:

@@ -22,6 +22,7 @@ from maidenflight.errors import InputError
 
 if TYPE_CHECKING:
     import numpy as np
+    from jax import Array
 
 LARGEST = 3.4e38
 """What no number of a file exceeds; float32 reaches a little further."""
@@ -34,6 +35,8 @@ _DOTTED = re.compile(
 """A key of many names, which Python's `tomllib` takes the square of their number for."""
 StrPath = str | os.PathLike[str]
 """A path as a user gives it."""
+PATHS = (str, os.PathLike)
+"""The types of one, for `isinstance`."""
 
 
 def content(path: StrPath, limits: Budget) -> bytes:
@@ -348,3 +351,10 @@ class Fields:
 def is_number(value: Any) -> bool:
     """Returns whether a value is a finite number that float32 can hold."""
     return type(value) in (int, float) and -LARGEST <= value <= LARGEST
+
+
+def random_key(key: "Array | int | None") -> "Array":
+    """Returns JAX's random key of a whole number, 0 by default; a key as it is."""
+    import jax
+
+    return jax.random.key(key or 0) if key is None or isinstance(key, int) else key

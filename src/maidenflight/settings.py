@@ -6,8 +6,9 @@ study, records and the arguments in Python are derived from it.
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -64,10 +65,10 @@ def whole(low: int, high: int) -> Values:
     )
 
 
-def number(low: float, high: float) -> Values:
-    """Takes numbers within two others."""
+def number(low: float, high: float, unit: str = "") -> Values:
+    """Takes numbers within two others, of a unit that errors name."""
     return Values(
-        f"a number from {low:g} to {high:g}",
+        f"a number from {low:g} to {high:g} {unit}".rstrip(),
         lambda value: is_number(value) and low <= value <= high,
         float,
         float,
@@ -284,7 +285,14 @@ class Setting:
             return self.values.check(value)
         except (ValueError, TypeError, OverflowError):
             wrong = f"{place} = {str(value)[:60]!r}"
-            raise InputError(f"{wrong}; expected {self.values.expected}.") from None
+            hint = similar(str(value), self.values.choices)
+            raise InputError(f"{wrong}; {hint}expected {self.values.expected}.") from None
+
+
+def similar(word: str, names: Iterable[str]) -> str:
+    """Returns the question whether a name was meant that a word resembles; else nothing."""
+    found = get_close_matches(word, names, 1)
+    return f"did you mean {found[0]}? " if found else ""
 
 
 def setting(

@@ -113,7 +113,7 @@ def flights(reached: Any, axis: str = "circle", limit: float = 2.0) -> polars.Da
     return polars.DataFrame(
         {
             "policy": "one",
-            "reality": "virtual-7",
+            "reality": "virtual:7",
             "axis": axis,
             "flight": range(1, len(reached) + 1),
             "reached": list(map(float, reached)),
@@ -152,7 +152,7 @@ def test_flights_of_every_policy_and_grade_have_the_same_starts(short: None) -> 
     assert found["reached"].to_list() == [AXES["latency"].grades[-1]] * 6  # type: ignore[union-attr]
     assert found["policy"].to_list() == ["policy_1"] * 3 + ["policy_2"] * 3
     assert found["flight"].to_list() == [1, 2, 3] * 2
-    assert set(found["reality"]) == {"virtual-7"}
+    assert set(found["reality"]) == {"virtual:7"}
 
 
 def test_what_cannot_be_flown_is_refused():

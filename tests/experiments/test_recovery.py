@@ -44,12 +44,12 @@ def test_rows_are_of_the_flights_whose_drone_changes() -> None:
         flight(),
         flight(duration=0.5),
     ]
-    jumps = "virtual-3+payload15@1"
+    jumps = "virtual:3+payload15@1"
     given = table(
         *(("one", jumps, "time limit"),) * 3,
         ("two", jumps, "tilt"),
-        ("two", "virtual-3+payload15", "time limit"),
-        ("two", "virtual-3+yaw4000@1.5", "time limit"),
+        ("two", "virtual:3+payload15", "time limit"),
+        ("two", "virtual:3+yaw4000@1.5", "time limit"),
     )
     found = of_flights(given, flights)
     assert found["place"].to_list() == [0, 1, 2, 3], "the last ends before its drone changes"
@@ -62,4 +62,4 @@ def test_rows_are_of_the_flights_whose_drone_changes() -> None:
 
 
 def test_where_no_drone_changes_there_are_no_rows() -> None:
-    assert of_flights(table(("one", "virtual-3", "time limit")), [flight()]).height == 0
+    assert of_flights(table(("one", "virtual:3", "time limit")), [flight()]).height == 0

@@ -38,7 +38,7 @@ def flights(draw):
             arrays(np.float32, (rows, 3), elements=st.floats(-10, 10, width=32) | unknown)
         ),
         zero_order_hold=draw(st.booleans()),
-        simulated=draw(st.sampled_from(["", "virtual-3", "a: b"])),
+        simulated=draw(st.sampled_from(["", "virtual:3", "a: b"])),
     )
 
 
@@ -108,7 +108,7 @@ def test_duration_is_rows_times_period():
 
 
 def test_a_file_says_what_it_is_and_in_which_units():
-    lines = log.to_csv(calm(zero_order_hold=False, simulated="virtual-3"), {"seed": 7}).split("\n")
+    lines = log.to_csv(calm(zero_order_hold=False, simulated="virtual:3"), {"seed": 7}).split("\n")
     assert lines[0].startswith(log.MARK)
     for quantity in (
         "time s;",
@@ -121,7 +121,7 @@ def test_a_file_says_what_it_is_and_in_which_units():
         "setpoint m$",
     ):
         assert re.search(quantity, lines[0]), quantity
-    assert lines[1:3] == ["# commands: subsampled", "# simulated: virtual-3"]
+    assert lines[1:3] == ["# commands: subsampled", "# simulated: virtual:3"]
     assert json.loads(lines[3].removeprefix("# record: ")) == {"seed": 7}
     assert lines[4].split(",") == [column for group in log.GROUPS.values() for column in group]
     assert len(lines) == 5 + 120 + 1
@@ -189,14 +189,14 @@ def to_parquet(path, flight, **metadata):
 def test_the_same_columns_are_read_from_parquet(tmp_path):
     to_parquet(
         tmp_path / "flight.parquet",
-        calm(simulated="virtual-3"),
+        calm(simulated="virtual:3"),
         commands="zero-order-hold",
-        simulated="virtual-3",
+        simulated="virtual:3",
     )
     read = read_flights(tmp_path)
     assert read.notes == ()
     (flight,) = read.flights
-    assert (flight.zero_order_hold, flight.simulated) == (True, "virtual-3")
+    assert (flight.zero_order_hold, flight.simulated) == (True, "virtual:3")
     np.testing.assert_allclose(flight.body_rates, calm().body_rates, atol=1e-6)
 
 

@@ -139,7 +139,7 @@ def test_other_tables_in_a_folder_are_ignored(tmp_path, kind):
 OWN_TABLES = {
     "training.csv": b"update,steps,policy,episode_return\n1,64,1,-3.0\n",
     "flights.csv": b"flight,policy,reality,trial,duration,end_reason,position_error,command_change,"
-    b"at_limits\n1,1,virtual-1,1,20.0,time,0.1,0.01,0.0\n",
+    b"at_limits\n1,1,virtual:1,1,20.0,time,0.1,0.01,0.0\n",
     "identification.csv": b"trial,thrust_to_weight,objective\n1,1.8,10.0\n",
     "validation.csv": b"# maidenflight validation 1: errors\n# record: "
     b"{}\nmodel,horizon,windows\nx,0.1,3\n",

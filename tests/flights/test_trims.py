@@ -9,7 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from made_flights import calm
-from maidenflight.flights.trims import ENOUGH_FLIGHTS, Trim, between_flights, trim
+from maidenflight.flights.trims import (
+    ENOUGH_FLIGHTS,
+    Trim,
+    between_flights,
+    hover_command,
+    trim,
+)
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.simulator.physics import dynamics
 
@@ -36,6 +42,17 @@ def test_a_drone_that_hovers_tells_its_thrust_and_its_torques(bias, ratio):
     np.testing.assert_allclose(found.torque_bias, bias, atol=1e-7, rtol=1e-3)
     np.testing.assert_allclose(found.command, command, rtol=1e-5)
     assert found.battery == pytest.approx(3.7)
+
+
+def test_the_hover_command_carries_the_weight_whatever_drone_flies():
+    still = np.zeros((200, 3), np.float32)
+    flight = calm(200, command=np.full((200, 4), 0.57, np.float32))
+    flight = dataclasses.replace(flight, velocity=still, attitude=still, body_rates=still)
+    assert hover_command(flight)[0] == pytest.approx(0.57)
+    tilted = np.float32(np.tile([np.arccos(0.9), 0.0, 0.0], (200, 1)))
+    command, error = hover_command(dataclasses.replace(flight, attitude=tilted))
+    assert command == pytest.approx(0.9 * 0.57)
+    assert error == pytest.approx(0.0, abs=1e-6)
 
 
 def test_what_a_log_lacks_is_not_known_and_short_flights_have_no_error():

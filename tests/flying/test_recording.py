@@ -48,7 +48,7 @@ def test_the_same_key_records_the_same_flights_and_another_key_others(flights):
 
 def test_flights_are_marked_simulated_and_sampled(flights):
     assert [(f.name, f.simulated, f.zero_order_hold, f.period, len(f)) for f in flights] == [
-        (f"flight_{number:02d}", "virtual-3", True, 0.002, 2000) for number in (1, 2)
+        (f"flight_{number:02d}", "virtual:3", True, 0.002, 2000) for number in (1, 2)
     ]
 
 
@@ -123,7 +123,7 @@ def test_a_recorded_flight_has_nothing_to_complain_about_and_survives_its_file(f
         kept, notes = checking.pieces(again)
         assert (len(kept), len(kept[0]), notes) == (1, 2000, [])
         np.testing.assert_allclose(kept[0].command, flight.command, atol=1e-6)
-        assert kept[0].simulated == "virtual-3"
+        assert kept[0].simulated == "virtual:3"
 
 
 @pytest.mark.slow

@@ -61,6 +61,8 @@ def test_a_lacking_package_is_named_with_its_extra_and_nothing_is_written(
     extra, need = NEEDS[package]
     monkeypatch.setitem(sys.modules, package, None)
     name = package.partition(".")[0]
-    with pytest.raises(InputError, match=rf"^{name} is not installed.*pip install '.\[{extra}\]'"):
+    with pytest.raises(
+        InputError, match=rf"^{name} is not installed.*pip install -e '.\[{extra}\]'"
+    ):
         need(tmp_path)
     assert list(tmp_path.iterdir()) == []

@@ -70,6 +70,18 @@ def flying() -> tuple[tuple[Policy, ...], list[Progress]]:
     return learn(hear=heard.append, settings=SMALL), heard
 
 
+def test_training_tells_how_far_it_is_and_is_the_same_in_stretches(trained: Any) -> None:
+    told: list[tuple[int, int]] = []
+    policies = train(
+        *(TASK, CONTROLLER, BOX, KEYS, TINY, SPEC),
+        on_update=lambda done, of: told.append((done, of)),
+    )
+    assert_same(policies, trained[0])
+    assert told[-1] == (TINY.updates, TINY.updates)
+    assert [done for done, _ in told] == sorted({done for done, _ in told})
+    assert len(told) >= TINY.evaluations
+
+
 @pytest.mark.slow
 def test_training_makes_policies_fly_that_did_not(flying: Any) -> None:
     policies, heard = flying

@@ -68,7 +68,6 @@ def test_distributions_that_cannot_be_trained_over_together_are_refused(
         ({"distribution": crazyflie()}, "Parameters is no distribution of drones"),
         ({"keys": jax.random.key(0)}, "keys must be random keys, one a policy"),
         ({"keys": 0}, "keys must be random keys, one a policy"),
-        ({"settings": AnalyticGradient(updates=0)}, "updates = 0; expected 1 or more"),
         ({"policy": 3}, r"3 is no PolicySpec or Policy; expected what mf\.PolicySpec\(\) gives"),
         ({"policy": PolicySpec(form="raptor"), "settings": PPO()}, "not by ppo"),
         ({"policy": INITIAL, "controller": control.attitude()}, "control structure"),

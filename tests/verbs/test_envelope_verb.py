@@ -49,7 +49,7 @@ def test_an_envelope_goes_on_where_it_was_interrupted(
     table = asked(resume=True)
     assert entries(tmp_path) == {("envelope", "out"): {"envelope", "picture"}}
     assert first + flown == [
-        (place, axis) for place in ("virtual-7", "virtual-8") for axis in ("circle", "latency")
+        (place, axis) for place in ("virtual:7", "virtual:8") for axis in ("circle", "latency")
     ]
     assert list(zip(table["reality"], table["axis"], strict=True)) == first + flown
     assert (tmp_path / "out" / "envelope.svg").read_text().startswith("<svg")

@@ -5,7 +5,7 @@ import sys
 
 import click
 
-from maidenflight import __version__
+from maidenflight import __version__, terminal
 from maidenflight.cli import interruption
 from maidenflight.cli.command import Commands
 from maidenflight.errors import InputError
@@ -16,7 +16,7 @@ _CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 @click.group(cls=Commands, context_settings=_CONTEXT)
 @click.version_option(__version__, prog_name="maidenflight")
 def commands() -> None:
-    """Takes flight logs to a neural network that flies the real drone on its first try.
+    """Takes flight logs of a quadrotor to a neural network that is to fly it.
 
     \b
     flight logs -> identify -> validate -> train -> transfer -> export -> report
@@ -37,17 +37,21 @@ def main(*, in_own_process: bool = False) -> None:
         with interruption.handle_sigint(in_own_process=in_own_process):
             commands(prog_name="maidenflight", standalone_mode=False)
     except InputError as error:
-        print(f"maidenflight: {error}", file=sys.stderr)
+        _complain(str(error))
         sys.exit(2)
     except click.exceptions.NoArgsIsHelpError as error:
         error.show()
         sys.exit(error.exit_code)
     except click.ClickException as error:
-        print(f"maidenflight: {_one_line(error)}", file=sys.stderr)
+        _complain(_one_line(error))
         sys.exit(error.exit_code)
     except (click.Abort, KeyboardInterrupt):
-        print(f"maidenflight: {interruption.line()}", file=sys.stderr)
+        _complain(interruption.line())
         sys.exit(interruption.CODE)
+
+
+def _complain(text: str) -> None:
+    print(terminal.lay_out(f"maidenflight: {text}", sys.stderr), file=sys.stderr)
 
 
 def _one_line(error: click.ClickException) -> str:

@@ -20,7 +20,7 @@ from maidenflight.cli.project import FILE, read_project, settings_for
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.registry import VERBS
-from maidenflight.settings import REQUIRED, Setting
+from maidenflight.settings import REQUIRED, Setting, similar
 from maidenflight.verb import Result, Verb, find_verb
 
 _KEYWORDS = ("from", "for")
@@ -42,7 +42,8 @@ class _Values(click.ParamType):
             read = self.values.parse(value)
             if self.values.accepts([read] if self.values.repeats else read):
                 return read
-        self.fail(f"{value!r}; expected {self.values.expected}.", param, ctx)
+        hint = similar(str(value), self.values.choices)
+        self.fail(f"{value!r}; {hint}expected {self.values.expected}.", param, ctx)
 
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str
@@ -170,6 +171,15 @@ class Commands(click.Group):
         """Returns the names of the verbs in the order of the flow."""
         return list(VERBS.own)
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Finds the command of a name; of one that is none, the error says what may be meant."""
+        if args and args[0] not in VERBS and not args[0].startswith("-"):
+            hint = similar(args[0], VERBS.own).capitalize()
+            ctx.fail(f"No such command {args[0]!r}. {hint}".rstrip())
+        return super().resolve_command(ctx, args)
+
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Returns a verb's command."""
         if ctx.obj is None:
@@ -248,7 +258,8 @@ def _print(result: Result, as_json: bool) -> None:
         return
     terminal.show(*result.summary)
     if result.written:
-        print(f"written: {', '.join(map(_name, filter(None, result.written.values())))}")
+        names = map(_name, filter(None, result.written.values()))
+        terminal.show(f"written: {', '.join(names)}")
     if result.next and not result.error:
         command = shlex.join(["maidenflight", *map(str, result.next)])
         print(f"next: {command}{f'  ({result.next_remark})' if result.next_remark else ''}")

@@ -8,6 +8,7 @@ from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from maidenflight.inputs import PATHS
 from maidenflight.registry import EXPORTERS
 
 if TYPE_CHECKING:
@@ -31,12 +32,14 @@ def keywords_of(to: str) -> set[str]:
     return set(signature(EXPORTERS[to]).parameters)
 
 
-def export(policy: "Policy", folder: "StrPath", to: str = "c", **options: Any) -> list[Path]:
+def export(
+    policy: "Policy | StrPath", folder: "StrPath | None" = None, to: str = "c", **options: Any
+) -> list[Path]:
     """Writes a policy for other programs.
 
     Args:
-        policy: the policy.
-        folder: where to write; made if missing.
+        policy: the policy or its file, which says what `name` and `hover` are.
+        folder: where to write; made if missing. `choose_folder` by default.
         to: a name in `registry.EXPORTERS`.
         **options: some of `name` of the policy, `hover`, the share of full thrust at which its
             drone hovers, `seed` of random numbers in what is written, `record` of how the policy
@@ -48,7 +51,14 @@ def export(policy: "Policy", folder: "StrPath", to: str = "c", **options: Any) -
     Raises:
         InputError: no such exporter; or what is written cannot hold the policy.
     """
-    policy.must_be_plain()
     keywords = keywords_of(to)
+    if isinstance(policy, PATHS):
+        # Not above: importing this package imports no JAX.
+        from maidenflight.deployment.frame import read_for
+
+        file = read_for(policy, to)
+        options = {"name": Path(policy).stem, "hover": file.hover, **options}
+        policy = file.policy
+    policy.must_be_plain()
     accepted = {name: value for name, value in options.items() if name in keywords}
-    return EXPORTERS[to](policy, folder, **accepted)
+    return EXPORTERS[to](policy, choose_folder(to) if folder is None else folder, **accepted)

@@ -16,6 +16,7 @@ import polars
 from jax.tree_util import Partial
 from jaxtyping import Array, Float
 
+from maidenflight import inputs
 from maidenflight import names as known
 from maidenflight.errors import InputError
 from maidenflight.flying.engine import fly_all
@@ -145,7 +146,7 @@ def envelope(
     axis: str,
     *,
     flights: int = 20,
-    key: Array | None = None,
+    key: Array | int | None = None,
     task: Task | None = None,
     names: Sequence[str] | None = None,
 ) -> polars.DataFrame:
@@ -174,7 +175,7 @@ def envelope(
     if flights < 1 or not policies:
         raise InputError("an envelope needs at least one policy and one flight.")
     along, pilots, base_task = AXES[axis], pilots_of(policies), task or tasks.circle()
-    keys = jax.random.split(jax.random.key(0) if key is None else key, flights)
+    keys = jax.random.split(inputs.random_key(key), flights)
     if isinstance(along, SpeedRamp):
         hardest = along.fastest
         reached = [_speeds_reached(pilot, reality, along, keys, base_task) for pilot in pilots]

@@ -20,12 +20,16 @@ from jax import tree
 from jax.sharding import NamedSharding, PartitionSpec
 from jaxtyping import Array, Float
 
+from maidenflight import inputs
 from maidenflight.errors import InputError, first_few
+from maidenflight.experiments import drones as drones_of_file
 from maidenflight.experiments.conditions import CURRENT, Conditions
+from maidenflight.experiments.policies import read_policies
 from maidenflight.experiments.transfer import MAX_DURATION_S
 from maidenflight.flying import guarded
 from maidenflight.flying.guarded import FlightOutcome
 from maidenflight.flying.scenario import Start
+from maidenflight.inputs import PATHS, StrPath
 from maidenflight.parameters import Parameters, replace
 from maidenflight.policy import Policy
 from maidenflight.simulator.controllers import control
@@ -46,10 +50,19 @@ AT_ONCE = {"cpu": 1}
 AT_ONCE_ELSEWHERE = 64
 
 
+def _of_files(
+    place: StrPath, names: Sequence[str] | None, policy_tasks: Sequence[Task] | None
+) -> tuple[Sequence[Policy], Sequence[str], Sequence[Task]]:
+    """Policies of a file or folder, with names and tasks where none are given."""
+    files = read_policies([place])
+    trained, _ = files.choose_tasks(None)
+    return files.own, names or files.own_names, policy_tasks or [*map(tasks.find_task, trained)]
+
+
 def predict_flight_times(
-    policies: Sequence[Policy],
-    drone: Parameters,
-    key: Array,
+    policies: Sequence[Policy] | StrPath,
+    drone: Parameters | StrPath,
+    key: Array | int = 0,
     *,
     trials: int = 16,
     duration: float = MAX_DURATION_S,
@@ -66,9 +79,11 @@ def predict_flight_times(
     the drone; an estimator that is late (`estimator_delay`) is another compilation.
 
     Args:
-        policies: of any control structures, histories and layer sizes.
-        drone: a point, or an ensemble stacked along a first axis, from which each trial draws one.
-        key: random key.
+        policies: of any control structures, histories and layer sizes; or a policy file or a folder
+            of them, each of which flies what it was trained for.
+        drone: a point, or an ensemble stacked along a first axis, from which each trial draws one;
+            or the name or file of a drone, of which trials draw as the command `predict` does.
+        key: random key, or a whole number that makes one.
         trials: flights of each policy.
         duration: longest flight [s].
         conditions: firmware, first states and guard.
@@ -86,6 +101,11 @@ def predict_flight_times(
         InputError: no policy, trial or time, names that do not tell the policies apart, or a rate
             that does not divide 100 Hz.
     """
+    if isinstance(policies, PATHS):
+        policies, names, policy_tasks = _of_files(policies, names, policy_tasks)
+    if isinstance(drone, PATHS):
+        drone = drones_of_file.possible_drones(drone, drones_of_file.choose_prediction(drone), 0)
+    key = inputs.random_key(key)
     names = list(names or (f"policy_{number}" for number in range(1, len(policies) + 1)))
     if not policies or trials < 1 or not len(set(names)) == len(names) == len(policies):
         raise InputError(

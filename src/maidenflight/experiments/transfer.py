@@ -5,6 +5,7 @@ Source of the experiment and its guards: Gronauer et al. 2022, sec. Zero-Shot Ex
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from os import PathLike
 from typing import Any
 
 import jax
@@ -12,12 +13,15 @@ import numpy as np
 import polars
 from jaxtyping import Array
 
+from maidenflight import inputs
 from maidenflight.errors import InputError
+from maidenflight.experiments.policies import read_policies
 from maidenflight.flights.log import Flight
 from maidenflight.flying.engine import fly_all
 from maidenflight.flying.firmware_pilot import FirmwarePilot
 from maidenflight.flying.pilots import AnyPolicy, pilots_of
 from maidenflight.flying.scenario import Scenario
+from maidenflight.inputs import PATHS, StrPath
 from maidenflight.names import Firmware
 from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.physics.battery import COUNTS
@@ -79,10 +83,10 @@ def activity(flight: Flight) -> dict[str, float]:
 
 
 def transfer(
-    policies: Sequence[AnyPolicy | FirmwarePilot] | AnyPolicy,
-    realities: Sequence[AnyReality] | AnyReality,
+    policies: Sequence[AnyPolicy | FirmwarePilot] | AnyPolicy | StrPath,
+    realities: Sequence[AnyReality | str] | AnyReality | str = "virtual:7",
     trials: int = 3,
-    key: Array | None = None,
+    key: Array | int | None = None,
     *,
     task: Task | None = None,
     controller: Controller | None = None,
@@ -97,10 +101,11 @@ def transfer(
 
     Args:
         policies: policies of one control structure and layer sizes, policies by others beside them,
-            or one of either; or pilots of the firmware, of one controller.
-        realities: where to fly them; one or more.
+            or one of either; or pilots of the firmware, of one controller; or a policy file or a
+            folder of them, which fly what they were trained for.
+        realities: where to fly them; one or more, or their names.
         trials: flights of each policy in each reality.
-        key: random key; `jax.random.key(0)` by default.
+        key: random key, or a whole number that makes one.
         task: the circle, from rest, by default.
         controller: what carries out their commands; `control.controller_for` their interface
             by default.
@@ -112,11 +117,15 @@ def transfer(
             interface than theirs, or a reality that takes neither motor commands nor those of the
             policies.
     """
-    several: Any = [policies] if isinstance(policies, AnyPolicy) else policies
+    several: Any = [policies] if isinstance(policies, AnyPolicy | str | PathLike) else policies
+    if several and all(isinstance(one, PATHS) for one in several):
+        files = read_policies(several)
+        several, names = files.every, names or files.names
+        task = task or tasks.find_task(files.choose_task(None)[0])
     for one in several:
         if not isinstance(one, AnyPolicy | FirmwarePilot):
             raise InputError(
-                f"{str(one)[:60]!r} is no Policy; give policy_file.read_policy(FILE).policy."
+                f"{str(one)[:60]!r} is no Policy; give policies, or their files alone."
             )
     places: Any = realities if isinstance(realities, list | tuple) else [realities]
     places = [check_reality(one) for one in places]
@@ -124,7 +133,7 @@ def transfer(
         raise InputError("a transfer needs at least one policy, one reality and one trial.")
     by_firmware = isinstance(several[0], FirmwarePilot)
     pilots = list(several) if by_firmware else pilots_of(several, controller)
-    key = jax.random.key(0) if key is None else key
+    key = inputs.random_key(key)
     names = list(names or (f"policy_{number}" for number in range(1, len(pilots) + 1)))
     plan = [(policy, trial) for policy in range(len(pilots)) for trial in range(trials)]
     scenario = Scenario(task or tasks.circle(), duration, changing=True)

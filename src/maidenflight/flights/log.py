@@ -4,6 +4,7 @@ import itertools
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from maidenflight import results
 from maidenflight.errors import InputError
 from maidenflight.flights import tables
 from maidenflight.flights.tables import Table
-from maidenflight.inputs import StrPath
+from maidenflight.inputs import PATHS, StrPath
 from maidenflight.names import COMMANDS, OPTIONAL_SIGNALS
 from maidenflight.registry import PLOTS
 from maidenflight.simulator.physics.battery import COUNTS, MOST_COUNTS
@@ -129,6 +130,32 @@ class Flight:
         origin = f"simulated on {self.simulated}" if self.simulated else "real"
         return f"<flight {self.name}: {self.duration:.1f} s at {1 / self.period:.4g} Hz, {origin}>"
 
+    @staticmethod
+    def from_frame(
+        frame: Any,
+        columns: Mapping[str, Any],
+        name: str = "table",
+        zero_order_hold: bool | None = None,
+    ) -> "Flight":
+        """Makes a checked flight of a pandas or polars table.
+
+        Args:
+            frame: a row an instant.
+            columns: its columns by signal, as NAME.columns.toml has them (docs/flight-log.md):
+                `time`, `body_rates` and `motors`, and perhaps `position`, `velocity`, `attitude`,
+                `accelerometer`, `rotor_speed` and `battery`. A name, a list of names, or a mapping
+                of `columns` and `unit`.
+            name: what to call it.
+            zero_order_hold: whether each command acts until the next row; assumed where None.
+
+        Raises:
+            InputError: a column or signal is missing or no number; or the table contradicts
+                physics, or is no single stretch of usable flight.
+        """
+        # Checks and maps of columns are made of flights.
+        frames = import_module("maidenflight.flights.frames")
+        return frames.flight_of_frame(frame, columns, name, zero_order_hold)
+
     def plot(self) -> Any:
         """Returns a picture of the signals over time, which a notebook shows."""
         return PLOTS["flight"](self)
@@ -169,6 +196,14 @@ class Flight:
     def speed_command(self) -> Float[np.ndarray, "N 4"]:
         """Rotor speed nu that commands ask for until the next row: sqrt(u), in float64."""
         return np.sqrt(np.maximum(self.mean_command.astype(float), 0.0))
+
+
+def flights_of(flights: Iterable[Flight] | StrPath) -> list[Flight]:
+    """Returns flights, or the checked ones of a log or a folder of logs."""
+    if isinstance(flights, PATHS):
+        # Formats of logs are made of flights.
+        return list(import_module("maidenflight.flights.reading").read_flights(flights))
+    return list(flights)
 
 
 def by_log(flights: Iterable[Flight]) -> dict[str, list[Flight]]:

@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from maidenflight.flights.log import Flight
 from maidenflight.flights.rotors import rotors
-from maidenflight.parameters import Parameters, levers
+from maidenflight.parameters import Parameters, crazyflie, levers
 
 SEGMENT_S = 0.5
 """Length of the parts of a flight whose means tell how sure the whole's is [s]."""
@@ -78,9 +78,23 @@ def trim(pieces: Sequence[Flight], drone: Parameters) -> Trim:
         values[1:],
         float(error[0]),
         error[1:],
-        _mean(np.concatenate([piece.command for piece in rows])),
-        float(_mean(np.concatenate([piece.battery for piece in rows])[:, None])[0]),
+        finite_mean(np.concatenate([piece.command for piece in rows])),
+        float(finite_mean(np.concatenate([piece.battery for piece in rows])[:, None])[0]),
     )
+
+
+def hover_command(flight: Flight) -> tuple[float, float]:
+    """Returns the mean command that carries the weight, and its standard error [-].
+
+    It needs no drone: lag and thrust curve are left out, so it compares flights of one drone and
+    is not its inverse thrust-to-weight ratio.
+    """
+    rows = flight.part(flight.lead, len(flight))
+    edges = np.linspace(0, len(rows), max(1, round(rows.duration / SEGMENT_S)) + 1).astype(int)
+    unit = crazyflie()  # of its balance only the ratio is used, which depends on gravity alone
+    parts = [rows.part(first, last) for first, last in pairwise(edges)]
+    each = [1 / _balance(part, part.command, unit)[0] for part in (rows, *parts) if len(part)]
+    return float(each[0]), _standard_error(np.array(each[1:]))
 
 
 def with_standard_errors(
@@ -121,14 +135,14 @@ def _balance(
     rates, speed = rows.body_rates.astype(np.float64), rows.velocity[:, 2].astype(np.float64)
     gravity, weight = float(drone.gravity), float(drone.mass * drone.gravity)
     needed = 1.0 + (speed[-1] - speed[0]) / seconds / gravity
-    lifted = float(_mean((shares.mean(axis=1) * up)[:, None])[0])
+    lifted = float(finite_mean((shares.mean(axis=1) * up)[:, None])[0])
     ratio = needed / lifted if lifted > 0 else np.nan
     full = weight / 4 * (ratio if ratio > 0 else float(drone.thrust_to_weight))
-    forces = full * _mean(shares)
+    forces = full * finite_mean(shares)
     wrench = forces @ (levers(drone) * [1.0, 1.0, float(drone.torque_to_thrust)])
     inertia = np.asarray(drone.inertia, np.float64)
     spun = inertia * (rates[-1] - rates[0]) / seconds
-    return np.array([ratio, *(spun + _mean(np.cross(rates, inertia * rates)) - wrench)])
+    return np.array([ratio, *(spun + finite_mean(np.cross(rates, inertia * rates)) - wrench)])
 
 
 def _weighted(values: Float[np.ndarray, "n"], weights: Sequence[float]) -> float:
@@ -142,7 +156,7 @@ def _standard_error(means: Float[np.ndarray, "n"]) -> float:
     return float(np.std(means, ddof=1) / np.sqrt(len(means))) if len(means) > 1 else float("nan")
 
 
-def _mean(values: Float[np.ndarray, "N d"]) -> Float[np.ndarray, "d"]:
-    """Over the rows that are finite; NaN where none is."""
+def finite_mean(values: Float[np.ndarray, "N d"]) -> Float[np.ndarray, "d"]:
+    """Returns the mean of the rows that are finite; NaN where none is."""
     good = values[np.isfinite(values).all(axis=1)]
     return good.mean(axis=0) if len(good) else np.full(values.shape[1], np.nan)

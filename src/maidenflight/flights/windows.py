@@ -73,13 +73,14 @@ def must_have_one_rate(flights: Iterable[Flight]) -> None:
     """Refuses flights whose periods differ by more than `SAME_RATE`.
 
     Raises:
-        InputError: the lowest and the highest rate.
+        InputError: flights of the lowest and the highest rate.
     """
-    periods = [flight.period for flight in flights]
-    if periods and max(periods) > (1 + SAME_RATE) * min(periods):
+    ranked = sorted(flights, key=lambda flight: flight.period)
+    if ranked and ranked[-1].period > (1 + SAME_RATE) * ranked[0].period:
+        (fast, high), (slow, low) = ((one.name, 1 / one.period) for one in (ranked[0], ranked[-1]))
         raise InputError(
-            f"flights of different rates ({1 / max(periods):.6g} to {1 / min(periods):.6g} Hz); "
-            "identify from flights of one rate at a time."
+            f"flights of different rates: {slow} has {low:.6g} Hz, {fast} {high:.6g} Hz. Identify "
+            "from flights of one rate at a time: put the others into a folder of their own."
         )
 
 

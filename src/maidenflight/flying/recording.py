@@ -7,6 +7,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Int
 
+from maidenflight import inputs
 from maidenflight.errors import InputError
 from maidenflight.flights.flight_plan import FlightPlan
 from maidenflight.flights.log import Flight, thinned
@@ -22,8 +23,8 @@ from maidenflight.simulator.tasks import tasks
 
 
 def record(
-    reality: AnyReality,
-    key: Array,
+    reality: AnyReality | str,
+    key: Array | int = 0,
     flights: int = 4,
     duration: float = 30.0,
     excitation: float = 0.06,
@@ -37,8 +38,8 @@ def record(
     positions flies its own controller instead, at 100 Hz. `engine.fly_all` flies other tasks.
 
     Args:
-        reality: the drone or simulator.
-        key: random key.
+        reality: the drone or simulator, or its name.
+        key: random key, or a whole number that makes one.
         flights: how many.
         duration: of each [s].
         excitation: share of full thrust by which motors are excited [-]; 0 is the plain PID.
@@ -58,7 +59,7 @@ def record(
         np.float32(excitation), firmware=generation(firmware), controller=controller
     )
     must_divide(rate)
-    keys = jax.random.split(key, flights)
+    keys = jax.random.split(inputs.random_key(key), flights)
     simulated = fly_all(
         check_reality(reality), pilot, Scenario(tasks.paper_circle(), duration), keys
     )

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from jaxtyping import Array
 
 from maidenflight.errors import InputError
-from maidenflight.flights.log import Flight
+from maidenflight.flights.log import Flight, flights_of
 from maidenflight.identification.likelihood import with_state, without_state
 from maidenflight.identification.methods import Likelihood, Replay
 from maidenflight.identification.outcome.battery_laws import average_laws
@@ -21,31 +21,33 @@ from maidenflight.identification.outcome.plausible import ExpectedInterval
 from maidenflight.identification.outcome.problem import AUTO, Problem
 from maidenflight.identification.outcome.progress import Progress
 from maidenflight.identification.replay import replay
-from maidenflight.parameters import Parameters
+from maidenflight.inputs import PATHS, StrPath
+from maidenflight.parameters import Parameters, read_drone
 
 
 def identify(
-    flights: Iterable[Flight],
+    flights: Iterable[Flight] | StrPath,
     settings: Likelihood | Replay | None = None,
     *,
-    start: Parameters | None = None,
+    start: Parameters | StrPath | None = None,
     over: Sequence[str] | str | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
-    key: Array | None = None,
+    key: Array | int | None = None,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> Identification:
     """Identifies parameters from flights.
 
     Args:
-        flights: checked flights of one rate. All of them stay in memory; of many hours, give
-            what `sampling.sampled` keeps.
+        flights: checked flights of one rate, or a log or folder of logs. All of them stay in
+            memory; of many hours, give what `sampling.sampled` keeps.
         settings: of the method, which their class chooses; `Likelihood()` by default.
-        start: the drone of the other parameters; the paper's Crazyflie by default.
+        start: the drone of the other parameters, or its name or file; the paper's Crazyflie by
+            default.
         over: names of `parameters.COMPONENTS` to identify, or `AUTO`: those that predict held-out
             flights better (likelihood only). By default `AUTO`; for a replay the paper's three.
         bounds: search bounds by name, SI units; by default physical ones for a likelihood and
             the paper's for a replay.
-        key: random key; `jax.random.key(0)` by default.
+        key: random key, or a whole number that makes one.
         on_progress: called with the stage and how far it is; once with `expected_intervals`, before
             anything is fitted by likelihood.
 
@@ -73,7 +75,7 @@ def identify(
             f"{flights[0].name}: no position, velocity and attitude in it, which a replay is "
             "compared with. Use Likelihood (--objective likelihood)."
         )
-    problem = Problem.of(flights, start, over, bounds, key, on_progress)
+    problem = Problem.of(flights, _drone(start), over, bounds, key, on_progress)
     if isinstance(settings, Replay):
         result = replay.identified(problem, settings)
     elif stateless:
@@ -86,9 +88,9 @@ def identify(
     return dataclasses.replace(result, notes=notes, seconds=time.perf_counter() - began)
 
 
-def of_one_kind(flights: Iterable[Flight]) -> tuple[list[Flight], list[str]]:
+def of_one_kind(flights: Iterable[Flight] | StrPath) -> tuple[list[Flight], list[str]]:
     """Returns the flights with a state if any has one, else all; and a note on those left out."""
-    flights = list(flights)
+    flights = flights_of(flights)
     whole = [flight for flight in flights if flight.has_state]
     bare = list(dict.fromkeys(flight.name for flight in flights if not flight.has_state))
     if not whole or not bare:
@@ -100,14 +102,18 @@ def of_one_kind(flights: Iterable[Flight]) -> tuple[list[Flight], list[str]]:
     ]
 
 
+def _drone(start: Parameters | StrPath | None) -> Parameters | None:
+    return read_drone(start) if isinstance(start, PATHS) else start
+
+
 def expected_intervals(
-    flights: Iterable[Flight],
+    flights: Iterable[Flight] | StrPath,
     settings: Likelihood | None = None,
     *,
-    start: Parameters | None = None,
+    start: Parameters | StrPath | None = None,
     over: Sequence[str] | str | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
-    key: Array | None = None,
+    key: Array | int | None = None,
 ) -> dict[str, ExpectedInterval]:
     """Returns what flights can tell of each parameter, before anything is fitted; in seconds.
 
@@ -117,7 +123,7 @@ def expected_intervals(
         start: the drone about which intervals are expected; the paper's Crazyflie by default.
         over: names of `parameters.COMPONENTS`, or `AUTO`: all that may be chosen, as by default.
         bounds: search bounds by name, SI units, which no plausible range exceeds.
-        key: random key; `jax.random.key(0)` by default.
+        key: random key, or a whole number that makes one.
 
     Returns:
         By parameter the plausible range, the interval to expect, and whether the flights say more
@@ -132,5 +138,5 @@ def expected_intervals(
             f"{flights[0].name}: no position, velocity and attitude in it, without which nothing "
             "is said beforehand. Identify from it."
         )
-    problem = Problem.of(flights, start, over, bounds, key)
+    problem = Problem.of(flights, _drone(start), over, bounds, key)
     return with_state.expected_intervals(problem, settings or Likelihood())

@@ -382,6 +382,8 @@ class Parameters:
     def __repr__(self) -> str:
         """Returns the paper's three and the mass: all of them would fill a screen."""
         names = ("mass", "thrust_to_weight", "motor_time_constant", "latency")
+        if shape := np.shape(self.mass):
+            return f"<Parameters of {' x '.join(map(str, shape))} drones>"
         return f"Parameters({', '.join(f'{name}={getattr(self, name)!s}' for name in names)}, ...)"
 
 

@@ -26,13 +26,14 @@ function rowsOf({columns}) {
   return first.map((_, row) => Object.fromEntries(names.map(name => [name, columns[name][row]])));
 }
 
-/* A copy of a specification with its data in rows, and {share: n, less: m} an nth of the width, less m pixels. */
-function laidOut(part, width) {
-  if (Array.isArray(part)) return part.map(each => laidOut(each, width));
+/* A copy of a specification with its data in rows, {share: n, less: m} an nth of the width, less m pixels, and {wide, narrow} one of both. */
+function laidOut(part, width, narrow) {
+  if (Array.isArray(part)) return part.map(each => laidOut(each, width, narrow));
   if (part === null || typeof part !== "object") return part;
+  if ("narrow" in part) return laidOut(width < narrow ? part.narrow : part.wide, width, narrow);
   if ("share" in part) return Math.max(24, Math.floor(width / part.share - part.less));
   if ("columns" in part) return {values: rowsOf(part)};
-  return Object.fromEntries(Object.entries(part).map(([name, value]) => [name, laidOut(value, width)]));
+  return Object.fromEntries(Object.entries(part).map(([name, value]) => [name, laidOut(value, width, narrow)]));
 }
 
 const tip = document.body.appendChild(made("div", {id: "tip", hidden: true}));
@@ -49,7 +50,7 @@ function tell(_, event, __, value) {
 }
 
 function drawPanel(plan, place, panel, hidden) {
-  const spec = laidOut(panel, place.clientWidth);
+  const spec = laidOut(panel, place.clientWidth, plan.narrow);
   const own = spec.vconcat ? {} : {width: "container", autosize: {type: "fit-x", contains: "padding"}};
   if (plan.series) Object.assign(own, {params: [{name: "hidden", value: []}], transform: [{filter: "indexof(hidden, datum.series) < 0"}]});
   const {spec: compiled} = vegaLite.compile({...own, ...spec, config: LOOK.config}, {logger: vega.logger(vega.Error)});
@@ -71,8 +72,8 @@ function drawFigure(figure) {
   const places = plan.panels.map(() => panels.appendChild(made("div", {className: "panel"})));
   for (const [number, panel] of plan.panels.entries()) views.push(drawPanel(plan, places[number], panel, hidden));
   let width = panels.clientWidth;
-  figure.redrawn = () => { // only what is as wide as a share of the figure
-    if (panels.clientWidth === width || !JSON.stringify(plan.panels).includes('"share"')) return;
+  figure.redrawn = () => { // only what depends on the width
+    if (panels.clientWidth === width || !/"(share|narrow)"/.test(JSON.stringify(plan.panels))) return;
     width = panels.clientWidth;
     for (const [number, panel] of plan.panels.entries()) {
       views[number].finalize();

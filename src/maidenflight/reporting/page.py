@@ -54,6 +54,7 @@ _SECTIONS: tuple[tuple[str, str, Callable[[Run], Markup]], ...] = (
 _COMPARED: tuple[tuple[str, str, Callable[[comparison.Runs], Markup]], ...] = (
     ("figures", "Key figures", comparison.key_figures),
     ("parameters", "Parameters", comparison.parameters),
+    ("training", "Training", comparison.trained),
     ("predicted", "Predicted flight times", comparison.predicted),
     ("flights", "Test flights", comparison.tested),
 )

@@ -29,6 +29,12 @@ ERRORS = {
 }
 """Display of prediction errors, in tables, pictures and terminals."""
 
+_LABELS = {
+    "thrust_to_weight": "thrust-to-weight ratio",
+    "torque_to_thrust": "torque-to-thrust ratio",
+    "spin_down_ratio": "spin-down ratio",
+}
+"""Of names that are no words with blanks between them."""
 _GREEK = {
     "Delta": "Δ",
     "sigma": "\N{GREEK SMALL LETTER SIGMA}",
@@ -50,6 +56,11 @@ def symbol(name: str) -> Markup:
     symbol_text = quantity.symbol + part
     greek = re.sub(rf"(?<![a-z])({letters})(?![a-z])", lambda match: _GREEK[match[0]], symbol_text)
     return Markup(re.sub(r"_(\w+)", r"<sub>\1</sub>", str(escape(greek))))
+
+
+def label(name: str) -> str:
+    """Returns a parameter, or a group of them, in words: the one name of everything for people."""
+    return _LABELS.get(name, name.replace("_", " "))
 
 
 def plain_symbol(name: str) -> str:

@@ -26,3 +26,4 @@ from .tasks.tasks import hover as hover
 from .tasks.tasks import paper_circle as paper_circle
 from .tasks.tasks import take_off as take_off
 from .tasks.tasks import tracking as tracking
+from .tasks.tasks import with_yaw_penalty as with_yaw_penalty

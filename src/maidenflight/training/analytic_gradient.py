@@ -30,6 +30,7 @@ from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.rollouts import EnvInstance, PolicyFunction, randomized_reset
 from maidenflight.simulator.stepping import StepResult
 from maidenflight.training.devices import DRONES, REPLICATED, SHARDED, begun, learning, own
+from maidenflight.training.settings import check_counts
 
 STATIC = {"static": True}
 """Marks a setting that is part of the compiled program: a size, or what decides which is built."""
@@ -94,6 +95,9 @@ class AnalyticGradient:
     """How often the policy is evaluated; the best one counts."""
     episodes: int = 128
     """Episodes per evaluation."""
+
+    def __post_init__(self) -> None:
+        check_counts(self)
 
     def with_paper_reward(self) -> Self:
         """Returns these settings with the paper's reward alone as cost, without costs of ours.

@@ -6,6 +6,7 @@ from typing import Self
 import jax
 
 from maidenflight.training.analytic_gradient import STATIC
+from maidenflight.training.settings import check_counts
 
 
 @jax.tree_util.register_dataclass
@@ -59,6 +60,9 @@ class PPO:
     """How often the policy is evaluated; the best one counts."""
     episodes: int = 128
     """Episodes per evaluation."""
+
+    def __post_init__(self) -> None:
+        check_counts(self)
 
     @classmethod
     def paper(cls) -> Self:

@@ -39,6 +39,19 @@ class Settings(Protocol):
         ...
 
 
+def check_counts(settings: Settings) -> None:
+    """Refuses numbers of steps, environments and evaluations below 1.
+
+    Raises:
+        InputError: as above.
+    """
+    for name in ("updates", "evaluations", "episodes", "num_envs", "horizon"):
+        value = getattr(settings, name)
+        # Within a compiled program they are no numbers.
+        if isinstance(value, int) and value < 1:
+            raise InputError(f"{type(settings).__name__}: {name} = {value}; expected 1 or more.")
+
+
 def recorded(settings: Settings) -> dict[str, Any]:
     """Returns settings as plain values, for records."""
     return plain(asdict(settings))

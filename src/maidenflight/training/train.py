@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
+from itertools import pairwise
 from operator import itemgetter
 from threading import Thread
 from typing import Any, NamedTuple
@@ -39,6 +40,9 @@ from maidenflight.training.evaluation import Evaluation, Starts, evaluate_togeth
 from maidenflight.training.ppo_settings import PPO
 from maidenflight.training.settings import Settings
 from maidenflight.training.training_spec import TrainingSpec, validate
+
+_PARTS = 5
+"""Stretches of updates between two evaluations, after each of which the user hears of training."""
 
 
 class Method(NamedTuple):
@@ -100,6 +104,7 @@ def train(
     policy: PolicySpec | Policy = PolicySpec(),
     *,
     on_progress: Callable[[Progress], None] | None = None,
+    on_update: Callable[[int, int], None] | None = None,
     checkpoint: StrPath | Checkpoint | None = None,
 ) -> tuple[Policy, ...]:
     """Trains one policy per key, all in one call.
@@ -114,6 +119,8 @@ def train(
         policy: what the policies see and remember, and their hidden layers, to train from random
             weights; or a policy from which training starts, and whose score is the first.
         on_progress: called after each evaluation; first with those of the checkpoint.
+        on_update: called a few times between two evaluations with (updates done, updates), such as
+            `move` of a `terminal.Bar`.
         checkpoint: file, written after each evaluation. If it exists, training resumes from it and
             ends with the same policies as without the interruption, unless `Checkpoint.restart`.
             If it is of a training that has ended and `settings.updates` is larger than its number,
@@ -162,8 +169,12 @@ def train(
         _compiling_scores(env, settings, state.learners.policy, starts) if to_score else None
     )
     for number in to_score:
-        first = ends[number - 1] if number else 0
-        learners = method.update(env, settings, drones, state.learners, keys, first, ends[number])
+        first, learners = ends[number - 1] if number else 0, state.learners
+        for start, end in pairwise(_parts(first, ends[number], on_update is not None)):
+            learners = method.update(env, settings, drones, learners, keys, start, end)
+            if on_update is not None:
+                jax.block_until_ready(learners)
+                on_update(end, ends[-1])
         if compilation is not None:
             compilation.join()
         scores = evaluate_together(env, settings.num_envs, learners.policy, starts)
@@ -179,6 +190,11 @@ def train(
             checkpoints.save(path, state, fingerprint, stages)
         report(state, number)
     return tuple(tree.map(itemgetter(number), state.best) for number in range(len(keys)))
+
+
+def _parts(first: int, end: int, several: bool) -> list[int]:
+    """Updates at which the user hears of training: one program computes any stretch of them."""
+    return sorted({int(one) for one in np.linspace(first, end, _PARTS + 1 if several else 2)})
 
 
 def _method_of(settings: Settings) -> Method:

@@ -74,8 +74,6 @@ def validate(
     Raises:
         InputError: see `train`; not for settings of no known method.
     """
-    if settings.updates < 1:
-        raise InputError(f"updates = {settings.updates}; expected 1 or more.")
     for argument, kind, way in (
         (task, Task, "mf.simulator.circle()"),
         (controller, Controller, "mf.simulator.pwm()"),

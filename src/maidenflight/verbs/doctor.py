@@ -64,7 +64,7 @@ class Doctor(Verb):
 def _versions() -> Iterator[Finding]:
     yield Finding("maidenflight", __version__)
     yield Finding("Python", platform.python_version())
-    yield Finding("system", platform.platform())
+    yield Finding("system", f"{platform.system()} {platform.release()}, {platform.machine()}")
     yield Finding("JAX", _version("jax") or "none", "", _version("jax") is None)
 
 
@@ -123,7 +123,7 @@ def _extras() -> Iterator[Finding]:
         if extra and extra[1] not in ("dev", "docs") and _version(package) is None:
             missing.setdefault(extra[1], []).append(package)
     names = ", ".join(f"{extra} ({', '.join(packages)})" for extra, packages in missing.items())
-    cure = f"pip install '.[{next(iter(missing))}]' and so on, if you need them" if missing else ""
+    cure = f"pip install -e '.[{next(iter(missing))}]' and so on, if needed" if missing else ""
     yield Finding("extras not installed", names or "none", cure)
 
 

@@ -1,7 +1,6 @@
 """Output of identified parameters, and of how well they fit."""
 
 from collections.abc import Mapping
-from textwrap import fill
 from typing import Any
 
 from maidenflight.identification.evidence import DELAY, agreements
@@ -17,8 +16,6 @@ _MAIN = ("thrust_to_weight", "motor_time_constant", "latency")
 _DISAGREES = 1e-3
 """Chance below which signals are said to disagree, chosen so that of a hundred tables with ten
 parameters of several signals one says so by chance."""
-_WIDTH = 118
-"""Of long lines."""
 
 
 def tabulate_estimates(
@@ -53,7 +50,7 @@ def tabulate_estimates(
     columns |= {"range within\n1 %": "{valley}", "between\ntrials": "{trials}"} if replayed else {}
     columns |= {"truth": "{truth}"} if truth is not None else {}
     return [
-        Table("Identified parameters", columns | {"unit": "{unit}"}, rows),
+        Table("Identified parameters", columns | {"unit": "{unit}"}, rows, tuple(columns)[:2:-1]),
         "between flights: standard deviation from one flight, or segment of it, to the next",
         *(["start's: not identified, the value of --start stays"] if result.unidentified else []),
         *(["between trials: standard deviation, of the optimiser only"] if replayed else []),
@@ -191,7 +188,7 @@ def describe_fit(result: Identification, start: str) -> list[str]:
             for name, value in result.noise.items()
             if value
         )
-        lines.append(fill(f"noise: {', '.join(levels)}", _WIDTH))
+        lines.append(f"noise: {', '.join(levels)}")
     fit = (
         f"mean error of a replayed window {result.value:.4g} ({result.start_value:.4g} for {start})"
         if result.objective == "replay"

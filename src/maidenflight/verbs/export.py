@@ -79,16 +79,10 @@ class Export(Verb):
             InputError: the file is no policy, or one of ours of another structure; or what is
                 written cannot hold it, or not fly the frame that it was trained for.
         """
-        from maidenflight import parameters, policy_file
-        from maidenflight.deployment.check import check_frame
-        from maidenflight.parameters import crazyflie
+        from maidenflight.deployment.frame import read_for
 
-        file = policy_file.read_policy(self.policy, self.control)
+        file = read_for(self.policy, self.to, self.control)
         interface, rotors = file.interface, file.rotors
-        if rotors is not None:
-            drone = parameters.replace(crazyflie(), **rotors)
-            drone = parameters.check(drone, str(self.policy))
-            check_frame(self.to, interface, drone)
         record = self.make_record([self.policy], policy=None, control=interface.name, rotors=rotors)
         if "seed" not in keywords_of(self.to):
             record.pop("seed")

@@ -22,6 +22,8 @@ _MARKS = {"fails": "✗", "warns": "!", "passes": "✓", "cannot tell": "?"}
 _GOOD = ("passes", "cannot tell")
 _UNITS = ("ms", "g")
 """Of measured values, as thresholds end with them; other values are ratios."""
+_THRUST = "thrust to weight"
+"""The test whose passing says something to compare."""
 _STATE = ("position", "velocity", "attitude")
 _FEWEST_RANKED, _MOST_RANKED = 3, 10
 """Logs from which on they are ranked, and how many are named."""
@@ -108,24 +110,29 @@ def _name(flights: "Flights") -> "dict[str, Flight]":
 
 
 def _tabulate_checks(flights: "Flights") -> list[Table | str]:
-    """Returns the check-up of all logs, a row for each test, and what is wrong in words."""
+    """Returns a row for each test that a log does not pass, what is wrong, and how many pass."""
     from maidenflight.flights.checkup.result import warning_lines
 
     tests: dict[str, list[Any]] = {}
     for results in flights.checks.values():
         for one in results:
             tests.setdefault(one.name, []).append(one)
-    rows = []
+    rows, unknown = [], []
     for name, results in tests.items():
         counts = Counter(one.verdict for one in results)
-        words = [verdict for verdict in _MARKS if counts[verdict]]
+        if counts["passes"] == len(results):
+            continue
+        if counts["passes"] + counts["cannot tell"] == len(results):
+            unknown.append(name.replace("_", " "))
+            continue
         several = len(flights.checks) > 1
         counts_text = [
-            f"{_MARKS[one]} {one}{f' {counts[one]}' if several else ''}" for one in words
+            f"{_MARKS[one]} {one}{f' {counts[one]}' if several else ''}"
+            for one in _MARKS
+            if counts[one]
         ]
         statistics = [one.statistic for one in results if one.statistic is not None]
         low, high = (f"{edge(statistics):.3g}" if statistics else "" for edge in (min, max))
-        worst = min(results, key=lambda one: list(_MARKS).index(one.verdict))
         threshold = next((one.threshold for one in results if one.threshold), "")
         unit = next((f" {one}" for one in _UNITS if threshold.endswith(f" {one}")), "")
         rows.append(
@@ -134,13 +141,26 @@ def _tabulate_checks(flights: "Flights") -> list[Table | str]:
                 "result": ", ".join(counts_text),
                 "measured": (low if low == high else f"{low} .. {high}") + (unit if low else ""),
                 "threshold": threshold,
-                "sentence": worst.sentence if worst.verdict in _GOOD else "see below",
             }
         )
     faults = warning_lines(flights.warnings, marks=("✗ ", "! "))
+    if not tests:
+        return faults
     columns = {"test": "{test}", "result": "{result}", "measured": "{measured}"}
-    columns |= {"expected": "{threshold}", "in the worst log": "{sentence}"}
-    return [*([Table("Check-up against physics", columns, rows)] if rows else []), *faults]
+    columns |= {"expected": "{threshold}"}
+    passed = len(tests) - len(rows) - len(unknown)
+    of = f"Check-up against physics: {passed} of {len(tests)} tests pass in every log"
+    of += f"; some logs cannot tell {', '.join(unknown)}" if unknown else ""
+    return [
+        *([Table("Check-up against physics", columns, rows)] if rows else []),
+        *faults,
+        f"{of}. Measured values: --json.",
+        *(
+            f"{_THRUST}: {one.sentence}"
+            for one in tests.get(_THRUST, ())[:1]
+            if one.verdict in _GOOD
+        ),
+    ]
 
 
 def _describe_unused(logs: list[Row], notes: Sequence[str]) -> list[str]:
@@ -213,10 +233,10 @@ def _tabulate(logs: list[Row]) -> list[Table | str]:
         "determine inertia, lag and latency better."
     )
     return [
-        Table("Flight logs", holding, rows),
+        Table("Flight logs", holding, rows, ("battery",)),
         *([f"Every log has {rows[0]['signals']}."] if alike else []),
-        Table("Motion of the drone", motion, rows),
-        "Speed and body rates are root mean squares. Commands are shares of full thrust; SD is the",
+        Table("Motion of the drone", motion, rows, (*motion,)[:3:-1]),
+        "Speed and body rates are root mean squares. Commands are shares of full thrust; SD is the "
         "standard deviation of their mean (thrust) and their difference in roll or pitch (torque).",
         *([remark] if calm else []),
     ]

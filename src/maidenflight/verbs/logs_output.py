@@ -78,8 +78,8 @@ def describe_flights(flights: Flights, further: str = "") -> list[str]:
         f"{len(flights.paths)} files, {len(flights)} usable pieces of flight, "
         f"{flights.duration:.0f} s{further}"
     )
-    dropped, refused = _group(flights.notes), flights.refused
-    head = [f"{len(refused)} files refused:"] if refused else []
+    dropped, refused = _group(flights.notes), _group(flights.refused)
+    head = [f"{len(flights.refused)} files refused:"] if refused else []
     return [whole, *head, *_first(refused, _FEW_REFUSED), *_first(dropped, _FEW_NOTES)]
 
 

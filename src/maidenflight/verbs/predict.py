@@ -140,4 +140,5 @@ def _tabulate(summary: list[Row], ends: list[Counter[str]], against_best: list[f
     for row, reasons, outlives in zip(summary, ends, against_best, strict=True):
         end, count = reasons.most_common(1)[0]
         rows.append({**row, "end": end, "count": count, "outlives": outlives})
-    return Table("Predicted flight times, simulated", columns, rows)
+    rare = (*shared.RARE, "control", "error", "10 %", "90 %")
+    return Table("Predicted flight times, simulated", columns, rows, rare)

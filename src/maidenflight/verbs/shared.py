@@ -46,6 +46,8 @@ LARGEST = {
     "farthest": "{largest_distance:.0f cm}",
 }
 """Columns of the largest tilt, body rate and distance of flights, beside the limits of guards."""
+RARE = ("change of u", *reversed(LARGEST))
+"""Columns of flights that a narrow terminal leaves out first."""
 
 
 def _names_reality_in_code(text: str) -> bool:
@@ -122,7 +124,7 @@ def accept_bounds() -> Any:
 def mass() -> Any:
     """Declares the mass of what flies."""
     return setting(
-        number(5.0, 5000.0),
+        number(5.0, 5000.0, "g"),
         None,
         "Mass of what flies [g], battery and decks included; that of the drone by default. "
         "Inertia and thrust-to-weight ratio follow it.",

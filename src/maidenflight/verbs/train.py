@@ -308,15 +308,21 @@ class Train(Verb):
             left.unlink(missing_ok=True)
         boards = loggers.opened(self.log, output, self.policies, record["settings"])
         with boards as show:
+            line = "training, before the first score"
+
+            def on_update(done: int, of: int) -> None:
+                progress.move(done, of, line)
 
             def on_progress(now: Training) -> None:
+                nonlocal line
                 show(now)
                 line = scores.add(now)
-                progress.move(now.update, learner.updates, line)
+                on_update(now.update, learner.updates)
                 progress.log(f"update {now.update} of {learner.updates}: {line}")
 
-            progress.move(0, learner.updates, "compiling, until the first score")
-            policies = self._train(learner, saved, on_progress)
+            progress.move(0, learner.updates, "compiling")
+            progress.log(f"update 0 of {learner.updates}: compiling")
+            policies = self._train(learner, saved, on_progress, on_update)
         if len(stages := checkpoint.stages(saved)) > 1:
             record["settings"]["extended_from"] = list(stages[:-1])
         record["cores"] = cores.count_devices()
@@ -341,7 +347,11 @@ class Train(Verb):
         )
 
     def _train(
-        self, learner: "Settings", saved: Path, on_progress: "Callable[[Training], None]"
+        self,
+        learner: "Settings",
+        saved: Path,
+        on_progress: "Callable[[Training], None]",
+        on_update: "Callable[[int, int], None]",
     ) -> "tuple[Policy, ...]":
         """Trains over the drones that the settings say."""
         from jax.random import split as split_key
@@ -369,6 +379,7 @@ class Train(Verb):
             learner,
             policy=self.spec if start is None else start,
             on_progress=on_progress,
+            on_update=on_update,
             checkpoint=Checkpoint(saved, restart=not self.resume),
         )
 

@@ -99,7 +99,7 @@ def tabulate_flights(flights: list[Row]) -> Table:
     columns = {name: f"{{{name}}}" for name in ("flight", "policy", "reality", "trial")}
     columns |= {"duration": "{duration:.2f s}", "ended by": "{end_reason}", **_MEASURES}
     title = f"Zero-shot flights, simulated; {_TITLE}"
-    return Table(title, columns, flights)
+    return Table(title, columns, flights, (*shared.RARE, "trial"))
 
 
 def _tabulate(summary: list[Row]) -> Table:
@@ -111,4 +111,4 @@ def _tabulate(summary: list[Row]) -> Table:
         **_MEASURES,
     }
     title = f"Zero-shot flights by policy, simulated; {_TITLE}"
-    return Table(title, columns, summary)
+    return Table(title, columns, summary, shared.RARE)

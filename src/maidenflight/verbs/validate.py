@@ -1,5 +1,6 @@
 """`Validate`: a drone's prediction errors on flights."""
 
+import math
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -147,13 +148,15 @@ class Validate(Verb):
         ]
         simulated, rows = any(one.simulated for one in flights), errors.to_dicts()
         doubts = _compare(name, likelihoods, rows)
-        verdict = "this drone explains these flights no worse than what it is compared with"
-        remark = ""
+        verdict, remark = f"good: no rival predicts these flights clearly better than {name}", ""
         if doubts and not _compare(name, likelihoods, rows, trimmed):
-            verdict += f" if each has its own trim; by the drone's, {'; '.join(doubts)}"
+            verdict = (
+                f"good but for the trim of the day: {'; '.join(doubts)}, but with each flight's "
+                f"torque bias {name} predicts as well. The default --randomize of train covers that"
+            )
             doubts = []
         elif doubts:
-            verdict = f"this drone does not explain these flights: {'; '.join(doubts)}"
+            verdict = f"bad: {'; '.join(doubts)}. Do not train for {name}"
             remark = "look whether these logs and those it was identified from are sound"
             if any(_UNTURNED.format(name) in doubt for doubt in doubts):
                 remark += (
@@ -207,11 +210,11 @@ def _compare(
     for other, row in rows.items():
         if other not in (name, _TRIMMED.format(name)) and own[compared] > _WORSE * row[compared]:
             doubts.append(
-                f"its {unit.name} is off by {own[compared] * unit.scale:.3g} {unit.unit} after "
-                f"{nearest:.2g} s, that of {other} by {row[compared] * unit.scale:.3g}"
+                f"after {nearest:.2g} s its {unit.name} is off by {own[compared] * unit.scale:.3g} "
+                f"{unit.unit}, {other} by {row[compared] * unit.scale:.3g}"
             )
     doubts += [
-        f"the likelihood of {other} is {value - likelihoods[name]:.2f} nats a row higher"
+        f"{other} makes each row {math.exp(value - likelihoods[name]):.2f} times as probable"
         for other, value in likelihoods.items()
         if value > likelihoods[name] + SURE_NATS
     ]
@@ -249,5 +252,7 @@ def _tabulate(
             [{"name": name, "value": value} for name, value in likelihoods.items()],
         ),
         Table(f"Open-loop prediction errors on {flight} flight, root mean squares", columns, rows),
-        *([f"* worse than the baseline, {PERSISTENCE}"] if worse else []),
+        f"{PERSISTENCE}: the prediction that nothing changes"
+        + ("; * marks what is worse than it" if worse else ""),
+        "nats: one more a row makes the data 2.7 times as probable, row by row",
     ]

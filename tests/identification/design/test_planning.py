@@ -126,7 +126,7 @@ def test_a_plan_that_is_written_is_recorded_from_its_file(proposed, tmp_path):
     plan = dataclasses.replace(proposed[0].plan, record={"settings": {"drone": "virtual:3"}})
     path = plan.write(tmp_path / "plan.toml")
     recorded = Record(plan=path, seed=1, rate=100).run(tmp_path / "flights")
-    assert recorded.record["settings"]["reality"] == "virtual-3"
+    assert recorded.record["settings"]["reality"] == "virtual:3"
     logs = [Path(log) for log in recorded.written["logs"]]
     assert [log.name for log in logs] == ["flight_01.csv"]
     assert "plan.toml sha256:" in logs[0].read_text()

@@ -62,8 +62,8 @@ def test_logs_of_two_drones_in_one_folder_are_named() -> None:
 
     def said(flights: Sequence[Flight]) -> list[str]:
         found = identify(flights, Likelihood(trials=1), over=OVER, key=jax.random.key(0))
-        return [note for note in found.notes if "thrust_to_weight" in note and "virtual-7" in note]
+        return [note for note in found.notes if "thrust_to_weight" in note and "virtual:7" in note]
 
     (note,) = said(logs)
-    assert "far-3" in note
+    assert "far:3" in note
     assert said(logs[:2]) == []

@@ -377,4 +377,4 @@ def test_without_gymnasium_one_line_says_what_to_install():
         "import sys; sys.modules['gymnasium'] = None; import maidenflight.integrations.gym",
         Path(maidenflight.__file__).parents[1],
     )
-    assert missing.stderr.splitlines()[-1].endswith("pip install '.[gym]'")
+    assert missing.stderr.splitlines()[-1].endswith("pip install -e '.[gym]'")

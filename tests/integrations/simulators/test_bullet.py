@@ -332,7 +332,7 @@ def test_the_same_settings_are_the_same_engine(pybullet):
 
 def test_a_reality_in_pybullet_hides_the_same_constants(pybullet):
     drone, other = bullet_drone(7), virtual_drone(7)
-    assert (drone.name, other.name) == ("pybullet-7", "virtual-7")
+    assert (drone.name, other.name) == ("pybullet:7", "virtual:7")
     assert find_reality("pybullet:7").name == drone.name
     jax.tree.map(np.testing.assert_array_equal, drone.parameters, other.parameters)
     env = drone.environment(tasks.circle(), control.pwm())
@@ -343,7 +343,7 @@ def test_a_reality_in_pybullet_hides_the_same_constants(pybullet):
 @pytest.mark.slow
 def test_the_firmwares_pid_flies_the_circle_in_pybullet(pybullet):
     (flight,) = recording.record(find_reality("pybullet:7"), jax.random.key(0), 1, 4.0, 0.0)
-    assert flight.simulated == "pybullet-7"
+    assert flight.simulated == "pybullet:7"
     assert np.abs(flight.position[:, 2] - 1).max() < 0.3
     assert np.ptp(flight.position[200:, 1]) > 0.2
 
@@ -353,7 +353,7 @@ def test_policies_transfer_to_pybullet(pybullet):
     flown = transfer(
         policies, [find_reality("pybullet:3")], trials=2, key=jax.random.key(0), duration=0.3
     )
-    assert flown.table["reality"].to_list() == ["pybullet-3"] * 4
+    assert flown.table["reality"].to_list() == ["pybullet:3"] * 4
     assert flown.table["position_error"].is_finite().all()
 
 

@@ -92,5 +92,5 @@ def test_our_equations_fly_nearly_the_same(drone: Any) -> None:
 def test_a_process_that_ends_is_told() -> None:
     drone = Crazyflow("cf2x_P250")
     drone._process.kill()
-    with pytest.raises(InputError, match="crazyflow-cf2x_P250"):
+    with pytest.raises(InputError, match="crazyflow:cf2x_P250"):
         drone.step(np.full(4, 0.5))

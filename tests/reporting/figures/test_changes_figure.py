@@ -38,7 +38,7 @@ def flown() -> Transfer:
     lasts, ends = replace(CALM, position=away), replace(CALM, position=away).part(0, 80)
     given = [
         (policy, reality, end)
-        for reality in ("virtual-3+yaw4000@0.5", "near-4+payload15@0.5")
+        for reality in ("virtual:3+yaw4000@0.5", "near:4+payload15@0.5")
         for policy, end in (("one", "time limit"), ("two", "tilt"))
     ]
     table = polars.DataFrame(given, ["policy", "reality", "end_reason"], orient="row")
@@ -53,7 +53,7 @@ def flown() -> Transfer:
 
 def test_a_panel_a_reality_with_a_line_a_flight(flown: Transfer) -> None:
     figure = changes(of_flights(flown.table, flown.flights), flown.flights)
-    assert titles(figure) == ["virtual-3+yaw4000@0.5", "near-4+payload15@0.5"]
+    assert titles(figure) == ["virtual:3+yaw4000@0.5", "near:4+payload15@0.5"]
     assert {entry.series for entry in figure.legend} == {"one", "two", None}
     [jump], [within] = of(figure, 1, kind="jump"), of(figure, 1, kind="within")
     assert (jump["x"], within["y"]) == (0.5, 5.0)
@@ -76,8 +76,8 @@ def test_many_long_flights_are_drawn_with_fewer_points(flown: Transfer) -> None:
 
 def test_the_section_is_of_realities_that_change(flown: Transfer) -> None:
     shown = str(change(runs.of_transfer(flown)))
-    assert "near-4+payload15@0.5" in shown
+    assert "near:4+payload15@0.5" in shown
     assert "recoveries" in shown
-    plain = flown.table.with_columns(reality=polars.lit("near-4+payload15"))
+    plain = flown.table.with_columns(reality=polars.lit("near:4+payload15"))
     assert not change(runs.of_transfer(Transfer(plain, flown.flights)))
     assert not change(replace(runs.of_transfer(flown), flights=()))

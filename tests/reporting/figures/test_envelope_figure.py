@@ -8,7 +8,7 @@ import pytest
 from maidenflight.reporting.figures.envelope import envelope
 from reporting.drawn import of
 
-ROW = {"policy": "one", "reality": "virtual-7", "hardest": 3.0, "limit": 2.0}
+ROW = {"policy": "one", "reality": "virtual:7", "hardest": 3.0, "limit": 2.0}
 
 
 def test_a_panel_an_axis_with_what_is_flown_and_what_does_not_fly() -> None:
@@ -24,7 +24,7 @@ def test_a_panel_an_axis_with_what_is_flown_and_what_does_not_fly() -> None:
     assert (bar["x"], bar["x2"]) == (0.0, 1.0)
     assert (interval["x"], interval["x2"]) == (0.9, 1.1)
     assert limit["x"] == 2.0
-    assert bar["key"].endswith("one in virtual-7\t1 [0.9, 1.1], 50%")
+    assert bar["key"].endswith("one in virtual:7\t1 [0.9, 1.1], 50%")
     [limit] = of(figure, 1)
     assert limit["key"].endswith("does not fly")
     assert limit["x"] == pytest.approx(2000.0), "in ms"

@@ -8,7 +8,7 @@ from maidenflight.reporting.figures.flight_times import BOXED, MAX_FLIGHTS, flig
 from reporting.drawn import of, rows, titles
 
 
-def flights(count=9, panels=("near-7",), rows=("one",)):
+def flights(count=9, panels=("near:7",), rows=("one",)):
     """Flights of 1, 2, 3, ... seconds; the last one reaches the limit."""
     each = [
         {"duration": float(n), "end_reason": "tilt" if n < count else "time limit"}
@@ -47,8 +47,8 @@ def test_few_flights_are_dots_without_a_box():
 
 
 def test_a_panel_a_reality_and_rows_of_a_group_together():
-    figure = flight_times(flights(panels=("near-7", "far-7"), rows=("one", "two")))
-    assert titles(figure) == ["near-7", "far-7"]
+    figure = flight_times(flights(panels=("near:7", "far:7"), rows=("one", "two")))
+    assert titles(figure) == ["near:7", "far:7"]
     mixed = flights(rows=("b\tsame", "a", "c\tsame")).with_columns(
         group=polars.col("row").str.slice(0, 1).replace({"c": "b"}),
         colour=polars.lit("orange"),

@@ -51,7 +51,7 @@ def test_intervals_looks_and_gains_lie_where_their_numbers_say():
     figure = identification(found(), crazyflie())
     assert titles(figure) == [
         "",
-        "Motor lag and latency together",
+        "Motor time constant plus latency",
         "Log-likelihood gain of each group",
     ]
     [bar], [value] = of(figure, kind="bar", row=0), of(figure, kind="value", row=0)
@@ -64,9 +64,9 @@ def test_intervals_looks_and_gains_lie_where_their_numbers_say():
     kept, not_kept = of(figure, 2, kind="bar")
     assert (kept["x"], kept["x2"]) == pytest.approx((0.08, 0.12))
     assert not_kept["x"] == not_kept["x2"] == -1e-5, "no standard error"
-    assert numbers(figure)[0] == ("thrust to weight", "1.70 [1.60, 1.90], start 1.73")
+    assert numbers(figure)[0] == ("thrust-to-weight ratio", "1.70 [1.60, 1.90]", ", start 1.73")
     assert numbers(figure, 1)[0] == ("gyro x", "100.0 [90.0, 120.0] ms")
-    assert numbers(figure, 2)[0] == ("drag", "+0.1 \N{PLUS-MINUS SIGN} 0.01, in the model")
+    assert numbers(figure, 2)[0] == ("drag", "+0.1 \N{PLUS-MINUS SIGN} 0.01", ", in the model")
 
 
 def test_what_is_not_known_is_left_out():
@@ -96,8 +96,20 @@ def test_what_is_known_besides_is_marked_on_the_same_scale():
     # Latencies are plausible up to 30 ms.
     assert (value["x"], last["x"]) == pytest.approx((1 / 3, 14 / 30))
     assert numbers(figure) == [
-        ("latency", "10.0 [8.0, 12.0], truth 10.0 .. 14.0 ms"),
-        ("drag z", "not identified, 0.00 .. 0.50 1/s"),
+        ("latency", "10.0 [8.0, 12.0] ms", ", truth 10.0 .. 14.0"),
+        ("drag z", "not identified, 0.00 .. 0.50 1/s", ""),
     ]
     [unknown] = of(figure, series="unidentified")
     assert (unknown["x"], unknown["x2"]) == (0.0, 1.0)
+
+
+def test_on_a_phone_numbers_stand_below_names_and_the_plot_keeps_its_place():
+    [panel] = estimates(found().estimates, {}, {}, crazyflie()).panels
+    left, right = (layer["encoding"]["y"]["axis"] for layer in panel["layer"][:2])
+    assert right["wide"]["orient"] == "right"
+    assert right["narrow"] is None
+    assert left["labelExpr"]["narrow"] != left["labelExpr"]["wide"]
+    assert panel["height"]["narrow"] > panel["height"]["wide"]
+    drawn = svg(estimates(found().estimates, {}, {}, crazyflie()), 390)
+    assert "100%" in drawn
+    assert "100.0" not in drawn, "whole percents"

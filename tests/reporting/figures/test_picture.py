@@ -2,13 +2,17 @@
 
 import re
 import xml.etree.ElementTree as ElementTree
+from pathlib import Path
 
 import numpy as np
 
+from maidenflight.parameters import COMPONENTS
+from maidenflight.reporting import text
 from maidenflight.reporting.figures import charts
 from maidenflight.reporting.figures.charts import Entry, Figure
 from maidenflight.reporting.figures.corner import corner
 from maidenflight.reporting.figures.picture import svg
+from maidenflight.reporting.figures.training import SCORES
 
 EVIL = '"><script>alert(1)</script>&'
 X, Y = charts.number("x", "time [s]"), charts.number("y", "distance [cm]")
@@ -53,3 +57,15 @@ def test_colours_are_light_ones_that_the_files_own_style_exchanges_in_the_dark()
 
 def test_a_note_stands_below_the_title_in_lines() -> None:
     assert "in which" in svg(figure(), 400, "a note of several lines, " * 6 + "in which")
+
+
+def test_the_gallery_shows_what_is_drawn_and_said_today() -> None:
+    """Rebuild it by benchmarks/gallery.py: a demo takes minutes, its names and titles none."""
+    folder = Path(__file__).parents[3] / "docs" / "gallery"
+    shown = {path.stem: path.read_text() for path in folder.glob("*.svg")}
+    names = [text.label(name) for name in COMPONENTS]
+    assert sum(f">{name}<" in shown["identification"] for name in names) >= 10
+    assert "Posterior of the delays" in shown["delays"]
+    assert all(f">{label}<" in shown["learning"] for label, _ in SCORES.values())
+    assert "tests&#160;pass&#160;in&#160;every&#160;log" in shown["log"]
+    assert not any(re.search(r"\b(near|virtual|far)-\d", one) for one in shown.values())

@@ -23,9 +23,19 @@ def test_a_flight_draws_its_signals_and_is_short_in_a_notebook(tmp_path):
     assert len(repr(flight)) < 120
 
 
+def test_a_picture_is_written_as_what_its_suffix_says(tmp_path):
+    picture = driven().plot()
+    for suffix, head in {"pdf": b"%PDF", "png": b"\x89PNG", "SVG": b"<svg"}.items():
+        picture.save(tmp_path / f"figure.{suffix}")
+        assert (tmp_path / f"figure.{suffix}").read_bytes().startswith(head), suffix
+    with pytest.raises(InputError, match=r"figure\.eps: .*\.pdf"):
+        picture.save(tmp_path / "figure.eps")
+    assert not (tmp_path / "figure.eps").exists()
+
+
 def test_an_identification_draws_its_estimates():
     rows = of(found().plot().figure, kind="value")
-    assert [row["name"] for row in rows] == ["thrust to weight", "latency"]
+    assert [row["name"] for row in rows] == ["thrust-to-weight ratio", "latency"]
 
 
 def test_a_policy_draws_its_commands_over_the_distance_to_the_set_point():

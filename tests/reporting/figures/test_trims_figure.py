@@ -4,8 +4,12 @@ import numpy as np
 import polars
 import pytest
 
+from made_flights import driven
+from maidenflight.flights import log
 from maidenflight.identification.drone_file import Estimate
 from maidenflight.reporting.figures.trims import trims
+from maidenflight.reporting.run import read_run
+from maidenflight.reporting.sections.flights import _trims_of
 from reporting.drawn import rows
 
 
@@ -27,3 +31,13 @@ def test_trims_are_drawn_over_the_flights_with_what_was_identified_across():
     assert (two["name"], two["place"], two["error"]) == ("tuesday", 1, None)
     assert (identified["series"], identified["low"]) == ("identified", 1.7)
     np.testing.assert_allclose([row["y"] for row in rows(figure, 1)], [1.0, -2.0])
+
+
+def test_without_a_drone_there_are_no_torques(tmp_path):
+    log.write(tmp_path / "logs" / "a.csv", driven())
+    log.write(tmp_path / "logs" / "b.csv", driven())
+    rows_of = _trims_of(read_run(None, {"logs": [tmp_path / "logs"]}))
+    assert rows_of.height == 2
+    assert not [name for name in rows_of.columns if "torque" in name or "thrust" in name]
+    assert (rows_of["hover_command"] > 0).all()
+    assert (rows_of["hover_command_error"] > 0).all()

@@ -47,7 +47,7 @@ def test_a_virtual_drone_gets_other_parameters() -> None:
     plain, added = reality("near:7"), reality("near:7+sensors+10ms")
     assert isinstance(plain, VirtualDrone)
     assert isinstance(added, VirtualDrone)
-    assert added.name == "near-7+sensors+10ms"
+    assert added.name == "near:7+sensors+10ms"
     assert added.parameters.latency == pytest.approx(float(plain.parameters.latency) + 0.01)
     for name, value in SENSORS.items():
         assert getattr(added.parameters, name) == np.float32(value)
@@ -81,7 +81,7 @@ def test_a_name_that_ends_like_an_addition_is_a_drone(tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_added_is_refused(name: str) -> None:
-    with pytest.raises(InputError, match="near-7"):
+    with pytest.raises(InputError, match="near:7"):
         reality(name)
 
 
@@ -143,7 +143,7 @@ def test_what_appears_in_flight_is_what_would_hold_from_the_start() -> None:
     plain, jumps = reality("near:7+10ms"), reality("near:7+yaw4000@2.50+10ms+payload15@2.5")
     assert isinstance(plain, VirtualDrone)
     assert isinstance(jumps, VirtualDrone)
-    assert jumps.name == "near-7+yaw4000@2.5+10ms+payload15@2.5"
+    assert jumps.name == "near:7+yaw4000@2.5+10ms+payload15@2.5"
     assert jump_of(jumps.name) == 2.5
     assert jump_of(plain.name) is None
     assert plain.later is None
@@ -166,7 +166,7 @@ def test_what_appears_in_flight_is_what_would_hold_from_the_start() -> None:
     ids=["environment", "stepped"],
 )
 def test_where_a_change_in_flight_is_not_simulated_it_is_refused(use) -> None:
-    with pytest.raises(InputError, match="near-7"):
+    with pytest.raises(InputError, match="near:7"):
         use(reality("near:7+weak10@5"))
 
 

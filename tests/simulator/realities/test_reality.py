@@ -39,7 +39,7 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 def test_a_seed_makes_a_registered_reality(variant: str) -> None:
     made = reality(f"{variant}:12")
     assert isinstance(made, VirtualDrone)
-    assert made.name == f"{variant}-12"
+    assert made.name == f"{variant}:12"
 
 
 def test_a_reality_is_added_by_one_entry(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -87,9 +87,7 @@ def test_what_is_no_reality_is_refused_and_what_was_meant_is_named(
         reality(name)
 
 
-@pytest.mark.parametrize(
-    "given", [7, "virtual:7", NumpyDrone, VirtualDrone, parameters.crazyflie()]
-)
+@pytest.mark.parametrize("given", [7, "virtul:7", NumpyDrone, VirtualDrone, parameters.crazyflie()])
 def test_what_lacks_the_protocol_is_no_reality(given: object) -> None:
     with pytest.raises(InputError):
         check_reality(given)

@@ -27,7 +27,7 @@ SEEDS = range(8)
 
 def test_the_same_seed_is_the_same_drone():
     first, second = virtual_drone(3), virtual_drone(3)
-    assert first.name == second.name == "virtual-3"
+    assert first.name == second.name == "virtual:3"
     jax.tree.map(np.testing.assert_array_equal, first.parameters, second.parameters)
 
 

@@ -8,6 +8,7 @@ further word.
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -74,8 +75,12 @@ def read(path: Path) -> ColumnMap:
     Raises:
         InputError: it cannot be read, or an entry is missing, unknown or of the wrong kind.
     """
-    content = inputs.toml_file(path, "TOML", signal_map.CURE)
-    return ColumnMap(*signal_map.read_sources(path, content, NEEDED, _source))
+    return of_entries(path, inputs.toml_file(path, "TOML", signal_map.CURE))
+
+
+def of_entries(path: Path, entries: Mapping[str, Any]) -> ColumnMap:
+    """Returns the map of its tables, by signal; errors as of `read`, which name the path."""
+    return ColumnMap(*signal_map.read_sources(path, entries, NEEDED, _source))
 
 
 def text(columns: ColumnMap) -> str:

@@ -8,6 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Array
 
+from maidenflight import inputs
 from maidenflight.errors import InputError
 from maidenflight.flights.checkup.motors import load_factor
 from maidenflight.flights.log import Flight
@@ -56,7 +57,7 @@ class Problem:
         start: Parameters | None = None,
         over: Sequence[str] | str | None = None,
         bounds: Mapping[str, tuple[float, float]] | None = None,
-        key: Array | None = None,
+        key: Array | int | None = None,
         on_progress: Callable[[Progress], None] | None = None,
     ) -> Self:
         """Returns the problem of some flights; arguments are those of `identify.identify`.
@@ -86,9 +87,9 @@ class Problem:
         )
 
 
-def generator_of(key: Array | None) -> np.random.Generator:
+def generator_of(key: Array | int | None) -> np.random.Generator:
     """Returns NumPy's random numbers of a key; of `jax.random.key(0)` without one."""
-    bits = jax.random.bits(jax.random.key(0) if key is None else key, (2,))
+    bits = jax.random.bits(inputs.random_key(key), (2,))
     return np.random.default_rng(np.asarray(bits).tolist())
 
 

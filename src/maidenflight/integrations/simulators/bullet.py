@@ -133,7 +133,7 @@ def bullet_drone(seed: int) -> VirtualDrone:
         InputError: the seed is negative, or PyBullet is not installed.
     """
     engine = Bullet(DAMPING, DAMPING)
-    return replace(virtual_drone(seed), name=f"pybullet-{seed}", integrator=engine)
+    return replace(virtual_drone(seed), name=f"pybullet:{seed}", integrator=engine)
 
 
 def named_drone(seed: str) -> VirtualDrone:

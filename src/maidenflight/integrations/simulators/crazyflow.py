@@ -59,7 +59,7 @@ class Crazyflow:
         with optional("crazyflow", "crazyflow", "this drone", "1.2 GB"):
             if importlib.util.find_spec("crazyflow") is None:
                 raise ImportError
-        self.name = f"crazyflow-{drone}"
+        self.name = f"crazyflow:{drone}"
         # It prints much, and leaves a log of MuJoCo's in the folder that it is in.
         folder = tempfile.TemporaryDirectory(prefix="crazyflow-")
         self._said = Path(folder.name, "said")

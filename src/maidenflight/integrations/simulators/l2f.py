@@ -132,7 +132,7 @@ class L2F:
         """
         if drone not in BODIES:
             raise InputError(f"l2f:{drone}: l2f has {', '.join(BODIES)}.")
-        self.name, body = f"l2f-{drone}", BODIES[drone]
+        self.name, body = f"l2f:{drone}", BODIES[drone]
         self.parameters = body.parameters()
         self.hover = float(dynamics.hover_command(self.parameters))
         remark = "pip compiles it: a C++ compiler, some 8 GB of memory and about ten minutes"

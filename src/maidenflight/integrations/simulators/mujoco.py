@@ -38,7 +38,7 @@ class MuJoCo:
         """
         mujoco = imported("mujoco", "mujoco", "this drone")
         name, self._original = parameters.name_of(drone), parameters.read_drone(drone)
-        self.name = f"mujoco-{name}"
+        self.name = f"mujoco:{name}"
         self.parameters = _nearest(self._original)
         """The nearest drone of our model."""
         self.hover = float(dynamics.hover_command(self._original))

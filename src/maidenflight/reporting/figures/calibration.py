@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from maidenflight.identification.calibration import BINS, uniform_band
+from maidenflight.reporting import text
 from maidenflight.reporting.figures import charts
 from maidenflight.reporting.figures.charts import Entry, Figure
 
@@ -35,7 +36,7 @@ def ranks(summary: Sequence[dict[str, Any]]) -> Figure:
             charts.layer("band", band, **ends),
             charts.layer("bar", bar, **ends, tooltip=tooltip),
         ]
-        name = one["parameter"].replace("_", " ")
+        name = text.label(one["parameter"])
         title = [name, f"{one['held']} of {one['in_model']} held"]
         panels.append(charts.panel(charts.rows(data), layers, title=title, height=70, zooms=()))
     legend = [Entry("drones", "orange", "area"), Entry("99 % of uniform ranks", "soft", "area")]

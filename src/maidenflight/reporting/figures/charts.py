@@ -18,6 +18,8 @@ Spec = dict[str, Any]
 """A Vega-Lite specification or a part of one."""
 DIGITS = 6
 """Significant digits of the numbers in a page."""
+NARROW = 620
+"""Width of a panel below which it is a phone's [px]."""
 PALETTE = ("blue", "orange", "green", "purple")
 """Colours of things in their order; of more things some share one."""
 CROSS = "M-.7-.7L.7 .7M-.7 .7L.7-.7"
@@ -60,6 +62,7 @@ class Figure:
             "least": self.least,
             "columns": self.columns,
             "chooses": self.chooses,
+            "narrow": NARROW,
             "series": any(entry.series is not None for entry in self.legend),
         }
         return embedded(content)
@@ -115,6 +118,11 @@ def panel(
     return spec
 
 
+def by_width(wide: Any, narrow: Any) -> Spec:
+    """Returns a part of a specification that is another one on a phone."""
+    return {"wide": wide, "narrow": narrow}
+
+
 def zoom(axes: Sequence[str] = ("x", "y"), name: str = "zoom") -> Spec:
     """Moves by dragging and zooms by the wheel with Ctrl; a double click resets."""
     moved = "[mousedown, window:mouseup] > window:mousemove!"
@@ -123,7 +131,7 @@ def zoom(axes: Sequence[str] = ("x", "y"), name: str = "zoom") -> Spec:
     return {"name": name, "select": select, "bind": "scales"}
 
 
-def number(name: str, title: str = "", **more: Any) -> Spec:
+def number(name: str, title: str | Spec = "", **more: Any) -> Spec:
     """Returns a channel of numbers."""
     return {"field": name, "type": "quantitative", "title": title or None, **more}
 
@@ -133,12 +141,17 @@ def within(low: float, high: float, **more: Any) -> Spec:
     return {"scale": {"domain": [_plain(low), _plain(high)], "zero": False, "nice": False, **more}}
 
 
-def margin(values: Any) -> tuple[float, float]:
-    """Returns a range with a little room around the finite values; never empty."""
+def margin(values: Any, least: float = 0.0) -> tuple[float, float]:
+    """Returns a range with a little room around the finite values; never empty.
+
+    Args:
+        values: what is to be in view.
+        least: span that it has at least: differences far below it mean nothing.
+    """
     finite = np.asarray(values, np.float64)
     finite = finite[np.isfinite(finite)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
-    room = 0.06 * (high - low)
+    room = max(0.06 * (high - low), (least - (high - low)) / 2)
     # Numbers that are equal but for their last bit are equal.
     if room <= 1e-6 * max(abs(low), abs(high)):
         room = 0.05 * max(abs(low), abs(high)) or 1.0

@@ -43,23 +43,31 @@ def delay_posterior(
     box, paper = box_of(truth), of_the_paper()
     curves = {share: _ellipse(points, share) for share in SHARES}
     sides = np.array([1e3 * np.array(estimates[name].interval) for name in DELAYS]).T
-    near = np.concatenate([points, sides, [best], box, *curves.values()])
-    middle, reach = (near.max(axis=0) + near.min(axis=0)) / 2, np.ptp(near, axis=0)
-    # The samples must be in view, though the paper's drone may be far from it.
-    inside = bool((np.abs(paper - middle) < 1.5 * reach).all())
-    in_view = np.concatenate([near, [paper]]) if inside else near
+    # The cloud fills the picture; what lies outside is marked at its edge.
+    ends = _view(np.concatenate([points, sides, [best], *curves.values()]))
     mark_rows: list[Spec] = [{"series": "sample", "x": x, "y": y} for x, y in points]
     for share, ellipse in curves.items():
         mark_rows += curve("ellipses", ellipse, f"{100 * share:.0f} %")
-    mark_rows += marks(best, estimates, box)
+    mark_rows += marks(best, estimates, box, ends)
     shares = " and ".join(f"{100 * share:.0f} %" for share in SHARES)
-    far = "" if inside else f" ({paper[0]:g} ms, {paper[1]:g} ms) is far outside"
+    beyond = "" if _inside(paper, ends) else f", outside at ({paper[0]:g} ms, {paper[1]:g} ms)"
     legend = [
         Entry("posterior sample", "blue", "dot", "sample"),
         Entry(f"{shares} of them", "blue", "line", "ellipses"),
-        *legend_of_marks(float(best.sum()), True, bool(truth), far),
+        *legend_of_marks(float(best.sum()), bool(truth), beyond),
     ]
-    return plane("Posterior of the delays", mark_rows, in_view, legend, {})
+    return plane("Posterior of the delays", mark_rows, ends, legend)
+
+
+def _view(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "2 2"]:
+    """The least and largest delays of a picture that holds points [ms]."""
+    low, high = points.min(axis=0).clip(0.0), points.max(axis=0)
+    room = np.maximum(0.04 * (high - low), 0.02)
+    return np.array([(low - room).clip(0.0), high + room])
+
+
+def _inside(points: np.ndarray, ends: Float[np.ndarray, "2 2"]) -> bool:
+    return bool(((points >= ends[0]) & (points <= ends[1])).all())
 
 
 def _ellipse(points: Float[np.ndarray, "n 2"], share: float) -> Float[np.ndarray, "m 2"]:
@@ -91,13 +99,26 @@ def curve(series: str, points: Float[np.ndarray, "n 2"], name: str) -> list[Spec
     ]
 
 
-def marks(best: np.ndarray, estimates: Mapping[str, Estimate], box: np.ndarray) -> list[Spec]:
-    """Returns rows of truth, paper's drone, line of equal sums, and optimum with its interval."""
+def marks(
+    best: np.ndarray,
+    estimates: Mapping[str, Estimate],
+    box: np.ndarray,
+    ends: Float[np.ndarray, "2 2"],
+) -> list[Spec]:
+    """Returns rows of truth, paper's drone, line of equal sums, and optimum with its interval.
+
+    Args:
+        best: the optimum [ms].
+        estimates: by parameter.
+        box: see `box_of`.
+        ends: of the picture [ms]; the paper's drone outside stands at its edge.
+    """
     mark_rows: list[Spec] = [
         {"series": "truth", "x": x, "y": y, "curve": "truth", "order": order}
         for order, (x, y) in enumerate(box)
     ]
-    total, (lag, late) = float(best.sum()), of_the_paper()
+    inset = 0.015 * (ends[1] - ends[0])
+    total, (lag, late) = float(best.sum()), of_the_paper().clip(ends[0] + inset, ends[1] - inset)
     mark_rows += [
         {"series": "total", "x": max(x, 0.0), "y": total - max(x, 0.0), "curve": "total"}
         | {"order": order}
@@ -106,17 +127,16 @@ def marks(best: np.ndarray, estimates: Mapping[str, Estimate], box: np.ndarray) 
     mark_rows.append({"series": "paper", "x": lag, "y": late, "mark": "the paper's drone"})
     centre = {"series": "identified", "x": best[0], "y": best[1]}
     for name, axis in zip(DELAYS, "xy", strict=True):
-        if estimates:
-            low, high = (1e3 * end for end in estimates[name].interval)
-            bar = {**centre, axis: low, f"{axis}2": high, "bar": axis}
-            mark_rows.append(bar | {"x2": bar.get("x2", best[0]), "y2": bar.get("y2", best[1])})
-    return [*mark_rows, {**centre, "mark": "identified" if estimates else "best evaluation"}]
+        low, high = (1e3 * end for end in estimates[name].interval)
+        bar = {**centre, axis: low, f"{axis}2": high, "bar": axis}
+        mark_rows.append(bar | {"x2": bar.get("x2", best[0]), "y2": bar.get("y2", best[1])})
+    return [*mark_rows, {**centre, "mark": "identified"}]
 
 
-def legend_of_marks(total: float, is_measured: bool, truth: bool, remark: str = "") -> list[Entry]:
+def legend_of_marks(total: float, truth: bool, remark: str = "") -> list[Entry]:
     """Returns the entries of the legend for `marks`; a remark stands behind the paper's drone."""
     lag, late = map(text.plain_symbol, DELAYS)
-    point_label = f"identified, {100 * LEVEL:.0f} % interval" if is_measured else "best evaluation"
+    point_label = f"identified, {100 * LEVEL:.0f} % interval"
     return [
         *([Entry("truth", "green", "line", "truth")] if truth else []),
         Entry(f"paper's drone{remark}", "purple", "diamond", "paper"),
@@ -128,35 +148,29 @@ def legend_of_marks(total: float, is_measured: bool, truth: bool, remark: str = 
 def plane(
     title: str,
     drawn: list[Spec],
-    in_view: Float[np.ndarray, "n 2"],
+    ends: Float[np.ndarray, "2 2"],
     legend: list[Entry],
-    tooltip: Mapping[str, str],
 ) -> Figure:
     """Returns dots, curves and marks over motor time constant and latency.
 
     Args:
         title: of the figure.
         drawn: rows: those of `curve` and `marks`, and dots with `series`, `x` and `y` [ms].
-        in_view: points in view [ms].
+        ends: least and largest delays in view [ms].
         legend: an entry for each series.
-        tooltip: further labels of dots, by column.
     """
-    ends = [
-        (min(0.98 * low, low - 0.5), max(1.02 * high, high + 0.5))
-        for low, high in zip(in_view.min(axis=0).clip(0.0), in_view.max(axis=0), strict=True)
-    ]
     labels = {
         name: f"{words} {text.plain_symbol(name)} [ms]"
         for name, words in zip(DELAYS, ("motor time constant", "latency"), strict=True)
     }
     x, y = (
-        charts.number(axis, label, **charts.within(max(low, 0.0), high))
-        for axis, label, (low, high) in zip("xy", labels.values(), ends, strict=True)
+        charts.number(axis, label, **charts.within(low, high))
+        for axis, label, (low, high) in zip("xy", labels.values(), ends.T, strict=True)
     )
     colours = {entry.series: entry.colour for entry in legend if entry.series}
     place = {"x": x, "y": y, "color": charts.coloured(colours)}
     dots = " && ".join(f"!isValid(datum.{name})" for name in ("curve", "bar", "mark"))
-    values = charts.tooltip({"x": labels[DELAYS[0]], "y": labels[DELAYS[1]], **tooltip})
+    values = charts.tooltip({"x": labels[DELAYS[0]], "y": labels[DELAYS[1]]})
     named = charts.tooltip({"mark": "", "x": labels[DELAYS[0]], "y": labels[DELAYS[1]]})
     shapes = {"domain": ["paper", "identified"], "range": ["diamond", "cross"]}
     shape = {"field": "series", "type": "nominal", "scale": shapes}

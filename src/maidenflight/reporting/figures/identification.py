@@ -15,9 +15,12 @@ from maidenflight.reporting.figures.charts import Entry, Figure, Spec
 
 _OUTSIDE = -0.25, 1.25
 """Shares of a plausible range beyond which marks are left out."""
+_WEAK = 0.5
+"""Share of a plausible range from which on an interval is no finding of the flights."""
 _TOOLTIP = {"name": "", "value": "value", "between": "95 % interval", "source": ""}
 _ENTRIES = {
     "identified": Entry("identified, 95 % interval", "orange", "bar", "identified"),
+    "weak": Entry("identified, over half of what was plausible", "soft", "bar", "weak"),
     "unidentified": Entry("not identified: plausible range", "line", "thick", "unidentified"),
     "truth": Entry("truth", "green", "tick", "truth"),
     "start": Entry("start", "purple", "tick", "start"),
@@ -64,7 +67,8 @@ def estimates(
         references: what else is marked, the first in numbers too.
         drone: about which the plausible ranges lie.
     """
-    names, marks, bounds = [], [], physical_bounds(drone)
+    names: list[tuple[str, ...]] = []
+    marks, bounds = [], physical_bounds(drone)
     searched = {name: bounds.get(name, one.interval) for name, one in known.items()}
     priors = prior_ranges(drone, searched) | dict(unknown)
     for row, name in enumerate((*known, *unknown)):
@@ -79,22 +83,24 @@ def estimates(
             return text.fixed(scale * value, digits)
 
         between = f"{written(low)} .. {written(high)} {unit}".rstrip()
-        common = {"row": row, "name": name.replace("_", " "), "between": between}
+        common = {"row": row, "name": text.label(name), "between": between}
         series, colour = ("identified", "orange") if name in known else ("unidentified", "line")
+        if name in known and place(high) - place(low) > _WEAK:
+            series, colour = "weak", "soft"
         common |= {"series": series, "colour": charts.paint(colour)}
         marks.append({**common, "kind": "bar", "x": place(low), "x2": place(high)})
-        numbers = f"not identified, {written(low)} .. {written(high)}"
+        numbers = f"not identified, {written(low)} .. {written(high)} {unit}"
         if name in known:
             value = known[name].value
             marks.append({**common, "kind": "value", "x": place(value), "value": written(value)})
-            numbers = f"{written(value)} [{written(low)}, {written(high)}]"
+            numbers = f"{written(value)} [{written(low)}, {written(high)}] {unit}"
         for series, values in others.items():
             look = {"series": series, "colour": charts.paint(_ENTRIES[series].colour)}
             look |= {"row": row, "kind": "line", "name": common["name"], "source": series}
             marks += [{**look, "x": place(each), "value": written(each)} for each in values]
         first = next(iter(others), None)
         reference_text = f", {first} {' .. '.join(map(written, others[first]))}" if first else ""
-        names.append((common["name"], f"{numbers}{reference_text} {unit}".rstrip()))
+        names.append((common["name"], numbers.rstrip(), reference_text))
     places = [mark[end] for mark in marks for end in ("x", "x2") if end in mark]
     ends = [
         max(_OUTSIDE[0], min([0.0, *places])) - 0.02,
@@ -117,7 +123,7 @@ def _draw_delays(evidence: Sequence[Evidence]) -> Spec:
         names.append((look.signal, f"{value:.1f} [{low:.1f}, {high:.1f}] ms"))
     room = {"scale": {"zero": False, "nice": False, "padding": 10}}
     x = charts.number("x", "[ms]", **room)
-    return intervals.rows(names, marks, x, title="Motor lag and latency together")
+    return intervals.rows(names, marks, x, title="Motor time constant plus latency")
 
 
 def _gains(gains: Sequence[GroupGain]) -> Spec:
@@ -132,7 +138,7 @@ def _gains(gains: Sequence[GroupGain]) -> Spec:
         width = "" if error is None else f" ± {text.number(error, 1)}"
         numbers = f"{'+' if value > 0 else ''}{text.number(value, 2)}{width}"
         verdict = "in the model" if gain.is_in_model else "left out"
-        names.append((gain.group.replace("_", " "), f"{numbers}, {verdict}"))
+        names.append((text.label(gain.group), numbers, f", {verdict}"))
     powers = [10.0**power for power in range(-2, 4)]
     scale = {"type": "symlog", "constant": SMALLEST_GAIN, "nice": False, "padding": 10}
     axis = {"values": [*(-power for power in powers), 0.0, *powers], "format": "~r"}

@@ -6,8 +6,8 @@ from typing import Any
 from maidenflight.reporting.figures import charts
 from maidenflight.reporting.figures.charts import Spec
 
-ROW = 24
-"""Height of a row [px]."""
+ROW, TALL_ROW = 24, 40
+"""Height of a row [px], and of one whose numbers stand below its name."""
 _MARKS: dict[str, Spec] = {
     "bar": {"type": "rule", "strokeWidth": 3},
     "whisker": {"type": "rule", "strokeWidth": 1.6},
@@ -21,13 +21,15 @@ _MARKS: dict[str, Spec] = {
 
 def plausible_axis() -> Spec:
     """Returns the channel of shares of the range that is plausible before the flights."""
-    ticks = {"values": [0, 0.25, 0.5, 0.75, 1], "format": "%"}
-    title = "share of the range that is plausible before the flights"
+    ticks = {"values": [0, 0.25, 0.5, 0.75, 1], "format": ".0%"}
+    title = charts.by_width(
+        "share of the range that is plausible before the flights", "share of the plausible range"
+    )
     return charts.number("x", title, axis=ticks)
 
 
 def rows(
-    names: Sequence[tuple[str, str]],
+    names: Sequence[tuple[str, ...]],
     marks: Sequence[Spec],
     x: Spec,
     tooltip: Spec | None = None,
@@ -38,7 +40,8 @@ def rows(
     """Returns a panel of rows.
 
     Args:
-        names: of each row, what stands at its left and at its right.
+        names: of each row, what stands at its left and at its right, and what follows there. On a
+            phone the second stands below the first, and what follows is left out.
         marks: of each `row` (its number), `kind` (a name of `_MARKS`), `colour`, and `x`, for rules
             from `x` to `x2`; `series` where the legend hides it; `shift` from the middle of the
             row, within half a row.
@@ -47,14 +50,17 @@ def rows(
         title: above the panel.
         across: places on the axis with marks over all rows.
     """
-    keys = [f"{number}\t{left}\t{right}" for number, (left, right) in enumerate(names)]
+    keys = ["\t".join((str(number), *parts)) for number, parts in enumerate(names)]
     data = [{**mark, "key": keys[mark["row"]]} for mark in marks]
     y: dict[str, Any] = {"field": "key", "type": "nominal", "title": None, "sort": keys}
     y["scale"] = {"domain": keys}
     axis = {"ticks": False, "domain": False, "labelLimit": 400, "labelPadding": 8}
     axis["minExtent"] = 0
-    left = {**axis, "labelExpr": "split(datum.label, '\\t')[1]", "grid": True}
-    right = {**axis, "labelExpr": "split(datum.label, '\\t')[2]", "orient": "right", "grid": False}
+    parts = "split(datum.label, '\\t')"
+    left_label = charts.by_width(f"{parts}[1]", f"slice({parts}, 1, 3)")
+    left = {**axis, "labelExpr": left_label, "labelLineHeight": 15, "grid": True}
+    right = {**axis, "labelExpr": f"join(slice({parts}, 2), '')", "orient": "right", "grid": False}
+    right = charts.by_width(right, None)
     # Each side of the panel is a layer of its own, without marks.
     layers: list[Spec] = [
         {"data": {"values": []}, "mark": "tick", "encoding": {"x": x, "y": {**y, "axis": side}}}
@@ -74,7 +80,8 @@ def rows(
             encoding |= {"x2": {"field": "x2"}} if mark["type"] == "rule" else {}
             encoding |= {"tooltip": charts.tooltip(tooltip)} if tooltip else {}
             layers.append(charts.layer(kind, {**mark, "opacity": 1, "clip": True}, **encoding))
-    panel = charts.panel(charts.rows(data), layers, height=ROW * len(names) + 8, zooms=())
+    panel = charts.panel(charts.rows(data), layers, zooms=())
+    panel["height"] = charts.by_width(ROW * len(names) + 8, TALL_ROW * len(names) + 8)
     # Titles begin where the frames do, however long the names beside them are.
     head = {"title": {"text": title, "frame": "group"}} if title else {}
     return {**panel, **head, "resolve": {"axis": {"y": "independent"}}}

@@ -8,13 +8,14 @@ import json
 import re
 import textwrap
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import vl_convert
 from markupsafe import escape
 
-from maidenflight.reporting.figures.charts import Entry, Figure, Spec
+from maidenflight.reporting.figures.charts import NARROW, Entry, Figure, Spec
 from maidenflight.reporting.html import asset
 
 WIDTH = 920
@@ -51,6 +52,8 @@ def svg(figure: Figure, width: int = WIDTH, note: str = "") -> str:
     """
     columns = figure.columns or max(1, min(len(figure.panels), width // figure.least))
     each = (width - 2 * _PADDING - (columns - 1) * _SPACE) / columns
+    kind = "narrow" if each < NARROW else "wide"
+    figure = replace(figure, panels=[_chosen(panel, kind) for panel in figure.panels])
     # Axes take what their numbers and names need, which is known once they are drawn.
     inner = int(each) - 50
     # Letters of the title are larger and bold.
@@ -61,6 +64,17 @@ def svg(figure: Figure, width: int = WIDTH, note: str = "") -> str:
     if any("width" not in panel for panel in figure.panels if "layer" in panel):
         picture = _drawn(figure, words, columns, inner + (width - int(size)) // columns)
     return _in_light_and_dark(picture, figure.title)
+
+
+def _chosen(part: Any, kind: str) -> Any:
+    """A copy of a specification with what `charts.by_width` has for a phone or a wide page."""
+    if isinstance(part, list | tuple):
+        return [_chosen(each, kind) for each in part]
+    if not isinstance(part, dict):
+        return part
+    if "narrow" in part:
+        return _chosen(part[kind], kind)
+    return {name: _chosen(each, kind) for name, each in part.items()}
 
 
 def _drawn(figure: Figure, words: Sequence[list[str]], columns: int, inner: int) -> str:

@@ -1,12 +1,16 @@
 """Pictures of flights, identifications and policies, as notebooks show them."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+import vl_convert
 
 from maidenflight import results
+from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
 from maidenflight.identification.outcome.estimates import Identification
 from maidenflight.identification.posterior import Posterior
@@ -26,8 +30,15 @@ _OFFSETS = np.linspace(-0.5, 0.5, 21)
 """Distances to the set-point [m]."""
 
 
+_WRITERS: Mapping[str, Callable[[str], str | bytes]] = {
+    **{".svg": str, ".pdf": vl_convert.svg_to_pdf},
+    ".png": partial(vl_convert.svg_to_png, scale=2),
+}
+"""What makes a file of an SVG, by its suffix."""
+
+
 class Picture(NamedTuple):
-    """A figure that a notebook shows, and that is written as SVG."""
+    """A figure that a notebook shows, and that is written as a file."""
 
     figure: Figure
 
@@ -35,8 +46,15 @@ class Picture(NamedTuple):
         return svg(self.figure)
 
     def save(self, path: StrPath) -> None:
-        """Writes the picture as an SVG file."""
-        results.write(path, svg(self.figure))
+        """Writes the picture as SVG, PDF or PNG, by the path's suffix.
+
+        Raises:
+            InputError: the suffix is another.
+        """
+        suffix = Path(path).suffix.lower()
+        if suffix not in _WRITERS:
+            raise InputError(f"{path}: a picture is written as {', '.join(_WRITERS)}. Rename it.")
+        results.write(path, _WRITERS[suffix](svg(self.figure)))
 
 
 def plot_identification(identification: Identification) -> Picture:

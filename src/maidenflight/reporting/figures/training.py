@@ -1,5 +1,7 @@
 """Learning curves of policies that are trained side by side."""
 
+from collections.abc import Mapping
+
 import numpy as np
 import polars
 
@@ -15,6 +17,8 @@ SCORES = {
 """Label and displayed value per SI value of a policy's scores."""
 _OVER = {"steps": ("simulated steps [million]", 1e-6), "seconds": ("time [s]", 1.0)}
 """The same of what they are drawn over."""
+_LEAST = {"survival": 20.0, "position_error": 1.0}
+"""Least spans of displayed scores: below them curves differ by single episodes."""
 
 
 def learning_curves(scores: polars.DataFrame) -> Figure:
@@ -72,7 +76,9 @@ def panel(scores: polars.DataFrame, score: str, title: str, over: str = "steps")
         ends = {"y": np.nanmin(each), "high": np.nanmax(each)}
         rows += [{"series": "range", "policy": "range", "x": place, **ends}] if several else []
     blue, x = charts.paint("blue"), charts.number("x", _OVER[over][0])
-    y = charts.number("y", scale={"zero": False})
+    low, high = charts.margin(drawn, _LEAST.get(score, 0.0))
+    high = min(high, 100.5) if score == "survival" else high
+    y = charts.number("y", **charts.within(low, high))
     tooltip = charts.tooltip({"policy": "", "x": _OVER[over][0], "y": label})
     curves = "datum.series !== 'range'"
     size, opacity = (
@@ -88,6 +94,33 @@ def panel(scores: polars.DataFrame, score: str, title: str, over: str = "steps")
         charts.layer(curves, dot, x=x, y=y, tooltip=tooltip),
     ]
     return charts.panel(charts.rows(rows), layers, title=title, height=180)
+
+
+def compared_curves(runs: Mapping[str, polars.DataFrame], colours: Mapping[str, str]) -> Figure:
+    """Returns a panel a score: the mean over the policies of each run.
+
+    Args:
+        runs: scores as of `learning_curves`, by the run's name.
+        colours: of each run, by its name.
+    """
+    panels = []
+    for score, (label, scale) in SCORES.items():
+        rows: list[Spec] = []
+        for name, scores in runs.items():
+            places, values = _by_policy(scores, score, "steps")
+            known = np.isfinite(values).any(axis=1)
+            means = scale * np.nanmean(values[known], axis=1)
+            rows += [
+                {"series": name, "x": place, "y": mean}
+                for place, mean in zip(places[known], means, strict=True)
+            ]
+        span = charts.margin([row["y"] for row in rows], _LEAST.get(score, 0.0))
+        x = charts.number("x", _OVER["steps"][0])
+        y = charts.number("y", **charts.within(*span))
+        layer = charts.layer("", {"type": "line"}, x=x, y=y, color=charts.coloured(colours))
+        panels.append(charts.panel(charts.rows(rows), [layer], title=label))
+    legend = [Entry(name, colours[name], "line", name) for name in runs]
+    return Figure("Learning curves, means of the policies", panels, legend, least=250)
 
 
 def _by_policy(scores: polars.DataFrame, score: str, over: str) -> tuple[np.ndarray, np.ndarray]:

@@ -10,13 +10,15 @@ from maidenflight.reporting.figures import charts
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec
 
 _DISPLAY_FORMATS = {
-    "thrust_to_weight": ("thrust to weight", 1.0),
-    "torque_bias_x": ("roll trim [10⁻⁶ N m]", 1e6),
-    "torque_bias_y": ("pitch trim [10⁻⁶ N m]", 1e6),
-    "torque_bias_z": ("yaw trim [10⁻⁶ N m]", 1e6),
-    "battery": ("battery [V]", 1.0),
+    "thrust_to_weight": ("thrust-to-weight ratio", 1.0, 0.02),
+    "hover_command": ("hover command [% of full thrust]", 100.0, 1.0),
+    "torque_bias_x": ("torque bias x [10⁻⁶ N m]", 1e6, 0.0),
+    "torque_bias_y": ("torque bias y [10⁻⁶ N m]", 1e6, 0.0),
+    "torque_bias_z": ("torque bias z [10⁻⁶ N m]", 1e6, 0.0),
+    "battery": ("battery [V]", 1.0, 0.1),
 }
-"""Label and displayed value per SI value."""
+"""Label, displayed value per SI value, and least span of the axis: 1 % of a hover command and 0.1 V
+are what flights of one drone differ by."""
 
 
 def trims(
@@ -34,12 +36,11 @@ def trims(
     formats = {
         name: format
         for name, format in _DISPLAY_FORMATS.items()
-        if flights[name].cast(polars.Float64).is_finite().any()
+        if name in flights.columns and flights[name].cast(polars.Float64).is_finite().any()
     }
     identified = {name: estimate for name, estimate in (estimates or {}).items() if name in formats}
     panels = [
-        _panel(flights, name, label, scale, identified.get(name))
-        for name, (label, scale) in formats.items()
+        _panel(flights, name, format, identified.get(name)) for name, format in formats.items()
     ]
     errors = any(f"{name}_error" in flights.columns for name in formats)
     legend = [Entry("flight, with its standard error" if errors else "flight", "blue", "dot")]
@@ -49,8 +50,12 @@ def trims(
 
 
 def _panel(
-    flights: polars.DataFrame, name: str, label: str, scale: float, estimate: Estimate | None
+    flights: polars.DataFrame,
+    name: str,
+    format: tuple[str, float, float],
+    estimate: Estimate | None,
 ) -> Spec:
+    label, scale, least = format
     values = scale * flights[name].cast(polars.Float64).to_numpy()
     error, width = f"{name}_error", np.full(len(values), np.nan)
     if error in flights.columns:
@@ -72,9 +77,10 @@ def _panel(
         scale={"zero": False, "nice": False, "padding": 8},
         axis={"tickMinStep": 1, "format": "d"},
     )
-    y = charts.number("y", scale={"zero": False})
+    in_view = [row[end] for row in rows for end in ("y", "low", "high")]
+    span = charts.within(*charts.margin(in_view, least))
+    y, across = charts.number("y", **span), charts.number("low", **span)
     tooltip = charts.tooltip({"name": "", "x": "flight", "y": label, "error": "± [ ]"})
-    across = charts.number("low", scale={"zero": False})
     blue, orange = charts.paint("blue"), charts.paint("orange")
     flight, identified = "datum.series === 'flight'", "datum.series === 'identified'"
     dot = {"type": "point", "filled": True, "size": 34, "color": blue, "opacity": 1}

@@ -15,6 +15,7 @@ from maidenflight.reporting import tables, text
 from maidenflight.reporting.figures import charts, intervals
 from maidenflight.reporting.figures import flight_times as flight_time_figures
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec
+from maidenflight.reporting.figures.training import compared_curves
 from maidenflight.reporting.html import render
 from maidenflight.reporting.run import Run
 from maidenflight.reporting.sections import flights, head
@@ -46,7 +47,33 @@ def key_figures(runs: Runs) -> Markup:
             label = Markup(figure.label).striptags()
             rows.setdefault(label, {})[name] = f"{figure.value} {figure.unit}".strip()
     table = [{"figure": label} | _fill(runs, values) for label, values in rows.items()]
-    return _tabulate("figures", table, {"figure": "Figure", **{name: name for name in runs}})
+    columns = {"figure": "Figure", **{name: name for name in runs}}
+    if len(runs) == 2:
+        columns["difference"] = "Difference"
+        table = [row | {"difference": _subtract(*map(row.__getitem__, runs))} for row in table]
+    return _tabulate("figures", table, columns)
+
+
+def _subtract(first: str, second: str) -> str:
+    """Returns how much the second figure is above the first, in the digits of both."""
+    (one, unit), (other, own) = (text_of.partition(" ")[::2] for text_of in (first, second))
+    try:
+        low, high = (float(number.replace("\N{MINUS SIGN}", "-")) for number in (one, other))
+    except ValueError:
+        return text.NOTHING
+    if unit != own:
+        return text.NOTHING
+    digits = max(len(number.partition(".")[2]) for number in (one, other))
+    return f"{text.signed(f'{high - low:+.{digits}f}')} {unit}".rstrip()
+
+
+def trained(runs: Runs) -> Markup:
+    """Returns learning curves of the runs over each other."""
+    scores = {name: run.training for name, run in runs.items() if run.training is not None}
+    if len(scores) < 2:
+        return Markup()
+    curves = compared_curves(scores, {name: _colour(runs, name) for name in scores})
+    return render("comparison.html", curves=curves, table=Markup())
 
 
 def parameters(runs: Runs) -> Markup:
@@ -73,7 +100,7 @@ def parameters(runs: Runs) -> Markup:
             f"[{', '.join(text.fixed(scale * end, digits) for end in one.interval)}]"
             for name, one in estimates.items()
         }
-        label = f"{parameter.replace('_', ' ')}{f' [{unit}]' if unit else ''}"
+        label = f"{text.label(parameter)}{f' [{unit}]' if unit else ''}"
         rows.append(
             {"parameter": label, **_fill(runs, values), "apart": _measure_difference(estimates)}
         )
@@ -81,7 +108,7 @@ def parameters(runs: Runs) -> Markup:
     table = _tabulate(
         "parameters", rows, {**columns, "apart": tables.number("Apart [standard errors]", 1)}
     )
-    return render("comparison.html", intervals=_draw(identified, names), times=None, table=table)
+    return render("comparison.html", intervals=_draw(identified, names), table=table)
 
 
 def tested(runs: Runs) -> Markup:
@@ -122,7 +149,7 @@ def _show_flights(runs: Runs, parts: Mapping[str, polars.DataFrame | None]) -> M
     colours = {_colour(runs, name): name for name in runs}
     times = flight_time_figures.flight_times(rows, "Flight times", colours)
     table = tables.sortable("flown", summary, columns)
-    return render("comparison.html", intervals=None, times=times, table=table)
+    return render("comparison.html", times=times, table=table)
 
 
 def _draw(runs: Runs, names: Sequence[str]) -> Figure:
@@ -147,7 +174,7 @@ def _draw(runs: Runs, names: Sequence[str]) -> Figure:
                 {**look, "kind": "bar", "x": start, "x2": stop},
                 {**look, "kind": "value", "x": value},
             ]
-    labels = [(name.replace("_", " "), "") for name in names]
+    labels = [(text.label(name), "") for name in names]
     legend = [Entry(name, _colour(runs, name), "bar", name) for name in runs]
     panel = intervals.rows(labels, marks, intervals.plausible_axis(), {"name": "run"})
     return Figure("Parameters", [panel], legend, columns=1)

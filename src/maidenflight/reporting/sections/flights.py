@@ -8,8 +8,7 @@ import polars
 from markupsafe import Markup
 
 from maidenflight.experiments import flight_times, recovery
-from maidenflight.flights.trims import trim
-from maidenflight.parameters import crazyflie
+from maidenflight.flights.trims import finite_mean, hover_command, trim
 from maidenflight.reporting import run as runs
 from maidenflight.reporting import tables, viewer
 from maidenflight.reporting.figures import changes, trims
@@ -153,6 +152,8 @@ def recorded(run: Run) -> Markup:
         trims=figure,
         table=_recorded(run, rows) if rows.height else Markup(),
         refused=run.refused,
+        with_drone=run.drone is not None,
+        identified=bool(run.estimates),
     )
 
 
@@ -165,44 +166,50 @@ def _viewer(run: Run) -> Markup:
 
 
 def _trims_of(run: Run) -> polars.DataFrame:
-    """What each recorded flight says cheaply, a row a flight, in SI units; see `trims.trim`."""
-    drone = crazyflie() if run.drone is None else run.drone.parameters
+    """What each recorded flight says cheaply, a row a flight, in SI units; see `trims.trim`.
+
+    Without a drone, whose mass, motors and arms torques need, it is the command that hovers.
+    """
     rows = []
     for number, flight in enumerate(run.recorded, 1):
-        table = trim([flight], drone)
-        row = {"number": number, "flight": flight.name}
+        row: dict[str, Any] = {"number": number, "flight": flight.name}
         row |= {"drone": flight.simulated or "a real drone"}
         row |= {"duration": flight.duration, "rows": len(flight)}
-        row |= {"thrust_to_weight": table.thrust_to_weight}
-        row |= {"thrust_to_weight_error": table.thrust_to_weight_error}
-        for axis, value, error in zip(
-            "xyz", table.torque_bias, table.torque_bias_error, strict=True
-        ):
-            row |= {f"torque_bias_{axis}": float(value), f"torque_bias_{axis}_error": float(error)}
-        row |= {f"command_{motor}": float(mean) for motor, mean in enumerate(table.command, 1)}
-        rows.append(row | {"battery": table.battery})
+        if run.drone is None:
+            command, error = hover_command(flight)
+            row |= {"hover_command": command, "hover_command_error": error}
+        else:
+            balance = trim([flight], run.drone.parameters)
+            row |= {"thrust_to_weight": balance.thrust_to_weight}
+            row |= {"thrust_to_weight_error": balance.thrust_to_weight_error}
+            torques = zip("xyz", balance.torque_bias, balance.torque_bias_error, strict=True)
+            for axis, value, error in torques:
+                row |= {f"torque_bias_{axis}": float(value)}
+                row |= {f"torque_bias_{axis}_error": float(error)}
+        rows_used = flight.part(flight.lead, len(flight))
+        means = (*finite_mean(rows_used.command), *finite_mean(rows_used.battery[:, None]))
+        names = (*(f"command_{motor}" for motor in range(1, 5)), "battery")
+        rows.append(row | dict(zip(names, map(float, means), strict=True)))
     return polars.DataFrame(rows)
 
 
 def _recorded(run: Run, rows: polars.DataFrame) -> Markup:
     """The recorded flights, for choosing what the viewer shows."""
-    trim_of = Markup("{} trim [10<sup>\N{MINUS SIGN}6</sup> N m]")
+    torque = Markup("Torque bias {} [10<sup>\N{MINUS SIGN}6</sup> N m]")
     columns: dict[str, Column | str] = {
         "flight": "Flight",
         "drone": "Drone",
         "duration": tables.number("Duration [s]", 2),
-        "thrust_to_weight": tables.number("Thrust to weight", 3),
-        **{
-            f"torque_bias_{axis}": tables.number(trim_of.format(name), 0, 1e6)
-            for axis, name in zip("xyz", ("Roll", "Pitch", "Yaw"), strict=True)
-        },
+        "thrust_to_weight": tables.number("Thrust-to-weight ratio", 3),
+        "hover_command": tables.number("Hover command u", 3),
+        **{f"torque_bias_{axis}": tables.number(torque.format(axis), 0, 1e6) for axis in "xyz"},
         **{
             f"command_{motor}": tables.number(f"Mean u of motor {motor}", 3)
             for motor in range(1, 5)
         },
         "battery": tables.number("Battery [V]", 2),
     }
-    in_viewer = run.table is None
-    if in_viewer:
+    columns = {name: column for name, column in columns.items() if name in rows.columns}
+    if run.table is None:
         return tables.sortable("flights", rows, columns, viewable(run))
     return tables.sortable("recorded", rows, columns)

@@ -17,12 +17,8 @@ from maidenflight.reporting.run import Run
 from maidenflight.reporting.sections import parameters
 from maidenflight.simulator.tasks.failures import REACHED
 
-NAMES = {
-    "thrust_to_weight": "thrust-to-weight ratio",
-    "motor_time_constant": "motor lag",
-    "latency": "latency",
-}
-"""The paper's three parameters in words."""
+NAMES = ("thrust_to_weight", "motor_time_constant", "latency")
+"""The paper's three parameters."""
 
 
 def kind(run: Run) -> str:
@@ -139,7 +135,7 @@ def _of_the_drone(run: Run) -> list[str]:
 
 def _value(run: Run, name: str) -> str:
     return (
-        f"{NAMES[name]} {text.number(run.estimates[name].value * text.factor(name), 3)} "
+        f"{text.label(name)} {text.number(run.estimates[name].value * text.factor(name), 3)} "
         f"{text.unit(name)}"
     ).rstrip()
 
@@ -197,8 +193,8 @@ def key_figures(run: Run) -> list[KeyFigure]:
 
 def _of_parameters(run: Run) -> list[KeyFigure]:
     figures = []
-    for name, words in NAMES.items():
-        label = Markup("{} {}").format(words, text.symbol(name))
+    for name in NAMES:
+        label = Markup("{} {}").format(text.label(name), text.symbol(name))
         if name in run.estimates:
             value, low, high = parameters.estimate(run, name)
             note = f"95 % interval {low} to {high}"

@@ -161,8 +161,9 @@ def _truth(run: Run, name: str, scale: float) -> Cell:
 
 
 def _head(name: str, unit: str) -> Cell:
-    template, in_unit = Markup("{}{}<small> {}</small>"), f" [{unit}]" if unit else ""
-    return Cell(template.format(text.symbol(name), in_unit, _meaning(name)), name)
+    template, in_unit = Markup("{}{}<small> {}: {}</small>"), f" [{unit}]" if unit else ""
+    words = text.label(name), _meaning(name)
+    return Cell(template.format(text.symbol(name), in_unit, *words), name)
 
 
 def _meaning(name: str) -> str:
@@ -277,7 +278,7 @@ def _gains(run: Run) -> Markup | str:
         return Cell(cell, row["log_likelihood_gain"])
 
     columns = {
-        "group": Column("Parameters", lambda name, _: tables.plain(name.replace("_", " "))),
+        "group": Column("Parameters", lambda name, _: tables.plain(text.label(name))),
         "log_likelihood_gain": Column("Log-likelihood gain a row [nats]", gain),
         "is_in_model": Column(
             "In the model", lambda in_model, _: tables.plain("yes" if in_model else "no")

@@ -171,15 +171,17 @@ def _virtual_about(drawn_name: str, centre: str) -> VirtualDrone:
         )
     law = law_for(parameters.full_scale_counts(centre))
     drone = virtual_drone(int(seed), kind, parameters.read_drone(centre), law)
-    return dataclasses.replace(drone, name=f"{drone.name}-{parameters.name_of(centre)}")
+    return dataclasses.replace(drone, name=f"{drone.name}@{parameters.name_of(centre)}")
 
 
 def check_reality(candidate: Any) -> AnyReality:
-    """Returns a reality.
+    """Returns a reality, or that of a name.
 
     Raises:
         InputError: it is none.
     """
+    if isinstance(candidate, str):
+        return reality(candidate)
     if isinstance(candidate, AnyReality) and not isinstance(candidate, type):
         return candidate
     lacking = ", ".join(member for member in _MEMBERS if not hasattr(candidate, member))

@@ -226,7 +226,7 @@ def virtual_drone(
         drone = replace(drone, **further, torque_bias=torques)
     compensated = centre is None or float(centre.mass) <= LARGEST_CRAZYFLIE
     law = thrust_law if compensated else None
-    return VirtualDrone(f"{variant}-{seed}", drone, thrust_law=law)
+    return VirtualDrone(f"{variant}:{seed}", drone, thrust_law=law)
 
 
 _UNCHANGED = (
