@@ -19,7 +19,7 @@ ORDER = [
     "flights policy",
     "flying",
     "policy_file",
-    "identification training",
+    "identification training disturbances",
     "experiments",
     "deployment reporting",
     "terminal",
@@ -283,9 +283,9 @@ MOST = {
     "study to table: stops": 75,
     "study to table: modules": 15,
     "study to table: names": 123,
-    "constants": 690,
-    "constants without a source": 565,
-    "lines": 55_450,
+    "constants": 709,
+    "constants without a source": 582,
+    "lines": 56_650,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
