@@ -25,6 +25,7 @@ from maidenflight.disturbances.kalman import (
 )
 from maidenflight.disturbances.motion import Processes
 from maidenflight.disturbances.rows import (
+    Rows,
     Stretches,
     has_speeds,
     hover_speed,
@@ -38,7 +39,8 @@ AHEAD = 0.5
 """Time over which predictions count [s] (Busetto et al. 2025)."""
 HORIZONS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5)
 """At which they are judged [s]: about as many of each size of error."""
-_WINDOWS, _ITERATIONS = 600, 60
+_STRETCHES, _WINDOWS, _ITERATIONS = 16, 600, 60
+"""Of flights, evenly; more take longer and tell hardly more."""
 _BELIEF = 1e-3
 """Weight of a squared change of a logarithm from its start, in nats a number: of what flights do
 not tell."""
@@ -112,6 +114,13 @@ def fit_disturbances(
     start = input_drone(drone, measured=carrying is not None)
     parts = stretches(flights, start, carrying)
     length = round(AHEAD / parts.period)
+    few = np.linspace(0, len(parts.flight) - 1, min(_STRETCHES, len(parts.flight))).astype(int)
+    parts = parts._replace(
+        rows=jax.tree.map(lambda one: one[few], parts.rows),
+        first=parts.first[few],
+        row_count=parts.row_count[few],
+        is_own=parts.is_own[few],
+    )
     stretch, row = parts.starts(length)
     chosen = np.linspace(0, len(stretch) - 1, min(_WINDOWS, len(stretch))).astype(int)
     with jax.enable_x64(True):
@@ -146,34 +155,17 @@ def _maximise(
     length: int,
     on_evaluation: Callable[[int, int], None] | None,
 ) -> tuple[Parameters, Processes]:
-    period, rows = parts.period, jax.tree.map(jnp.asarray, parts.rows)
-    judged = np.unique(np.clip(np.round(np.array(HORIZONS) / period), 1, length)).astype(int) - 1
+    judged = np.unique(np.clip(np.round(np.array(HORIZONS) / parts.period), 1, length)) - 1
     begin = jax.tree.map(lambda one: jnp.asarray(one, float), start)
-    logs = jax.tree.map(jnp.log, jax.tree.map(jnp.asarray, start_processes()))
-    origin, unravel = ravel_pytree((_begin_body(begin), logs))
-
-    def models(numbers: Array) -> tuple[Parameters, Processes]:
-        body, logs = unravel(numbers)
-        return _with_body(begin, body), jax.tree.map(jnp.exp, logs)
-
-    @partial(jax.jit, compiler_options=compiler.loop())
-    @jax.value_and_grad
-    def loss(numbers: Array) -> Array:
-        model = models(numbers)
-        every, speeds = gains(*model, period, length), delay_speeds(rows, model[1], period)
-        filtered = filter_rows(rows, model, speeds, every, period)
-        first, unrest = jax.tree.map(lambda one: one[starts], filtered)
-        errors = predict_rows(rows, model, speeds, first, starts, every.ahead, period)
-        scale = scale_variance(every, unrest, model[1])[judged]
-        surprise = -log_density(errors[judged], scale, 2.0 + model[1].tails[QUANTITY][None, None])
-        return surprise.mean() + _BELIEF * jnp.sum((numbers - origin) ** 2)
-
+    origin = ravel_pytree((_begin_body(begin), _log_processes()))[0]
+    fixed = parts.rows, starts, begin, origin, parts.period
     count = 0
 
     def evaluate(numbers: np.ndarray) -> tuple[float, np.ndarray]:
         nonlocal count
         count += 1
-        value, slope = loss(jnp.asarray(numbers))
+        ahead = tuple(judged.astype(int).tolist())
+        value, slope = _loss(jnp.asarray(numbers), *fixed, length, ahead)
         if on_evaluation is not None:
             on_evaluation(min(count, _ITERATIONS), _ITERATIONS)
         if not np.isfinite(value) or not np.all(np.isfinite(slope)):
@@ -187,7 +179,38 @@ def _maximise(
         method="L-BFGS-B",
         options={"maxiter": _ITERATIONS, "maxfun": _ITERATIONS},
     )
-    return models(jnp.asarray(best.x))
+    return _models(jnp.asarray(best.x), begin)
+
+
+@partial(jax.jit, static_argnums=(6, 7), compiler_options=compiler.loop())
+@jax.value_and_grad
+def _loss(
+    numbers: Float[Array, "n"],
+    rows: Rows,
+    starts: tuple[Array, Array],
+    begin: Parameters,
+    origin: Float[Array, "n"],
+    period: float,
+    length: int,
+    judged: tuple[int, ...],
+) -> Float[Array, ""]:
+    model, ahead = _models(numbers, begin), np.array(judged)
+    every, speeds = gains(*model, period, length), delay_speeds(rows, model[1], period)
+    filtered = filter_rows(rows, model, speeds, every, period)
+    first, unrest = jax.tree.map(lambda one: one[starts], filtered)
+    errors = predict_rows(rows, model, speeds, first, starts, every.ahead, period)
+    scale = scale_variance(every, unrest, model[1])[ahead]
+    surprise = -log_density(errors[ahead], scale, 2.0 + model[1].tails[QUANTITY][None, None])
+    return surprise.mean() + _BELIEF * jnp.sum((numbers - origin) ** 2)
+
+
+def _models(numbers: Float[Array, "n"], begin: Parameters) -> tuple[Parameters, Processes]:
+    body, logs = ravel_pytree((_begin_body(begin), _log_processes()))[1](numbers)
+    return _with_body(begin, body), jax.tree.map(jnp.exp, logs)
+
+
+def _log_processes() -> Processes:
+    return jax.tree.map(lambda one: jnp.log(jnp.asarray(one)), start_processes())
 
 
 def log_density(

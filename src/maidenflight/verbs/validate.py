@@ -228,7 +228,8 @@ class Validate(Verb):
         run_folder.AHEAD.write(places[2], table, record)
         times = table["horizon"].unique()
         some = {SUMS, *(min(times, key=lambda one: abs(one - time)) for time in _AHEAD_S)}
-        return [row for row in table.to_dicts() if row["horizon"] in some]
+        rows = table.filter(table["horizon"].is_in(list(some))).to_dicts()
+        return [{name: value for name, value in row.items() if value == value} for row in rows]
 
 
 def _compare(
