@@ -42,6 +42,7 @@ from maidenflight.identification.drone_file import (
     Search,
     Source,
 )
+from maidenflight.identification.posterior import Posterior
 from maidenflight.integrations.exporters.authors_json import to_authors_json
 from maidenflight.integrations.logs import authors, nanobench
 from maidenflight.integrations.radio import row_files
@@ -310,10 +311,12 @@ IDENTIFIED = DroneFile(
         "latency": Estimate(0.018, (0.01, 0.02), (0.018,), 0.001),
         "mass": Estimate(0.028, (0.02, 0.03), (0.028,), 0.0),
     },
-    {
-        "latency": np.array([0.018, 0.019, 0.017]),
-        "torque_bias_x": np.array([1e-5, 0.0, 2e-5]),
-    },
+    Posterior(
+        {
+            "latency": np.array([0.018, 0.019, 0.017]),
+            "torque_bias_x": np.array([1e-5, 0.0, 2e-5]),
+        }
+    ),
     Source(4, 120.0, True, "subsampled", 60000.0),
     Search("replay", 5.0, 116, 60),
     record=RECORD,

@@ -17,6 +17,7 @@ from maidenflight import cache, manifest, parameters, policy, policy_file, resul
 from maidenflight.flights import compensation, log, reading
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
+from maidenflight.identification.posterior import Posterior
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.training import defaults, scores
 from quick import QUICK
@@ -342,7 +343,7 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
     DroneFile(
         parameters.crazyflie(),
         {"torque_bias_x": Estimate(0.0, (-1e-4, 1e-4), (0.0,), 3e-4)},
-        {"latency": np.array([0.001, 0.03])},
+        Posterior({"latency": np.array([0.001, 0.03])}),
         Source(2, 60.0, True, "subsampled", 60000.0),
         Search("likelihood", -15.0, 60, 3),
     ).write(drone)

@@ -19,7 +19,7 @@ from maidenflight.experiments import comparison, drones
 from maidenflight.experiments.policies import read_policies
 from maidenflight.flights.reading import Flights
 from maidenflight.identification.drone_file import DroneFile, Estimate, GroupGain
-from maidenflight.identification.signals.motor_response import DelayEstimate
+from maidenflight.identification.evidence import Evidence
 from maidenflight.integrations.exporters.authors_json import to_authors_json
 from maidenflight.names import CONTROLS, TASKS, WIDE
 from maidenflight.registry import VERBS
@@ -394,22 +394,22 @@ def test_estimates_have_units_to_read_and_say_what_they_rest_on(capsys: Any) -> 
         unidentified={"inertia_x": (9.3e-6, 2e-5), "drag_x": (0.0, 0.5)},
         source=SimpleNamespace(flights=4, seconds=120.0),
         advice=(),
-        delay_estimates=(DelayEstimate("gyro x", 0.08, (0.07, 0.09)),),
+        evidence=(Evidence("gyro x", 0.08, (0.07, 0.09)),),
         **fit,
     )
     show(
         *estimates_output.tabulate_estimates(found),
         *estimates_output.summarize(found),
-        *estimates_output.describe_delays(found),
+        *estimates_output.tabulate_evidence(found),
         *estimates_output.describe_fit(found, "crazyflie"),
     )
     out = capsys.readouterr().out
     assert re.search(r"latency +7\.15 +7\.08 \.\. 7\.21 +0\.22 +ms", out)
     assert re.search(r"torque_bias_x +-58\.83 +-97\.05 \.\. -23\.16 +110 +1e-6 N m", out)
-    assert re.search(r"inertia_x +not identified +9\.3 \.\. 20 \(plausible\) +1e-6 kg m2", out)
+    assert re.search(r"inertia_x +start's 13\.3 +9\.3 \.\. 20 \(plausible\) +1e-6 kg m2", out)
     assert "identified: latency 7.15 [7.08, 7.21] ms and 1 more, from 4 flights, 120 s\n" in out
     assert "\nnot identified: inertia_x, drag_x, no more than before these flights" in out
-    assert "with 95 % interval: gyro x 80 [70, 90]\n" in out
+    assert re.search(r"motor lag and latency +gyro x +80 ± 5\.1 +ms", out)
     assert "taken from crazyflie: mass 28 g and rotors 39.6 mm from the centre" in out
     assert "noise: position_walk 0.0924 m/sqrt(s), actuator_noise 0.02\n" in out
     assert (

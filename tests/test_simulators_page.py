@@ -14,6 +14,7 @@ from maidenflight import cli, parameters, policy_file
 from maidenflight.flights import log
 from maidenflight.flights.rotors import rotors
 from maidenflight.identification.drone_file import DroneFile
+from maidenflight.identification.posterior import Posterior
 from maidenflight.policy import untrained_policy
 from maidenflight.registry import DRONE_FORMATS
 from pages import blocks, run_snippet, section
@@ -37,7 +38,7 @@ def write_own_drone() -> None:
     """A drone with a posterior, and a log of it with measured rotor speeds."""
     drone = mf.drone("crazyflie_2.0")
     posterior = {"latency": np.linspace(0.003, 0.005, 100)}
-    DroneFile(drone, posterior=posterior).write("drone.toml")
+    DroneFile(drone, posterior=Posterior(posterior)).write("drone.toml")
     (flight,) = mf.record(mf.virtual_drone(7), jax.random.key(0), flights=1, duration=4.0)
     share = rotors(flight, drone).speed
     speed = 2300.0 * np.concatenate([share[:1], share[:-1]])

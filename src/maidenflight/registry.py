@@ -249,7 +249,7 @@ PLOTS = Registry(
     "maidenflight.plots",
     {
         name: f"maidenflight.reporting.figures.plots:plot_{name}"
-        for name in ("flight", "identification", "policy")
+        for name in ("flight", "identification", "policy", "posterior")
     },
 )
 """Pictures of what stages return, for notebooks."""

@@ -6,15 +6,18 @@ import pytest
 
 from maidenflight.experiments.verdict import verdicts
 from maidenflight.identification.drone_file import Advice, DroneFile
+from maidenflight.identification.posterior import Posterior
 from maidenflight.parameters import crazyflie
 
 LAGS = np.linspace(0.04, 0.10, 40)
 FILE = DroneFile(
     crazyflie(),
-    posterior={
-        "motor_time_constant": LAGS,
-        "latency": np.random.default_rng(0).uniform(0.0, 0.01, 40),
-    },
+    posterior=Posterior(
+        {
+            "motor_time_constant": LAGS,
+            "latency": np.random.default_rng(0).uniform(0.0, 0.01, 40),
+        }
+    ),
     advice=(Advice("motor_time_constant", "log rotor speeds", None),),
 )
 

@@ -22,6 +22,7 @@ from maidenflight.identification.drone_file import (
     Search,
     Source,
 )
+from maidenflight.identification.posterior import Posterior
 from maidenflight.parameters import QUANTITIES, crazyflie
 from maidenflight.reporting.page import report
 from maidenflight.simulator.policy_spec import PolicySpec
@@ -33,11 +34,13 @@ WHOLE = DroneFile(
         "latency": Estimate(0.018, (0.01, 0.02), (0.018, 0.019), 0.002, None, (0.0, 0.05)),
         "torque_bias_x": Estimate(1e-5, (0.0, 2e-5), (1e-5,), 3e-6, (-1e-5, 3e-5)),
     },
-    {
-        "latency": np.array([0.018, 0.019]),
-        "torque_bias_x": np.array([1e-5, 0.0]),
-        "inertia_z": np.array([2e-5, 3e-5]),
-    },
+    Posterior(
+        {
+            "latency": np.array([0.018, 0.019]),
+            "torque_bias_x": np.array([1e-5, 0.0]),
+            "inertia_z": np.array([2e-5, 3e-5]),
+        }
+    ),
     Source(4, 120.0, True, "subsampled", 65535.0),
     Search("likelihood", -15.4, 116, 3),
     (

@@ -32,6 +32,7 @@ from maidenflight.identification.drone_file import (
     Search,
     Source,
 )
+from maidenflight.identification.posterior import Posterior
 from maidenflight.integrations.exporters.authors_json import export_authors_json
 from maidenflight.policy import untrained_policy
 from maidenflight.reporting import page as page_module
@@ -142,7 +143,7 @@ def run(tmp_path):
     DroneFile(
         drone,
         estimates,
-        dict(zip(NAMES, samples.T, strict=True)),
+        Posterior(dict(zip(NAMES, samples.T, strict=True))),
         Source(2, 20.0, True, "subsampled", 60000.0),
         Search("replay", 1.0, 258, 9),
         record=RECORD,

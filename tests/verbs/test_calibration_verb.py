@@ -8,6 +8,7 @@ import pytest
 from maidenflight import results
 from maidenflight.errors import InputError
 from maidenflight.identification.drone_file import DroneFile, GroupGain, Search, Source
+from maidenflight.identification.posterior import Posterior
 from maidenflight.parameters import crazyflie
 from maidenflight.verbs import calibration
 from maidenflight.verbs.validate import Validate
@@ -18,7 +19,7 @@ def drone(place: Path, start: str = "crazyflie", inputs: tuple[Path, ...] = ()) 
     record = results.record(seed=3, inputs=inputs, settings=settings | {"physics_step": 0.001})
     file = DroneFile(
         crazyflie(),
-        posterior={"latency": np.array([0.01, 0.02])},
+        posterior=Posterior({"latency": np.array([0.01, 0.02])}),
         source=Source(1, 9.0, True, "subsampled", 65535.0),
         search=Search("likelihood", -15.0, 1, 1),
         gains=(GroupGain("drag", 0.1, None, True),),

@@ -20,6 +20,7 @@ from maidenflight.flights import log
 from maidenflight.flights.full_speed import full_speed
 from maidenflight.flights.rotors import rotors
 from maidenflight.identification.drone_file import DroneFile
+from maidenflight.identification.posterior import Posterior
 from maidenflight.registry import DRONE_FORMATS
 from maidenflight.verbs.drone import Drone
 
@@ -76,7 +77,7 @@ def identified(folder: Path) -> Path:
         "thrust_to_weight": random.normal(1.8, 0.02, 100),
     }
     drone = parameters.replace(mf.crazyflie(), motor_time_constant=0.06, thrust_to_weight=1.8)
-    return DroneFile(drone, posterior=posterior).write(folder / "mine.toml")
+    return DroneFile(drone, posterior=Posterior(posterior)).write(folder / "mine.toml")
 
 
 def test_samples_are_drones_of_the_posterior(tmp_path: Path, command: Command) -> None:

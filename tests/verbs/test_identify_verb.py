@@ -15,6 +15,7 @@ from maidenflight.identification.drone_file import DroneFile, Estimate, Source
 from maidenflight.identification.likelihood.selection import FIRST, WITH_KNOWN_LAG
 from maidenflight.identification.outcome.estimates import Identification
 from maidenflight.identification.outcome.narrowing import advise
+from maidenflight.identification.posterior import Posterior
 from maidenflight.identification.start import note_mass, read_start
 from maidenflight.parameters import crazyflie
 from maidenflight.verbs import estimates_output
@@ -23,7 +24,7 @@ from maidenflight.verbs.identify import Identify
 NOTHING = Identification(
     *(crazyflie(), {}, "likelihood", 0.0, 0.0, 1),
     *(Source(1, 9.0, True, "subsampled", 65535.0), 1),
-    *(polars.DataFrame({"trial": [1], "objective": [0.0]}), {}, ()),
+    *(polars.DataFrame({"trial": [1], "objective": [0.0]}), Posterior({}), ()),
 )
 """What an identification found that identified nothing."""
 

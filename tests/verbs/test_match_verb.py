@@ -15,6 +15,7 @@ from maidenflight.flights import log
 from maidenflight.identification import drone_file
 from maidenflight.identification.closed_loop import Match
 from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
+from maidenflight.identification.posterior import Posterior
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import untrained_policy
 from run_listing import entries
@@ -27,7 +28,7 @@ def test_the_closed_loop_moves_what_it_found_in_the_drone_file_and_keeps_the_res
     DroneFile(
         replace(crazyflie(), position_walk=np.float32(0.05)),
         {"latency": Estimate(0.018, (0.017, 0.019), (0.018,), 0.001)},
-        {"latency": np.linspace(0.017, 0.019, 50), "drag_x": np.linspace(0.1, 0.2, 50)},
+        Posterior({"latency": np.linspace(0.017, 0.019, 50), "drag_x": np.linspace(0.1, 0.2, 50)}),
         Source(1, 4.0, True, "zero-order-hold", 60000.0),
         Search("likelihood", -10.0, 4, 9),
     ).write(start)

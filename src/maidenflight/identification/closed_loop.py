@@ -42,6 +42,7 @@ from maidenflight.identification.drone_file import (
     Search,
     Source,
 )
+from maidenflight.identification.posterior import Posterior
 from maidenflight.parameters import Parameters, replace
 from maidenflight.policy import Policy
 from maidenflight.simulator.controllers import control
@@ -128,7 +129,7 @@ class Match(NamedTuple):
             start,
             parameters=replace(start.parameters, **changes),
             estimates=estimates,
-            posterior=posterior,
+            posterior=Posterior(posterior),
             source=start.source or source,
             search=Search(CLOSED_LOOP, self.cost[1], self.flights, self.evaluations),
             record=record,

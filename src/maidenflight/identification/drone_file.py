@@ -26,11 +26,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from maidenflight import inputs, parameters, results
 from maidenflight.errors import InputError
 from maidenflight.flights.log import SUBSAMPLED, ZERO_ORDER_HOLD
+from maidenflight.identification.posterior import Posterior
 from maidenflight.inputs import Fields, StrPath
 from maidenflight.parameters import COMPONENTS, DRONES, Parameters
 from maidenflight.simulator.physics.battery import COUNTS, MOST_COUNTS
@@ -146,9 +146,8 @@ class DroneFile:
     """The drone."""
     estimates: Mapping[str, Estimate] = field(default_factory=dict)
     """The identified parameters, by name; none for a drone that was not identified."""
-    posterior: Mapping[str, Float[np.ndarray, "N"]] = field(default_factory=dict)
-    """Posterior samples of the parameters that were identified and of those that could not be, SI
-    units; the n-th entries of all belong together."""
+    posterior: Posterior = field(default_factory=lambda: Posterior({}))
+    """Joint samples of the parameters that were identified and of those that could not be."""
     source: Source | None = None
     """The flights, of an identified drone."""
     search: Search | None = None
@@ -354,9 +353,9 @@ def _advice(table: Fields) -> Advice:
     return result
 
 
-def _posterior(document: Mapping[str, Any], place: str) -> dict[str, np.ndarray]:
+def _posterior(document: Mapping[str, Any], place: str) -> Posterior:
     if "posterior" not in document:
-        return {}
+        return Posterior({})
     table = Fields(document["posterior"], place, "posterior", _CURE)
     names, rows = table.get("names"), table.get("samples")
     table.end()
@@ -377,7 +376,7 @@ def _posterior(document: Mapping[str, Any], place: str) -> dict[str, np.ndarray]
             f"{place}: [posterior] needs names = parameters and samples = [[a number for each of "
             "them], ...]. Identify again."
         )
-    return dict(zip(names, np.array(rows, np.float64).T, strict=True))
+    return Posterior(dict(zip(names, np.array(rows, np.float64).T, strict=True)))
 
 
 def _record(document: Mapping[str, Any], place: str) -> dict[str, Any]:

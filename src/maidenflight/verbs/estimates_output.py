@@ -4,15 +4,19 @@ from collections.abc import Mapping
 from textwrap import fill
 from typing import Any
 
+from maidenflight.identification.evidence import DELAY, agreements
 from maidenflight.identification.outcome.estimates import Identification
 from maidenflight.identification.outcome.plausible import HOVERING
-from maidenflight.parameters import COMPONENTS, GEOMETRY, QUANTITIES, arm_length
+from maidenflight.parameters import COMPONENTS, GEOMETRY, QUANTITIES, arm_length, component
 from maidenflight.reporting.text import with_error
 from maidenflight.terminal import Table
 from maidenflight.verbs.logs_output import scale_of
 
 _MAIN = ("thrust_to_weight", "motor_time_constant", "latency")
 """The parameters of the paper."""
+_DISAGREES = 1e-3
+"""Chance below which signals are said to disagree: of the thirty rows of a table one in thirty
+tables has one by chance."""
 _WIDTH = 118
 """Of long lines."""
 
@@ -35,7 +39,8 @@ def tabulate_estimates(
         row = {"name": name, "unit": unit, "valley": "", "between": "", "trials": ""}
         row["truth"] = true if isinstance(true, str) else f"{true * scale:.4g}"
         if estimate is None:
-            row["value"], row["interval"] = "not identified", f"{_range(ends, scale)} (plausible)"
+            row["value"] = f"start's {float(component(result.parameters, name)) * scale:.4g}"
+            row["interval"] = f"{_range(ends, scale)} (plausible)"
         else:
             row["value"] = f"{estimate.value * scale:.4g}"
             row["interval"] = _range(estimate.interval, scale)
@@ -50,6 +55,7 @@ def tabulate_estimates(
     return [
         Table("Identified parameters", columns | {"unit": "{unit}"}, rows),
         "between flights: standard deviation from one flight, or segment of it, to the next",
+        *(["start's: not identified, the value of --start stays"] if result.unidentified else []),
         *(["between trials: standard deviation, of the optimiser only"] if replayed else []),
     ]
 
@@ -122,15 +128,32 @@ def _describe_thrust(result: Identification) -> list[str]:
     ]
 
 
-def describe_delays(result: Identification) -> list[str]:
-    """Returns motor lag and latency together, by each signal."""
-    estimates = ", ".join(
-        f"{one.signal} {1e3 * one.value:.0f} [{1e3 * one.interval[0]:.0f}, "
-        f"{1e3 * one.interval[1]:.0f}]"
-        for one in result.delay_estimates
-    )
-    text = f"motor lag and latency together, by signal, in ms with 95 % interval: {estimates}"
-    return [fill(text, _WIDTH)] if estimates else []
+def tabulate_evidence(result: Identification) -> list[Table | str]:
+    """Returns what each signal says by itself, and how far signals agree."""
+    if not result.evidence:
+        return []
+    agree, rows = agreements(result.evidence), []
+    order = {name: number for number, name in enumerate(COMPONENTS)}
+    last = ""
+    for one in sorted(result.evidence, key=lambda one: order.get(one.parameter, -1)):
+        is_delay = one.parameter == DELAY
+        scale, unit = (1e3, "ms") if is_delay else scale_of(one.parameter, one.value)
+        row = {"name": "", "agree": "", "signal": one.signal, "unit": unit}
+        if one.parameter != last:
+            last = row["name"] = one.parameter
+            if last in agree:
+                chance, degrees = agree[last].chance, agree[last].degrees
+                verdict = "" if chance > _DISAGREES else "; they disagree"
+                row["agree"] = f"{agree[last].chi_square:.2g} of {degrees}{verdict}"
+        row["value"] = f"{one.value * scale:.4g} ± {_two_digits(one.error * scale)}"
+        rows.append(row)
+    columns = {"parameter": "{name}", "signal": "{signal}", "value ± error": "{value}"}
+    columns |= {"unit": "{unit}", "chi-square": "{agree}"}
+    return [
+        Table("What each signal says by itself", columns, rows),
+        "chi-square of signals about their mean, and its degrees of freedom; of signals that "
+        "disagree leave one out with --ignore",
+    ]
 
 
 def tabulate_gains(result: Identification) -> list[Table | str]:

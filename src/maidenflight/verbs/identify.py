@@ -104,7 +104,8 @@ class Identify(Verb):
     verbose: bool = setting(
         flag(),
         False,
-        "Also print what was read and dropped, the gains of groups of parameters, noise and fit.",
+        "Also print what was read and dropped, what each signal says by itself, the gains of "
+        "groups of parameters, noise and fit.",
         recorded=False,
     )
 
@@ -266,7 +267,7 @@ class Identify(Verb):
         return [
             *logs_output.describe_flights(flights, f"; {identification.windows} windows of rows"),
             *estimates_output.tabulate_gains(identification),
-            *estimates_output.describe_delays(identification),
+            *estimates_output.tabulate_evidence(identification),
             *estimates_output.describe_fit(identification, self.start),
             *estimates_output.describe_advice(identification),
         ]
@@ -300,6 +301,7 @@ def _to_content(flights: "Flights", identification: "Identification") -> dict[st
         "unidentified": identification.unidentified,
         "noise": identification.noise,
         "gains": [dataclasses.asdict(gain) for gain in identification.gains],
+        "evidence": [one._asdict() for one in identification.evidence],
         "objective": identification.objective,
         "value": identification.value,
         "windows": identification.windows,

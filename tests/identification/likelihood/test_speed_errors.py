@@ -65,8 +65,8 @@ def test_lag_both_ways_and_latency_come_back(lag: float, ratio: float) -> None:
     mean, found_ratio, latency = medians(found)
     assert [mean, found_ratio] == pytest.approx([lag * (1 + ratio) / 2, ratio], rel=0.04)
     assert latency == pytest.approx(0.004, abs=4e-4)
-    assert [one.signal for one in found.delay_estimates] == ["rotor speed"]
-    low, high = found.delay_estimates[0].interval
+    assert [one.signal for one in found.evidence] == ["rotor speed"]
+    low, high = found.evidence[0].interval
     assert low < lag * (1 + ratio) / 2 + 0.004 < high
 
 

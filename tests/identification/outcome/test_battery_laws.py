@@ -13,6 +13,7 @@ from maidenflight.flights.log import Flight
 from maidenflight.identification.drone_file import Estimate, Source
 from maidenflight.identification.outcome.battery_laws import average_laws, law_chances
 from maidenflight.identification.outcome.estimates import Identification
+from maidenflight.identification.posterior import Posterior
 from maidenflight.parameters import crazyflie
 from maidenflight.simulator.physics.battery import LAWS, MOST_COUNTS
 
@@ -51,7 +52,7 @@ def test_intervals_hold_what_the_laws_say_and_values_stay() -> None:
         crazyflie(),
         {"thrust_to_weight": Estimate(1.5, (1.48, 1.52), (1.5,), 0.0)},
         *("likelihood", 0.0, 0.0, 1, Source(1, 6.0, False, "subsampled", MOST_COUNTS), 1),
-        *(polars.DataFrame(), {"thrust_to_weight": thrust}, ()),
+        *(polars.DataFrame(), Posterior({"thrust_to_weight": thrust}), ()),
     )
     averaged = average_laws(found, [flight], generator)
     assert "u = 1, 3.08 V at the motors, 83 % PWM at the flights' 3.70 V" in averaged.notes[0]

@@ -20,6 +20,7 @@ from maidenflight.identification.outcome.bounds import (
     must_lie_within_bounds,
     widened,
 )
+from maidenflight.identification.posterior import Posterior
 from maidenflight.identification.search.box import (
     LOGARITHMIC,
     PAPER_BOUNDS,
@@ -128,7 +129,7 @@ def identified(value: float) -> DroneFile:
             "latency": estimate(0.0, (0.0, 0.05)),
             "thrust_to_weight": estimate(value, (1.5, 2.5)),
         },
-        {"thrust_to_weight": np.array([value])},
+        Posterior({"thrust_to_weight": np.array([value])}),
         Source(4, 120.0, True, "subsampled", 60000.0),
         Search("replay", 5.0, 116, 60),
         name="mine.toml",

@@ -3,17 +3,18 @@
 import numpy as np
 import pytest
 
+from maidenflight.identification.evidence import Evidence
 from maidenflight.identification.signals import lag
-from maidenflight.identification.signals.motor_response import DelayEstimate, MotorResponse
+from maidenflight.identification.signals.motor_response import MotorResponse
 from maidenflight.parameters import crazyflie, replace
 
 SPEEDING_UP = np.full(200, 0.060)
 DRAWS = {"motor_time_constant": SPEEDING_UP, "latency": np.full(200, 0.005)}
 
 
-def taken(**more: np.ndarray) -> DelayEstimate:
+def taken(**more: np.ndarray) -> Evidence:
     drone = replace(crazyflie(), spin_down_ratio=1.4)
-    return lag.delay_estimates(None, {**DRAWS, **more}, (), drone)[-1]
+    return lag.delay_evidence(None, {**DRAWS, **more}, (), drone)[-1]
 
 
 def test_what_is_taken_is_the_mean_of_speeding_up_and_slowing_down_as_signals_show():
@@ -22,14 +23,14 @@ def test_what_is_taken_is_the_mean_of_speeding_up_and_slowing_down_as_signals_sh
 
 
 def test_without_delays_there_is_nothing_to_compare():
-    assert lag.delay_estimates(None, {"latency": np.full(9, 0.005)}, (), crazyflie()) == ()
+    assert lag.delay_evidence(None, {"latency": np.full(9, 0.005)}, (), crazyflie()) == ()
 
 
 def test_looks_whose_intervals_do_not_touch_disagree():
     one, other = (
-        DelayEstimate("accelerometer", 0.08, (0.07, 0.09)),
-        DelayEstimate("gyro x", 0.05, (0.04, 0.06)),
+        Evidence("accelerometer", 0.08, (0.07, 0.09)),
+        Evidence("gyro x", 0.05, (0.04, 0.06)),
     )
     motors = MotorResponse(SPEEDING_UP, SPEEDING_UP, None, (one, other), (), {})
     assert len(lag.notes((one, other), motors)) == 1
-    assert lag.notes((one, DelayEstimate("taken", 0.08, (0.06, 0.1))), motors) == []
+    assert lag.notes((one, Evidence("taken", 0.08, (0.06, 0.1))), motors) == []

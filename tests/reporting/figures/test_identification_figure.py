@@ -4,8 +4,8 @@ import polars
 import pytest
 
 from maidenflight.identification.drone_file import Estimate, GroupGain, Source
+from maidenflight.identification.evidence import Evidence
 from maidenflight.identification.outcome.estimates import Identification
-from maidenflight.identification.signals.motor_response import DelayEstimate
 from maidenflight.parameters import crazyflie
 from maidenflight.reporting.figures.identification import estimates, identification
 from maidenflight.reporting.figures.picture import svg
@@ -33,9 +33,9 @@ def found(**changes):
         "gains": (GroupGain("drag", 0.1, 0.01, True), GroupGain("inertia", -1e-5, None, False)),
         "noise": {},
         "notes": (),
-        "delay_estimates": (
-            DelayEstimate("gyro x", 0.1, (0.09, 0.12)),
-            DelayEstimate("taken", 0.08, (0.07, 0.09)),
+        "evidence": (
+            Evidence("gyro x", 0.1, (0.09, 0.12)),
+            Evidence("taken", 0.08, (0.07, 0.09), is_taken=True),
         ),
     }
     return Identification(**values | changes)
@@ -70,13 +70,13 @@ def test_intervals_looks_and_gains_lie_where_their_numbers_say():
 
 
 def test_what_is_not_known_is_left_out():
-    figure = identification(found(gains=(), delay_estimates=(), unidentified={}), crazyflie())
+    figure = identification(found(gains=(), evidence=(), unidentified={}), crazyflie())
     assert len(figure.panels) == 1
     assert [entry.series for entry in figure.legend] == ["identified", "start"]
 
 
 def test_nothing_that_was_identified_makes_an_empty_picture():
-    nothing = found(gains=(), delay_estimates=(), unidentified={}, estimates={})
+    nothing = found(gains=(), evidence=(), unidentified={}, estimates={})
     assert svg(identification(nothing, crazyflie())).startswith("<svg")
 
 

@@ -25,7 +25,7 @@ from maidenflight.identification.signals.flight_signals import (
     gyro,
     means,
 )
-from maidenflight.identification.signals.saturation import beyond
+from maidenflight.identification.signals.thrust_law import beyond
 from maidenflight.parameters import Parameters
 from maidenflight.parameters import replace as with_values
 from maidenflight.simulator.physics import dynamics
@@ -175,7 +175,7 @@ def signals(flights: Sequence[Flight], sensor: Sensor, limit: float = np.inf) ->
     Args:
         flights: checked flights of one rate, with what the sensor measures.
         sensor: what is looked at.
-        limit: mean speed command beyond which thrust saturates; see `saturation`.
+        limit: mean speed command beyond which thrust saturates; see `thrust_law`.
 
     Raises:
         InputError: the flights have different rates, or none is long enough.

@@ -13,6 +13,7 @@ from jaxtyping import Float
 from scipy.ndimage import uniform_filter1d
 
 from maidenflight.flights.log import Flight
+from maidenflight.identification.evidence import Evidence
 from maidenflight.identification.likelihood.fit import fit
 from maidenflight.identification.likelihood.sensor_errors import SensorErrors
 from maidenflight.identification.likelihood.sensor_signals import Rotors, Sensor
@@ -25,7 +26,6 @@ from maidenflight.identification.signals.motor_response import (
     LIKE,
     OWN,
     SHORTEST,
-    DelayEstimate,
     MotorResponse,
     random_effects,
     usual_latency,
@@ -117,7 +117,7 @@ def motors_of_speeds(problem: Problem) -> MotorResponse | None:
         lag,
         latency,
         usual_latency(flights, latency),
-        (DelayEstimate("rotor speed", value, (low, high)),),
+        (Evidence("rotor speed", value, (low, high)),),
         (),
         _by_log(model.signals.flights, values, variances),
         spin_down_ratio=np.exp(log_ratio),

@@ -13,9 +13,16 @@ import numpy as np
 
 from maidenflight.flights.log import Flight
 from maidenflight.identification.drone_file import GroupGain
+from maidenflight.identification.evidence import Evidence, of_likelihood, of_samples
 from maidenflight.identification.likelihood import information, other_ways, selection
 from maidenflight.identification.likelihood.compiling import start_compiling
-from maidenflight.identification.likelihood.estimator import Models, Question, answer_question, join
+from maidenflight.identification.likelihood.estimator import (
+    Answer,
+    Models,
+    Question,
+    answer_question,
+    join,
+)
 from maidenflight.identification.likelihood.fit import balance, box_of
 from maidenflight.identification.likelihood.flight_differences import differences
 from maidenflight.identification.likelihood.laplace import Others
@@ -51,6 +58,7 @@ from maidenflight.identification.outcome.plausible import (
 )
 from maidenflight.identification.outcome.problem import Problem, require_identifiable
 from maidenflight.identification.outcome.progress import EXPECTING, MOTOR_LAG
+from maidenflight.identification.posterior import Posterior
 from maidenflight.identification.signals import lag
 from maidenflight.identification.signals.flight_signals import stride, undo_filter_delay
 from maidenflight.identification.signals.lag import DELAYS, LAG
@@ -118,7 +126,8 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         # It belongs to the lag that is told, so that the drone has it, and not the start's.
         del estimates["latency"]
         unidentifiable["latency"] = motors.usual_latency
-    delay_estimates = lag.delay_estimates(motors, joint.draws, unidentifiable, drone)
+    delay_evidence = lag.delay_evidence(motors, joint.draws, unidentifiable, drone)
+    evidence = _evidence(model, fit_result, signals)
     return Identification(
         parameters=check(drone, "identified parameters"),
         estimates=estimates,
@@ -133,7 +142,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         windows=int(model.rows) // (LENGTH - ORDER),
         evaluations=sum(len(values) for _, values in joint.runs),
         search=evaluations_table(joint.box, joint.runs),
-        posterior=joint.draws,
+        posterior=Posterior(joint.draws),
         advice=advise(estimates, unidentifiable, joint.draws, motors),
         gains=fit_result.gains,
         noise=noise,
@@ -143,9 +152,9 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
             *note_doubts(noise, flights),
             *joint.notes,
             *map(str, differences(flights, model, fit_result.best.drone, motors)),
-            *lag.notes(delay_estimates, motors),
+            *lag.notes(delay_evidence, motors),
         ),
-        delay_estimates=delay_estimates,
+        evidence=(*delay_evidence, *evidence),
     )
 
 
@@ -306,6 +315,23 @@ def _by_signals(problem: Problem) -> Measured:
 
     report_stage(0, 0)
     return measure(problem, report_stage)
+
+
+def _evidence(model: OneStep, answer: Answer, signals: Measured) -> list[Evidence]:
+    """What rows, means and signals say of each parameter by themselves."""
+    names = answer.best.box.names
+    likely = [name for name in names if name not in BALANCED]
+    means = {name: samples for name, samples in answer.samples.items() if name in BALANCED}
+    thrust = float(answer.best.drone.thrust_to_weight)
+    loop = signals.motors.inertia_per_thrust if signals.motors else {}
+    return [
+        *of_samples(
+            "mean force and torque", {name: means[name] for name in names if name in means}
+        ),
+        *of_likelihood("one row ahead", model, answer.best.drone, likely),
+        *of_samples("rates by speeds", signals.inertia),
+        *of_samples("gain of the loop", {name: thrust * one for name, one in loop.items()}),
+    ]
 
 
 def _measured(problem: Problem, model: OneStep, signals: Measured) -> Samples:

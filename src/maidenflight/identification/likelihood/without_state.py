@@ -6,7 +6,7 @@ would move the lag there. Drag across and what else these sensors do not show ke
 value, and so does what the flights tell no better than is known without them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace as replace_
 from functools import partial
 
@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.errors import InputError
+from maidenflight.identification.evidence import Evidence, of_likelihood, of_samples
 from maidenflight.identification.likelihood import other_ways
 from maidenflight.identification.likelihood.estimator import (
     Answer,
@@ -35,6 +36,7 @@ from maidenflight.identification.likelihood.observation import MOTORS
 from maidenflight.identification.likelihood.sensor_errors import SensorErrors
 from maidenflight.identification.methods import Likelihood
 from maidenflight.identification.outcome.estimates import (
+    SURE_NATS,
     Identification,
     evaluations_table,
     note_gains_lost,
@@ -48,10 +50,12 @@ from maidenflight.identification.outcome.plausible import (
     prior_ranges,
     unchanged,
 )
+from maidenflight.identification.outcome.posterior import inverse
 from maidenflight.identification.outcome.problem import Problem
+from maidenflight.identification.posterior import Posterior
 from maidenflight.identification.signals import lag
 from maidenflight.identification.signals.lag import DELAYS, LAG, SLOWING_DOWN
-from maidenflight.identification.signals.saturation import note_saturation, saturation
+from maidenflight.identification.signals.thrust_law import note_unexplained, thrust_law
 from maidenflight.parameters import Parameters, check, component, replace
 
 FORCE = ("thrust_to_weight", "thrust_linear", *DELAYS, "drag_z")
@@ -105,21 +109,23 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         InputError: too little flight, or a parameter that these sensors do not show.
     """
     _require_signals(problem.over)
-    problem = replace_(problem, bounds={**BOUNDS, **problem.bounds})
+    law = thrust_law(problem.flights, float(problem.start.motor_time_constant))
+    flights, bounds = law.read(problem.flights), {**BOUNDS, **problem.bounds}
+    problem = replace_(problem, flights=flights, bounds=bounds)
     settings = replace_(settings, evaluations=min(settings.evaluations, _MOST))
     signals = measure(problem)
     motors = signals.motors
-    limit = saturation(problem.flights, float(problem.start.motor_time_constant))
-    force = _force(problem, settings, signals, limit)
-    torque = _torque(problem, settings, force, limit, signals)
+    force = _force(problem, settings, signals, law.limit)
+    torque = _torque(problem, settings, force, law.limit, signals)
     answer = [one for one in (force, torque) if one is not None]
     unidentifiable = {name: ends for one in answer for name, ends in one.unidentifiable.items()}
     joint = join(problem, answer, unidentifiable)
     segments = answer[0].best.model.segments
-    delay_estimates = lag.delay_estimates(
+    delay_evidence = lag.delay_evidence(
         motors, answer[0].samples, answer[0].unidentifiable, joint.drone
     )
     gains = tuple(gain for one in answer for gain in one.gains)
+    evidence = _evidence(force, torque, signals, joint.drone)
     return Identification(
         parameters=check(joint.drone, "identified parameters"),
         estimates=joint.estimates,
@@ -131,18 +137,40 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         windows=segments,
         evaluations=sum(len(values) for _, values in joint.runs),
         search=evaluations_table(joint.box, joint.runs),
-        posterior=joint.draws,
+        posterior=Posterior(joint.draws),
         advice=advise(joint.estimates, unidentifiable, joint.draws, motors),
         gains=gains,
         notes=(
-            *note_saturation(limit),
+            *law.notes(),
+            *note_unexplained(flights, law, joint.drone),
             *notes_on(joint.estimates, segments),
             *note_gains_lost(gains),
             *joint.notes,
-            *lag.notes(delay_estimates, motors),
+            *lag.notes(delay_evidence, motors),
         ),
-        delay_estimates=delay_estimates,
+        evidence=(*delay_evidence, *evidence),
     )
+
+
+def _evidence(
+    force: Answer | None, torque: Answer | None, signals: Measured, drone: Parameters
+) -> list[Evidence]:
+    """What accelerometer, gyro and other signals say of each parameter by themselves."""
+    evidence = []
+    for sensor, answer, more in (
+        ("accelerometer", force, DELAYS),
+        ("gyro", torque, ("inertia_x", "inertia_y")),
+    ):
+        if answer is not None:
+            names = tuple(dict.fromkeys([*answer.best.box.names, *more]))
+            evidence += of_likelihood(sensor, answer.best.model, answer.best.drone, names)
+    thrust = float(drone.thrust_to_weight)
+    loop = signals.motors.inertia_per_thrust if signals.motors else {}
+    return [
+        *evidence,
+        *of_samples("rates by speeds", signals.inertia),
+        *of_samples("gain of the loop", {name: thrust * one for name, one in loop.items()}),
+    ]
 
 
 def _require_signals(over: Sequence[str] | None) -> None:
@@ -222,7 +250,13 @@ def _without(
     answer: Answer,
     removed_ranges: Ranges,
 ) -> Answer:
-    """Leaves parameters out, and fits the others again: thrust hovers with what is left."""
+    """Leaves parameters out, and fits the others again: thrust hovers with what is left.
+
+    Those stay without which the flights are surely less likely, however wide they are: the start's
+    value would be wrong, and so would all others beside it.
+    """
+    needed = _surely_needed(problem, answer, removed_ranges)
+    removed_ranges = {name: one for name, one in removed_ranges.items() if name not in needed}
     if not removed_ranges:
         return answer
     less = answer.without(removed_ranges, problem.start, problem.generator)
@@ -238,6 +272,25 @@ def _without(
         for gain in answer.gains
     )
     return replace_(again, unidentifiable=less.unidentifiable, gains=gains)
+
+
+def _surely_needed(problem: Problem, answer: Answer, names: Collection[str]) -> set[str]:
+    """Those of some parameters whose start's value costs `SURE_NATS` a row, the others refitted.
+
+    Not those of motors, which what else the model lacks moves, nor those at a search bound.
+    """
+    best, start, error = answer.best, problem.start, answer.posterior.error
+    judged = [name for name in names if name not in MOTORS and np.isfinite(error.get(name, np.inf))]
+    if not judged:
+        return set()
+    _, _, curvatures = best.model.derivatives(best.drone, best.box.names)
+    variances = np.diag(inverse(curvatures.sum(axis=0)))
+    needed = set()
+    for name in judged:
+        moved = float(component(start, name)) - float(component(best.drone, name))
+        if 0.5 * moved**2 / variances[best.box.names.index(name)] > SURE_NATS:
+            needed.add(name)
+    return needed
 
 
 def _ask_sensor(

@@ -22,6 +22,7 @@ from maidenflight.identification.drone_file import Estimate
 from maidenflight.identification.outcome.estimates import Identification
 from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.identification.outcome.posterior import interval
+from maidenflight.identification.posterior import Posterior
 
 OF_TORQUE = (
     *(f"inertia_{axis}" for axis in "xyz"),
@@ -134,7 +135,9 @@ def average_laws(
         f"It is that of u = 1, {full:.2f} V at the motors, {100 * full / volts:.0f} % PWM at the "
         f"flights' {volts:.2f} V. Give --battery-law if you know it."
     )
-    return replace(result, posterior=samples, estimates=estimates, notes=(note, *result.notes))
+    return replace(
+        result, posterior=Posterior(samples), estimates=estimates, notes=(note, *result.notes)
+    )
 
 
 def _widened(estimate: Estimate, samples: Float[np.ndarray, "N"]) -> Estimate:

@@ -23,12 +23,13 @@ from maidenflight.identification.drone_file import (
     Search,
     Source,
 )
-from maidenflight.identification.outcome import posterior
+from maidenflight.identification.evidence import Evidence
 from maidenflight.identification.outcome.bounds import at_bounds, cut_off
 from maidenflight.identification.outcome.plausible import ExpectedInterval
+from maidenflight.identification.outcome.posterior import Bootstrap
+from maidenflight.identification.posterior import Posterior
 from maidenflight.identification.search.box import Box
 from maidenflight.identification.signals.flight_signals import is_zero_order_hold
-from maidenflight.identification.signals.motor_response import DelayEstimate
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import Parameters, replace
 from maidenflight.registry import PLOTS
@@ -95,8 +96,8 @@ class Identification:
     """Evaluations of the objective."""
     search: polars.DataFrame
     """One row an evaluation: trial (0: the bootstrap's), values, objective."""
-    posterior: Mapping[str, np.ndarray]
-    """Posterior samples by parameter, SI units; the n-th entries of all belong together."""
+    posterior: Posterior
+    """Joint samples of the parameters."""
     notes: tuple[str, ...]
     """What makes the result doubtful, for the user."""
     unidentified: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -112,8 +113,8 @@ class Identification:
     """Wall time [s]."""
     advice: tuple[Advice, ...] = ()
     """What makes intervals narrower."""
-    delay_estimates: tuple[DelayEstimate, ...] = ()
-    """Motor lag and latency together as different signals show them, and last as taken."""
+    evidence: tuple[Evidence, ...] = ()
+    """What each signal says by itself of each parameter, and of motor lag and latency together."""
 
     def __str__(self) -> str:
         """A line for each parameter, SI units: value, 95 % interval, SD between flights."""
@@ -170,7 +171,7 @@ class Identification:
     @property
     def ensemble(self) -> Ensemble:
         """The posterior samples as drones to train over."""
-        count = len(next(iter(self.posterior.values())))
+        count = self.posterior.size
         stacked = jax.tree.map(
             lambda leaf: np.broadcast_to(leaf, (count, *np.shape(leaf))), self.parameters
         )
@@ -217,7 +218,7 @@ def estimates_of(
 def evaluations_table(
     box: Box,
     runs: Sequence[tuple[np.ndarray, np.ndarray]],
-    drawn: posterior.Bootstrap | None = None,
+    drawn: Bootstrap | None = None,
 ) -> polars.DataFrame:
     """Returns a row for each evaluation.
 

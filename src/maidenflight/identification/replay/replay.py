@@ -17,6 +17,7 @@ from maidenflight.identification.outcome.estimates import (
     notes_on,
 )
 from maidenflight.identification.outcome.problem import Problem
+from maidenflight.identification.posterior import Posterior
 from maidenflight.identification.replay.objective import Objective
 from maidenflight.identification.search import gradient
 from maidenflight.identification.search.box import PAPER_BOUNDS, Box, search_box
@@ -71,7 +72,7 @@ def identified(problem: Problem, settings: Replay) -> Identification:
         windows=objective.size,
         evaluations=len(losses),
         search=evaluations_table(box, runs, bootstrap),
-        posterior=dict(zip(box.names, box.values(bootstrap.optima).T, strict=True)),
+        posterior=Posterior(dict(zip(box.names, box.values(bootstrap.optima).T, strict=True))),
         notes=tuple(notes_on(estimates, objective.segments)),
     )
 

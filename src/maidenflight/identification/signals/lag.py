@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from maidenflight.identification.signals.motor_response import DelayEstimate, MotorResponse
+from maidenflight.identification.evidence import Evidence
+from maidenflight.identification.signals.motor_response import MotorResponse
 from maidenflight.parameters import Parameters
 
 LAG = "motor_time_constant"
@@ -32,12 +33,12 @@ def slope_by_ratio(drone: Parameters) -> float:
     return -float(drone.motor_time_constant) / (1 + float(drone.spin_down_ratio))
 
 
-def delay_estimates(
+def delay_evidence(
     motors: MotorResponse | None,
     draws: Mapping[str, np.ndarray],
     unidentifiable: Collection[str],
     drone: Parameters,
-) -> tuple[DelayEstimate, ...]:
+) -> tuple[Evidence, ...]:
     """Returns what each signal shows, and last what is taken.
 
     Nothing where neither delay is identified.
@@ -57,12 +58,12 @@ def delay_estimates(
     low, value, high = np.quantile(total, [0.025, 0.5, 0.975])
     origin = "plausible" if LAG in unidentifiable else "all together" if motors else "likelihood"
     return (
-        *(motors.delay_estimates if motors else ()),
-        DelayEstimate(origin, float(value), (float(low), float(high))),
+        *(motors.evidence if motors else ()),
+        Evidence(origin, float(value), (float(low), float(high)), is_taken=True),
     )
 
 
-def notes(estimates: Sequence[DelayEstimate], motors: MotorResponse | None) -> list[str]:
+def notes(estimates: Sequence[Evidence], motors: MotorResponse | None) -> list[str]:
     """Returns which estimates disagree, and what the logs show of the motors."""
     if not estimates:
         return []

@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from maidenflight.flights.log import GYRO_DELAY, Flight, by_log
+from maidenflight.identification.evidence import Evidence
 from maidenflight.identification.signals.flight_signals import is_zero_order_hold
 from maidenflight.identification.signals.loop_spectra import LagByDelay, lag_by_delay
 from maidenflight.identification.signals.spectra import Spectra, spectra
@@ -65,15 +66,6 @@ TWICE, SPEEDS = "fly as long again", "log rotor speeds"
 """What narrows the lag."""
 
 
-class DelayEstimate(NamedTuple):
-    """Lag and latency together as one signal shows them [s]."""
-
-    signal: str
-    value: float
-    interval: tuple[float, float]
-    """95 %."""
-
-
 @dataclass(frozen=True)
 class MotorResponse:
     """What logs show of the motors."""
@@ -84,7 +76,8 @@ class MotorResponse:
     """Likewise."""
     usual_latency: tuple[float, float] | None
     """What 95 % of latencies are before and after these flights [s], if they do not narrow it."""
-    delay_estimates: tuple[DelayEstimate, ...]
+    evidence: tuple[Evidence, ...]
+    """What each signal says of lag and latency together [s]."""
     notes: tuple[str, ...]
     per_flight: Mapping[str, tuple[float, float]]
     """Mean and variance of the logarithm of lag and latency together [s], by flight."""
@@ -130,11 +123,11 @@ class _Joined(NamedTuple):
         mean = float(self.weight @ self.log_total)
         return mean, float(self.weight @ ((self.log_total - mean) ** 2 + self.error**2))
 
-    def delay_estimate(self, signal: str) -> DelayEstimate:
+    def delay_evidence(self, signal: str) -> Evidence:
         """Returns what a signal says by itself."""
         mean, variance = self.moments
         value, low, high = np.exp(mean + 1.96 * np.sqrt(variance) * np.array([0.0, -1.0, 1.0]))
-        return DelayEstimate(signal, float(value), (float(low), float(high)))
+        return Evidence(signal, float(value), (float(low), float(high)))
 
     def draw(
         self, generator: np.random.Generator
@@ -197,7 +190,7 @@ def estimate_motor_response(
         lag,
         latency,
         usual_latency(flights, latency),
-        tuple(joined_by("signal", one).delay_estimate(one) for one in signals),
+        tuple(joined_by("signal", one).delay_evidence(one) for one in signals),
         (note,) if left_out else (),
         {one: joined_by("flight", one).moments for one in names},
         _expect(joined, stretches, latency),

@@ -3,11 +3,11 @@
 from collections.abc import Mapping, Sequence
 
 from maidenflight.identification.drone_file import Estimate, GroupGain
+from maidenflight.identification.evidence import DELAY, Evidence
 from maidenflight.identification.likelihood.selection import SMALLEST_GAIN
 from maidenflight.identification.outcome.estimates import Identification
 from maidenflight.identification.outcome.plausible import prior_ranges
 from maidenflight.identification.search.box import physical_bounds
-from maidenflight.identification.signals.motor_response import DelayEstimate
 from maidenflight.parameters import Parameters, component
 from maidenflight.reporting import text
 from maidenflight.reporting.figures import charts, intervals
@@ -41,7 +41,8 @@ def identification(result: Identification, start: Parameters) -> Figure:
     references = {"start": {name: [float(component(start, name))] for name in names}}
     figure = estimates(result.estimates, result.unidentified, references, start)
     panels = [*figure.panels]
-    panels += [_draw_delays(result.delay_estimates)] if result.delay_estimates else []
+    delays = [one for one in result.evidence if one.parameter == DELAY]
+    panels += [_draw_delays(delays)] if delays else []
     panels += [_gains(result.gains)] if result.gains else []
     title = f"Identified from {source.seconds:.0f} s of {kind}"
     return Figure(title, panels, figure.legend, columns=1)
@@ -105,12 +106,12 @@ def estimates(
     return Figure("Estimates", [intervals.rows(names, marks, x, _TOOLTIP)], legend, columns=1)
 
 
-def _draw_delays(delay_estimates: Sequence[DelayEstimate]) -> Spec:
-    """Draws a row for each signal, on one axis in milliseconds; the last is the estimate."""
+def _draw_delays(evidence: Sequence[Evidence]) -> Spec:
+    """Draws a row for each signal, on one axis in milliseconds; orange is the estimate."""
     names, marks = [], []
-    for row, look in enumerate(delay_estimates):
+    for row, look in enumerate(evidence):
         value, low, high = (1e3 * each for each in (look.value, *look.interval))
-        colour = charts.paint("orange" if row == len(delay_estimates) - 1 else "blue")
+        colour = charts.paint("orange" if look.is_taken else "blue")
         bar = {"row": row, "kind": "bar", "x": low, "x2": high, "colour": colour}
         marks += [bar, {"row": row, "kind": "value", "x": value, "colour": colour}]
         names.append((look.signal, f"{value:.1f} [{low:.1f}, {high:.1f}] ms"))

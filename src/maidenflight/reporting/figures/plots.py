@@ -9,11 +9,13 @@ import numpy as np
 from maidenflight import results
 from maidenflight.flights.log import Flight
 from maidenflight.identification.outcome.estimates import Identification
+from maidenflight.identification.posterior import Posterior
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import crazyflie
 from maidenflight.policy import Actor, Policy
 from maidenflight.reporting.figures import charts
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec
+from maidenflight.reporting.figures.corner import corner
 from maidenflight.reporting.figures.identification import estimates
 from maidenflight.reporting.figures.picture import svg
 from maidenflight.simulator.physics.sensors import Measurement
@@ -41,6 +43,11 @@ def plot_identification(identification: Identification) -> Picture:
     """Draws the estimates with their intervals, as shares of what is plausible."""
     known, unknown = identification.estimates, identification.unidentified
     return Picture(estimates(known, unknown, {}, identification.parameters))
+
+
+def plot_posterior(posterior: Posterior, optimum: Mapping[str, float] | None = None) -> Picture:
+    """Draws each pair of parameters of joint samples."""
+    return Picture(corner(posterior, optimum))
 
 
 def plot_flight(flight: Flight) -> Picture:
