@@ -283,9 +283,9 @@ MOST = {
     "study to table: stops": 75,
     "study to table: modules": 15,
     "study to table: names": 123,
-    "constants": 709,
-    "constants without a source": 582,
-    "lines": 56_650,
+    "constants": 712,
+    "constants without a source": 585,
+    "lines": 57_200,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

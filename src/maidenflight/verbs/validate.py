@@ -307,10 +307,12 @@ def _tabulate_ahead(ahead: list[Row]) -> list[Table | str]:
     rows: list[Row] = []
     for row in ahead:
         first = row["model"] == WITH_DISTURBANCES
-        time = f"{row['horizon']:.2g} s" if row["horizon"] != SUMS else "sums"
+        is_sum = row["horizon"] == SUMS
+        time = "sums, SI" if is_sum else f"{row['horizon']:.2g} s"
         cells = {"model": row["model"], "ahead": time if first else ""}
         for name, unit in ERRORS.items():
-            cells[name] = f"{row[name] * unit.scale:#.3g}".removesuffix(".")
+            value = row[name] * (1.0 if is_sum else unit.scale)
+            cells[name] = f"{value:#.3g}".removesuffix(".")
             within = (f"{100 * row[f'{name}_within_{100 * share:.0f}']:.0f}" for share in SHARES)
             cells[f"{name}_within"] = "/".join(within) if first else ""
         rows.append(cells)
@@ -320,5 +322,5 @@ def _tabulate_ahead(ahead: list[Row]) -> list[Table | str]:
         columns[f"within\n% {unit.name}"] = f"{{{name}_within}}"
     return [
         Table("Predictions by logged inputs, mean norms of errors", columns, rows),
-        "within: share of real values in the bands for 80 and 95 %; sums: over all rows",
+        "within: real values in the bands for 80 and 95 %; sums: over all rows, m, m/s, rad, rad/s",
     ]
