@@ -31,8 +31,10 @@ from maidenflight.flights.rotors import rotors
 from maidenflight.flying.recording import record
 from maidenflight.identification.likelihood.measured import measure
 from maidenflight.identification.outcome.estimates import Identification
+from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.identification.outcome.problem import Problem
 from maidenflight.identification.signals.lag import LAG, SLOWING_DOWN, mean_lag
+from maidenflight.identification.signals.thrust_law import thrust_law
 from maidenflight.identification.start import read_start
 from maidenflight.parameters import Parameters, arm_length, component, crazyflie
 from maidenflight.parameters import replace as changed
@@ -42,6 +44,12 @@ TOTAL = "lag + latency"
 """Of the mean lag, speeding up and slowing down."""
 PER_SQUARE = "thrust by squared speed [N s2]"
 """Of a rotor, where speeds were measured: what the identified curve gives, over them."""
+FORCES = {
+    "force by weight at throttle 0.25, 11.3 V": (0.25, 11.3),
+    "force by weight at throttle 0.5, 10.6 V": (0.5, 10.6),
+    "force by weight at throttle 0.9, 9.2 V": (0.9, 9.2),
+}
+"""Throttle and battery voltage at which force was measured in steady flight."""
 LAG_FOLDERS = ("brushed", "brushless", "payload")
 EVERY = (1, 2, 5)
 """Rows of a log to one that is kept, in the table of lags."""
@@ -167,6 +175,14 @@ DRONES = {
         hide=False,
         columns=NANODRONE,
     ),
+    "better_tune": Drone(
+        ("real/betaflight/better_tune.BBL",),
+        "racer_5_inch",
+        650.0,
+        dict(zip(FORCES, ((0.87, 1.17), (1.97, 2.67), (2.47, 3.34)), strict=True)),
+        "medians of its accelerometer over 0.12 s of steady flight, 15 %",
+        hide=False,
+    ),
     "NanoBench": Drone(
         tuple(
             f"nanobench/{flight}_rep1.csv.gz"
@@ -265,6 +281,17 @@ def per_square(flights: Sequence[Flight], identification: Identification) -> np.
     return identification.posterior["thrust_to_weight"] * shares * weight / square
 
 
+def force_by_weight(
+    flights: Sequence[Flight], identification: Identification, throttle: float, volts: float
+) -> np.ndarray:
+    """Samples of full thrust over weight at a throttle and a battery voltage."""
+    samples, drone = identification.posterior, identification.parameters
+    law = thrust_law(flights, float(drone.motor_time_constant))
+    speed = throttle * (volts / law.volts if law.volts else 1.0)
+    linear = samples.get("thrust_linear", float(drone.thrust_linear))
+    return samples["thrust_to_weight"] * ((1 - linear) * speed**2 + linear * speed)
+
+
 def rows_of(
     name: str,
     drone: Drone,
@@ -280,6 +307,8 @@ def rows_of(
             draws = mean_lag(samples[LAG], ratio) + samples["latency"]
         elif quantity == PER_SQUARE:
             draws = per_square(flights, identification)
+        elif quantity in FORCES:
+            draws = force_by_weight(flights, identification, *FORCES[quantity])
         else:
             draws = identification.posterior.get(quantity)
         row = {"drone": name, "quantity": quantity, "least": least, "most": most}
@@ -288,7 +317,7 @@ def rows_of(
             yield row | dict.fromkeys(("found", "low", "high", "high_over_low", "inside"))
             continue
         low, value, high = (float(end) for end in np.quantile(draws, [0.025, 0.5, 0.975]))
-        needs = {TOTAL: "motor_time_constant", PER_SQUARE: "thrust_to_weight"}
+        needs = {TOTAL: LAG, **dict.fromkeys((PER_SQUARE, *FORCES), HOVERING)}
         is_known = needs.get(quantity, quantity) in identification.estimates
         yield row | {
             "found": value if is_known else None,

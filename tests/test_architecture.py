@@ -101,7 +101,9 @@ def test_files_and_functions_are_short_and_take_few_arguments():
 
 
 PARTS = [
-    "drone_file methods behaviour path_flights",
+    "uncertainty unknowns",
+    "posterior",
+    "drone_file evidence methods behaviour path_flights",
     "identity",
     "signals",
     "search",

@@ -26,9 +26,10 @@ PARAMETER: Patches = {
         "lift[2] - parameters.gravity",
         "lift[2] - parameters.gravity + parameters.buoyancy",
     ),
-    "identification/search/box.py": (
-        '        "latency": (0.0, 0.05),\n',
-        '        "latency": (0.0, 0.05),\n        "buoyancy": (0.0, 2.0),\n',
+    "identification/unknowns.py": (
+        '    "latency": Unknown(\n',
+        '    "buoyancy": Unknown(Ends(0.0, 2.0), Ends(0.0, 1.0), "sink"),\n'
+        '    "latency": Unknown(\n',
     ),
 }
 FLOATS = """

@@ -12,8 +12,8 @@ from maidenflight.identification.evidence import (
     DELAY,
     Evidence,
     agreements,
-    of_likelihood,
     of_samples,
+    of_scores,
 )
 from maidenflight.parameters import component, crazyflie, replace
 
@@ -43,34 +43,25 @@ def test_samples_say_their_median() -> None:
     assert one.interval == pytest.approx((0.025, 0.975))
 
 
-class Line:
-    """Rows y = a x + b with errors, as a likelihood of two parameters."""
+GENERATOR = np.random.default_rng(0)
+X = np.stack([GENERATOR.normal(size=2000), np.ones(2000)], axis=1)
+Y = X @ [0.4, 0.2] + 0.1 * GENERATOR.normal(size=2000)
 
-    def __init__(self) -> None:
-        generator = np.random.default_rng(0)
-        self.x = np.stack([generator.normal(size=2000), np.ones(2000)], axis=1)
-        self.y = self.x @ [0.4, 0.2] + 0.1 * generator.normal(size=2000)
-        self.rows = 2000.0
 
-    def derivatives(self, drone: Any, names: Any) -> tuple[float, np.ndarray, np.ndarray]:
-        here = np.array([float(component(drone, name)) for name in names])
-        slopes = -self.x * (self.y - self.x @ here)[:, None] / 0.01
-        scores = slopes.reshape(20, 100, 2).sum(axis=1) / self.rows
-        curvature = (self.x.T @ self.x) / 0.01 / self.rows
-        return 0.0, scores, np.tile(curvature / 20, (20, 1, 1))
+def step_from(*drag: float) -> list[Evidence]:
+    """What rows y = a x + b with errors of 0.1 say of two drags, from a drone's."""
+    drone = replace(crazyflie(), drag_x=np.float32(drag[0]), drag_y=np.float32(drag[1]))
+    names = ("drag_x", "drag_y")
+    here = np.array([float(component(drone, name)) for name in names])
+    scores = (-X * (Y - X @ here)[:, None] / 0.01).reshape(20, 100, 2).sum(axis=1)
+    return of_scores("rows", drone, names, scores, X.T @ X / 0.01)
 
 
 def test_a_step_of_a_quadratic_likelihood_is_least_squares() -> None:
-    """From anywhere, with the parameters' covariance by ordinary least squares."""
-    line: Any = Line()
-    found = of_likelihood("rows", line, crazyflie(), ("drag_x", "drag_y"))
-    expected, *_ = np.linalg.lstsq(line.x, line.y, rcond=None)
-    np.testing.assert_allclose([one.value for one in found], expected, rtol=1e-5)
+    expected, *_ = np.linalg.lstsq(X, Y, rcond=None)
+    np.testing.assert_allclose([one.value for one in step_from(0.0, 0.0)], expected, rtol=1e-5)
 
 
 def test_its_error_is_that_of_the_estimate() -> None:
-    line: Any = Line()
-    drone = replace(crazyflie(), drag_x=np.float32(0.4), drag_y=np.float32(0.2))
-    near = of_likelihood("rows", line, drone, ("drag_x", "drag_y"))
-    error = 0.1 / np.sqrt(line.rows)
-    assert [one.error for one in near] == pytest.approx([error, error], rel=0.5)
+    error = 0.1 / np.sqrt(len(Y))
+    assert [one.error for one in step_from(0.4, 0.2)] == pytest.approx([error, error], rel=0.5)

@@ -21,10 +21,10 @@ from maidenflight.identification.methods import METHODS, Likelihood, Replay
 from maidenflight.identification.outcome.bounds import bound_reached
 from maidenflight.identification.outcome.ensembles import posterior_ensemble, trim_ensemble
 from maidenflight.identification.outcome.estimates import note_doubts
-from maidenflight.identification.outcome.posterior import DESIGN
 from maidenflight.identification.outcome.problem import AUTO
 from maidenflight.identification.outcome.progress import FITTING, Progress
 from maidenflight.identification.search.box import PAPER_BOUNDS, physical_bounds
+from maidenflight.identification.uncertainty import DESIGN
 from maidenflight.parameters import QUANTITIES, check, crazyflie, noiseless, replace, x_frame
 from maidenflight.verbs.identify import Identify
 

@@ -21,9 +21,9 @@ from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.identification.outcome.estimates import Identification
-from maidenflight.identification.outcome.posterior import LEVEL, interval
 from maidenflight.identification.path_flights import fly_paths, require_path
 from maidenflight.identification.signals.lag import DELAYS
+from maidenflight.identification.uncertainty import LEVEL, interval
 from maidenflight.parameters import check, replace
 
 TOTAL = "lag + latency"

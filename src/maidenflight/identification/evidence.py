@@ -1,17 +1,14 @@
 """What each signal says by itself of a parameter, and whether signals agree."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 from jaxtyping import Float
 
-from maidenflight.identification.outcome.posterior import inverse, sandwich
+from maidenflight.identification.uncertainty import inverse, sandwich
 from maidenflight.parameters import Parameters, component
-
-if TYPE_CHECKING:
-    from maidenflight.identification.likelihood.observation import ObservationModel
 
 DELAY = "motor lag and latency"
 """Both together, which signals show better than either."""
@@ -80,24 +77,27 @@ def of_samples(signal: str, samples: Mapping[str, Float[np.ndarray, "N"]]) -> li
     return evidence
 
 
-def of_likelihood(
-    signal: str, model: "ObservationModel", drone: Parameters, names: Sequence[str]
+def of_scores(
+    signal: str,
+    drone: Parameters,
+    names: Sequence[str],
+    scores: Float[np.ndarray, "S d"],
+    curvature: Float[np.ndarray, "d d"],
 ) -> list[Evidence]:
-    """Returns what a likelihood alone says of parameters: one Newton step from a drone.
+    """Returns what a likelihood alone says of d parameters: one Newton step from a drone.
 
-    The others of `names` move along, so that what it cannot tell apart has wide intervals.
+    All of them move, so that what it cannot tell apart has wide intervals.
 
     Args:
         signal: what the likelihood is of.
-        model: the likelihood.
         drone: near its optimum.
-        names: of the parameters that it has.
+        names: of the parameters.
+        scores: gradient of minus the log likelihood [nats] that each of S segments adds.
+        curvature: its second derivative.
 
     Source: Le Cam 1956, On the asymptotic theory of estimation and testing hypotheses (one-step
     estimates); White 1982 (their covariance).
     """
-    _, scores, curvatures = model.derivatives(drone, names)
-    scores, curvature = scores * model.rows, curvatures.sum(axis=0) * model.rows
     steps = -inverse(curvature) @ scores.sum(axis=0)
     errors = np.sqrt(np.diag(sandwich(scores, curvature)))
     evidence = []

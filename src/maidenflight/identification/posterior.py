@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -11,12 +12,10 @@ from jaxtyping import Array, ArrayLike, Float
 
 from maidenflight import results
 from maidenflight.errors import InputError
+from maidenflight.identification.uncertainty import interval
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, component
 from maidenflight.registry import PLOTS
-
-ENDS = (0.025, 0.975)
-"""Quantiles at the ends of a 95 % interval."""
 
 
 class Posterior(Mapping[str, Float[np.ndarray, "N"]]):
@@ -88,9 +87,9 @@ class Posterior(Mapping[str, Float[np.ndarray, "N"]]):
         """
         rows = []
         for name, values in self.items():
-            low, median, high = np.quantile(values, [ENDS[0], 0.5, ENDS[1]]).tolist()
+            low, high = map(float, interval(values))
             unit = QUANTITIES[COMPONENTS[name][0]].unit if name in COMPONENTS else ""
-            mean, deviation = float(np.mean(values)), float(np.std(values))
+            median, mean, deviation = (float(of(values)) for of in (np.median, np.mean, np.std))
             rows.append((name, unit, mean, deviation, low, median, high))
         schema = ("parameter", "unit", "mean", "sd", "low", "median", "high")
         return polars.DataFrame(rows, schema=schema, orient="row")
@@ -116,7 +115,7 @@ class Posterior(Mapping[str, Float[np.ndarray, "N"]]):
                 true = float(truth[name])
             else:
                 continue
-            low, high = np.quantile(values, ENDS)
+            low, high = interval(values)
             away = (true - float(np.mean(values))) / max(float(np.std(values)), 1e-30)
             rank = float(np.mean(values < true))
             rows.append((name, true, rank, away, bool(low <= true <= high)))
@@ -172,9 +171,8 @@ class Posterior(Mapping[str, Float[np.ndarray, "N"]]):
             InputError: the file is no table of numbers, or has other columns than parameters.
         """
         try:
-            table = polars.read_csv(
-                path, schema_overrides=dict.fromkeys(COMPONENTS, polars.Float64)
-            )
+            numbers = dict.fromkeys(COMPONENTS, polars.Float64)
+            table = polars.read_csv(Path(path), schema_overrides=numbers)
         except (OSError, polars.exceptions.PolarsError) as error:
             raise InputError(f"{path}: not a table of samples ({error}).") from error
         unknown = sorted(set(table.columns) - COMPONENTS.keys())

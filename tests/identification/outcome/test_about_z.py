@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from maidenflight.identification.outcome.about_z import ABOUT_Z, RATIO_SD, with_inertia_z
-from maidenflight.identification.outcome.posterior import RESAMPLES
+from maidenflight.identification.uncertainty import RESAMPLES
 from maidenflight.parameters import crazyflie, replace
 
 START = crazyflie()

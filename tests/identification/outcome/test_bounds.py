@@ -22,12 +22,12 @@ from maidenflight.identification.outcome.bounds import (
 )
 from maidenflight.identification.posterior import Posterior
 from maidenflight.identification.search.box import (
-    LOGARITHMIC,
     PAPER_BOUNDS,
     physical_bounds,
     search_box,
 )
 from maidenflight.identification.signals.motor_response import LAG_BOUNDS
+from maidenflight.identification.unknowns import is_logarithmic
 from maidenflight.parameters import COMPONENTS, QUANTITIES, crazyflie
 from maidenflight.simulator.policy_spec import PolicySpec
 
@@ -47,7 +47,7 @@ def estimate(
 
 def between(name: str, bounds: tuple[float, float], share: float) -> float:
     low, high = bounds
-    return low * (high / low) ** share if name in LOGARITHMIC else low + share * (high - low)
+    return low * (high / low) ** share if is_logarithmic(name) else low + share * (high - low)
 
 
 @pytest.mark.parametrize(("name", "bounds"), SEARCHED)

@@ -21,17 +21,17 @@ from maidenflight.identification.likelihood.laplace import (
     Posterior,
     posterior,
 )
-from maidenflight.identification.likelihood.observation import ObservationModel
+from maidenflight.identification.likelihood.observation import MOTORS, ObservationModel
 from maidenflight.identification.likelihood.selection import Parts
 from maidenflight.identification.methods import Likelihood
 from maidenflight.identification.outcome.about_z import AboutZ, with_inertia_z
 from maidenflight.identification.outcome.bounds import all_reached
-from maidenflight.identification.outcome.estimates import estimates_of
+from maidenflight.identification.outcome.estimates import SURE_NATS, estimates_of
 from maidenflight.identification.outcome.plausible import Ranges
-from maidenflight.identification.outcome.posterior import interval
 from maidenflight.identification.outcome.problem import Problem, require_identifiable
 from maidenflight.identification.outcome.progress import FITTING, INTERVALS
 from maidenflight.identification.search.box import Box
+from maidenflight.identification.uncertainty import interval, inverse
 from maidenflight.parameters import Parameters, component
 from maidenflight.parameters import replace as replace_values
 
@@ -124,6 +124,23 @@ class Answer:
             posterior=replace(self.posterior, others=others),
             unidentifiable={**self.unidentifiable, **removed_ranges},
         )
+
+    def surely_needed(self, names: Collection[str], start: Parameters) -> set[str]:
+        """Returns those of some parameters whose start's value costs `SURE_NATS` a row.
+
+        The others follow. Not those of motors, which what else the model lacks moves, nor those at
+        a search bound.
+        """
+        best, error = self.best, self.posterior.error
+        _, _, curvatures = best.model.derivatives(best.drone, best.box.names)
+        variances = np.diag(inverse(curvatures.sum(axis=0)))
+        needed = set()
+        for name, variance in zip(best.box.names, variances, strict=True):
+            moved = float(component(start, name)) - float(component(best.drone, name))
+            judged = name in names and name not in MOTORS and np.isfinite(error[name])
+            if judged and 0.5 * moved**2 / variance > SURE_NATS:
+                needed.add(name)
+        return needed
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,6 @@ from maidenflight.identification.outcome.plausible import (
     Ranges,
     is_identifiable,
 )
-from maidenflight.identification.outcome.posterior import between_segment_sd
 from maidenflight.identification.signals.lag import (
     DELAYS,
     LAG,
@@ -34,6 +33,7 @@ from maidenflight.identification.signals.lag import (
     speeding_up,
 )
 from maidenflight.identification.signals.motor_response import DELAY_ERROR
+from maidenflight.identification.uncertainty import between_segment_sd
 from maidenflight.parameters import Parameters, component
 
 _SEEN = 2.0

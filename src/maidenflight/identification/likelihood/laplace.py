@@ -14,14 +14,14 @@ from maidenflight.identification.outcome.plausible import (
     Ranges,
     other_days,
 )
-from maidenflight.identification.outcome.posterior import (
+from maidenflight.identification.search.box import Box
+from maidenflight.identification.signals.lag import LAG, SLOWING_DOWN, slope_by_ratio
+from maidenflight.identification.uncertainty import (
     RESAMPLES,
     between_segment_sd,
     inverse,
     sandwich,
 )
-from maidenflight.identification.search.box import Box
-from maidenflight.identification.signals.lag import LAG, SLOWING_DOWN, slope_by_ratio
 from maidenflight.parameters import Parameters, component
 
 _AT_BOUND = 0.01

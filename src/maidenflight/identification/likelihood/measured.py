@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
+from maidenflight.identification.evidence import Evidence, of_samples
 from maidenflight.identification.likelihood.speed_errors import motors_of_speeds
 from maidenflight.identification.outcome.plausible import HOVERING
-from maidenflight.identification.outcome.posterior import RESAMPLES
 from maidenflight.identification.outcome.problem import Problem
 from maidenflight.identification.signals.lag import LAG, SLOWING_DOWN, speeding_up
 from maidenflight.identification.signals.motor_response import (
@@ -21,6 +21,7 @@ from maidenflight.identification.signals.motor_response import (
     is_clear,
 )
 from maidenflight.identification.signals.speed_inertia import inertia_of_speeds
+from maidenflight.identification.uncertainty import RESAMPLES
 from maidenflight.parameters import Parameters
 
 Samples = Mapping[str, Float[np.ndarray, "N"]]
@@ -44,6 +45,15 @@ class Measured:
         ratio = self.motors.spin_down_ratio
         samples = {LAG: self.motors.lag, "latency": self.motors.latency}
         return samples if ratio is None else samples | {SLOWING_DOWN: ratio}
+
+    def evidence(self, thrust: float) -> list[Evidence]:
+        """Returns what they say of inertia, at a ratio of thrust to weight."""
+        loop = self.motors.inertia_per_thrust if self.motors else {}
+        by_loop = {name: thrust * samples for name, samples in loop.items()}
+        return [
+            *of_samples("rates by speeds", self.inertia),
+            *of_samples("gain of the loop", by_loop),
+        ]
 
     def motor_samples(self, generator: np.random.Generator) -> Samples:
         """Returns the same with the lag speeding up, `RESAMPLES` of each.

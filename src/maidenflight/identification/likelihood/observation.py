@@ -16,6 +16,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from jaxtyping import Float
 
+from maidenflight.identification.evidence import Evidence, of_scores
 from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.identification.search.gauss_newton import NormalEquations
 from maidenflight.parameters import Parameters
@@ -199,6 +200,13 @@ class ObservationModel(Protocol):
     def __call__(self, parameters: Parameters) -> float:
         """Minus the mean log likelihood of a row."""
         return float(self.per_segment(parameters, self.noise_model(parameters)).sum() / self.rows)
+
+    def evidence(self, signal: str, drone: Parameters, names: Sequence[str]) -> list[Evidence]:
+        """Returns what the flights say of some parameters by themselves; see `of_scores`."""
+        _, scores, curvatures = self.derivatives(drone, names)
+        return of_scores(
+            signal, drone, names, scores * self.rows, curvatures.sum(axis=0) * self.rows
+        )
 
     def normal_equations(self, parameters: Parameters, names: Sequence[str]) -> NormalEquations:
         """Returns value, gradient and Gauss-Newton curvature; see `derivatives`."""

@@ -28,10 +28,10 @@ from maidenflight.identification.likelihood.sensor_errors import SensorErrors
 from maidenflight.identification.methods import Likelihood
 from maidenflight.identification.outcome.about_z import ABOUT_Z
 from maidenflight.identification.outcome.plausible import HOVERING
-from maidenflight.identification.outcome.posterior import inverse
 from maidenflight.identification.signals.flight_signals import is_zero_order_hold
 from maidenflight.identification.signals.lag import DELAYS
 from maidenflight.identification.signals.motor_response import DELAY_ERROR
+from maidenflight.identification.uncertainty import inverse
 
 _SPARSER = 2
 """Rows to one, where it is tried what a sparser log would change."""

@@ -27,28 +27,18 @@ from maidenflight.identification.likelihood.observation import (
 )
 from maidenflight.identification.likelihood.selection import Parts
 from maidenflight.identification.likelihood.sensor_signals import Rotors, Sensor, Signals, signals
+from maidenflight.identification.unknowns import UNKNOWNS
 from maidenflight.parameters import Parameters, component, replace
 
 _MEMORY = 0.25
 """Time that the noise model of a sensor's signal looks back [s]."""
-_NUDGES = {
-    "latency": 1e-3,
-    "motor_coasting": 5e-3,
-    "thrust_offset": 1e-2,
-    "thrust_linear": 1e-2,
-    "drag_z": 1e-2,
-    "torque_to_thrust": 1e-4,
-    **dict.fromkeys((*BY_MOMENT, "rotor_momentum", "rotational_damping"), 1e-6),
-}
-"""Changes over which slopes are taken, SI units; a hundredth of the value by default. All slopes
-but the motors' are constant over them."""
 
 
 class SensorErrors(ObservationModel):
     """Minus the mean log likelihood of a step of a sensor's signals.
 
     A sensor says what it measures (`sensor`) and what that follows from (`predicted`). Slopes are
-    differences, by which the rest follows.
+    differences, by which the rest follows; all but the motors' are constant over them.
     """
 
     sensor: ClassVar[Sensor]
@@ -206,7 +196,7 @@ class SensorErrors(ObservationModel):
         slopes = np.empty((*here.shape, len(names)))
         for number, name in enumerate(names):
             value = float(component(parameters, name))
-            nudge = _NUDGES.get(name, 0.01 * abs(value))
+            nudge = UNKNOWNS[name].step or 0.01 * abs(value)
             ahead = replace(parameters, **{name: np.float32(value + nudge)})
             moved = self.signals.rotors(ahead) if name in MOTORS else rotors
             change = float(component(ahead, name)) - value

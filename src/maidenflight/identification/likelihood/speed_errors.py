@@ -17,7 +17,6 @@ from maidenflight.identification.evidence import Evidence
 from maidenflight.identification.likelihood.fit import fit
 from maidenflight.identification.likelihood.sensor_errors import SensorErrors
 from maidenflight.identification.likelihood.sensor_signals import Rotors, Sensor
-from maidenflight.identification.outcome.posterior import RESAMPLES
 from maidenflight.identification.outcome.problem import Problem
 from maidenflight.identification.signals.flight_signals import means
 from maidenflight.identification.signals.lag import DELAYS, SLOWING_DOWN, mean_lag
@@ -30,6 +29,7 @@ from maidenflight.identification.signals.motor_response import (
     random_effects,
     usual_latency,
 )
+from maidenflight.identification.uncertainty import RESAMPLES
 from maidenflight.parameters import Parameters, component
 from maidenflight.parameters import replace as with_values
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from maidenflight.flights.log import Flight
 from maidenflight.identification.drone_file import GroupGain
-from maidenflight.identification.evidence import Evidence, of_likelihood, of_samples
+from maidenflight.identification.evidence import Evidence, of_samples
 from maidenflight.identification.likelihood import information, other_ways, selection
 from maidenflight.identification.likelihood.compiling import start_compiling
 from maidenflight.identification.likelihood.estimator import (
@@ -319,18 +319,13 @@ def _by_signals(problem: Problem) -> Measured:
 
 def _evidence(model: OneStep, answer: Answer, signals: Measured) -> list[Evidence]:
     """What rows, means and signals say of each parameter by themselves."""
-    names = answer.best.box.names
+    drone, names = answer.best.drone, answer.best.box.names
     likely = [name for name in names if name not in BALANCED]
-    means = {name: samples for name, samples in answer.samples.items() if name in BALANCED}
-    thrust = float(answer.best.drone.thrust_to_weight)
-    loop = signals.motors.inertia_per_thrust if signals.motors else {}
+    means = {name: answer.samples[name] for name in names if name in BALANCED}
     return [
-        *of_samples(
-            "mean force and torque", {name: means[name] for name in names if name in means}
-        ),
-        *of_likelihood("one row ahead", model, answer.best.drone, likely),
-        *of_samples("rates by speeds", signals.inertia),
-        *of_samples("gain of the loop", {name: thrust * one for name, one in loop.items()}),
+        *of_samples("mean force and torque", means),
+        *model.evidence("one row ahead", drone, likely),
+        *signals.evidence(float(drone.thrust_to_weight)),
     ]
 
 

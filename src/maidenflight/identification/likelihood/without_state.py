@@ -6,7 +6,7 @@ would move the lag there. Drag across and what else these sensors do not show ke
 value, and so does what the flights tell no better than is known without them.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace as replace_
 from functools import partial
 
@@ -14,7 +14,6 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.errors import InputError
-from maidenflight.identification.evidence import Evidence, of_likelihood, of_samples
 from maidenflight.identification.likelihood import other_ways
 from maidenflight.identification.likelihood.estimator import (
     Answer,
@@ -36,7 +35,6 @@ from maidenflight.identification.likelihood.observation import MOTORS
 from maidenflight.identification.likelihood.sensor_errors import SensorErrors
 from maidenflight.identification.methods import Likelihood
 from maidenflight.identification.outcome.estimates import (
-    SURE_NATS,
     Identification,
     evaluations_table,
     note_gains_lost,
@@ -50,7 +48,6 @@ from maidenflight.identification.outcome.plausible import (
     prior_ranges,
     unchanged,
 )
-from maidenflight.identification.outcome.posterior import inverse
 from maidenflight.identification.outcome.problem import Problem
 from maidenflight.identification.posterior import Posterior
 from maidenflight.identification.signals import lag
@@ -64,9 +61,9 @@ FORCE_GROUPS: dict[str, tuple[str, ...]] = {"slowing_down": ("motor_coasting", "
 """What is added if it predicts held-out flight better. Together, since each passes for much of the
 other, and the inertia then found is a fifth off. The thrust of a rotor that stands is not
 among it: it is zero, and a motor that coasts passes for it."""
+INERTIA = ("inertia_x", "inertia_y")
 TORQUE = (
-    "inertia_x",
-    "inertia_y",
+    *INERTIA,
     "torque_to_thrust",
     "torque_bias_x",
     "torque_bias_y",
@@ -125,7 +122,11 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         motors, answer[0].samples, answer[0].unidentifiable, joint.drone
     )
     gains = tuple(gain for one in answer for gain in one.gains)
-    evidence = _evidence(force, torque, signals, joint.drone)
+    evidence = signals.evidence(float(joint.drone.thrust_to_weight))
+    for sensor, one, more in (("accelerometer", force, DELAYS), ("gyro", torque, INERTIA)):
+        if one is not None:
+            names = tuple(dict.fromkeys([*one.best.box.names, *more]))
+            evidence += one.best.model.evidence(sensor, one.best.drone, names)
     return Identification(
         parameters=check(joint.drone, "identified parameters"),
         estimates=joint.estimates,
@@ -150,27 +151,6 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         ),
         evidence=(*delay_evidence, *evidence),
     )
-
-
-def _evidence(
-    force: Answer | None, torque: Answer | None, signals: Measured, drone: Parameters
-) -> list[Evidence]:
-    """What accelerometer, gyro and other signals say of each parameter by themselves."""
-    evidence = []
-    for sensor, answer, more in (
-        ("accelerometer", force, DELAYS),
-        ("gyro", torque, ("inertia_x", "inertia_y")),
-    ):
-        if answer is not None:
-            names = tuple(dict.fromkeys([*answer.best.box.names, *more]))
-            evidence += of_likelihood(sensor, answer.best.model, answer.best.drone, names)
-    thrust = float(drone.thrust_to_weight)
-    loop = signals.motors.inertia_per_thrust if signals.motors else {}
-    return [
-        *evidence,
-        *of_samples("rates by speeds", signals.inertia),
-        *of_samples("gain of the loop", {name: thrust * one for name, one in loop.items()}),
-    ]
 
 
 def _require_signals(over: Sequence[str] | None) -> None:
@@ -255,7 +235,7 @@ def _without(
     Those stay without which the flights are surely less likely, however wide they are: the start's
     value would be wrong, and so would all others beside it.
     """
-    needed = _surely_needed(problem, answer, removed_ranges)
+    needed = answer.surely_needed(removed_ranges, problem.start)
     removed_ranges = {name: one for name, one in removed_ranges.items() if name not in needed}
     if not removed_ranges:
         return answer
@@ -272,25 +252,6 @@ def _without(
         for gain in answer.gains
     )
     return replace_(again, unidentifiable=less.unidentifiable, gains=gains)
-
-
-def _surely_needed(problem: Problem, answer: Answer, names: Collection[str]) -> set[str]:
-    """Those of some parameters whose start's value costs `SURE_NATS` a row, the others refitted.
-
-    Not those of motors, which what else the model lacks moves, nor those at a search bound.
-    """
-    best, start, error = answer.best, problem.start, answer.posterior.error
-    judged = [name for name in names if name not in MOTORS and np.isfinite(error.get(name, np.inf))]
-    if not judged:
-        return set()
-    _, _, curvatures = best.model.derivatives(best.drone, best.box.names)
-    variances = np.diag(inverse(curvatures.sum(axis=0)))
-    needed = set()
-    for name in judged:
-        moved = float(component(start, name)) - float(component(best.drone, name))
-        if 0.5 * moved**2 / variances[best.box.names.index(name)] > SURE_NATS:
-            needed.add(name)
-    return needed
 
 
 def _ask_sensor(

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from maidenflight.identification.outcome.posterior import RESAMPLES
+from maidenflight.identification.uncertainty import RESAMPLES
 from maidenflight.parameters import Parameters, component, replace
 
 ABOUT_Z = ("torque_to_thrust", "rotor_momentum", "torque_bias_z")

@@ -21,16 +21,10 @@ from maidenflight.flights.log import Flight
 from maidenflight.identification.drone_file import Estimate
 from maidenflight.identification.outcome.estimates import Identification
 from maidenflight.identification.outcome.plausible import HOVERING
-from maidenflight.identification.outcome.posterior import interval
 from maidenflight.identification.posterior import Posterior
+from maidenflight.identification.uncertainty import interval
+from maidenflight.identification.unknowns import UNKNOWNS
 
-OF_TORQUE = (
-    *(f"inertia_{axis}" for axis in "xyz"),
-    *(f"torque_bias_{axis}" for axis in "xyz"),
-    *(f"flapping_moment_{axis}" for axis in "xy"),
-    *("rotor_momentum", "rotational_damping"),
-)
-"""Parameters in proportion to the torque of a command."""
 _BLOCKS, _MOST = 20.0, 5.0
 """Blocks of half a second to an independent one, since laws miss by what lasts as long as a
 battery; and most of them, since no law is exact: of five NanoBench flights whose thrust names the
@@ -116,7 +110,8 @@ def average_laws(
     drawn = generator.choice(len(chances), count, p=weights / weights.sum())
     thrust = np.array([one.thrust for one in chances])[drawn]
     torque = np.array([one.torque for one in chances])[drawn]
-    factors = {HOVERING: thrust, **dict.fromkeys(OF_TORQUE, torque)}
+    torques = [name for name in result.posterior if UNKNOWNS[name].is_torque]
+    factors = {HOVERING: thrust, **dict.fromkeys(torques, torque)}
     samples = {name: values * factors.get(name, 1.0) for name, values in result.posterior.items()}
     estimates = {
         name: _widened(one, samples[name]) if name in factors else one

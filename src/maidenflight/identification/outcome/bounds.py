@@ -11,9 +11,9 @@ import numpy as np
 
 from maidenflight.errors import InputError
 from maidenflight.identification.drone_file import DroneFile, Estimate
-from maidenflight.identification.search.box import LOGARITHMIC
 from maidenflight.identification.signals.lag import SLOWING_DOWN, speeding_up
 from maidenflight.identification.signals.motor_response import LAG_BOUNDS
+from maidenflight.identification.unknowns import is_logarithmic
 from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, Quantity, component
 
 _SHARE = 0.01
@@ -50,11 +50,11 @@ def reached(name: str, value: float, bounds: tuple[float, float]) -> float | Non
         bounds: of the search.
     """
     low, high = bounds
-    span = np.log(high / low) if name in LOGARITHMIC else high - low
+    span = np.log(high / low) if is_logarithmic(name) else high - low
     for bound, inward in ((low, 1.0), (high, -1.0)):
         if bound == 0.0 == _quantity(name).lower:
             continue
-        reach = _SHARE * span * (bound if name in LOGARITHMIC else 1.0)
+        reach = _SHARE * span * (bound if is_logarithmic(name) else 1.0)
         reach = reach if bound == 0.0 else min(reach, _OF_BOUND * abs(bound))
         if inward * (value - bound) <= reach:
             return bound

@@ -26,10 +26,10 @@ from maidenflight.identification.drone_file import (
 from maidenflight.identification.evidence import Evidence
 from maidenflight.identification.outcome.bounds import at_bounds, cut_off
 from maidenflight.identification.outcome.plausible import ExpectedInterval
-from maidenflight.identification.outcome.posterior import Bootstrap
 from maidenflight.identification.posterior import Posterior
 from maidenflight.identification.search.box import Box
 from maidenflight.identification.signals.flight_signals import is_zero_order_hold
+from maidenflight.identification.uncertainty import Bootstrap
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import Parameters, replace
 from maidenflight.registry import PLOTS

@@ -7,25 +7,10 @@ from jaxtyping import Float
 
 from maidenflight.identification.drone_file import Advice, Estimate
 from maidenflight.identification.outcome.plausible import HOVERING, OTHER_DAY
-from maidenflight.identification.search.box import LOGARITHMIC
-from maidenflight.identification.signals.lag import DELAYS, LAG
+from maidenflight.identification.signals.lag import DELAYS
 from maidenflight.identification.signals.motor_response import MotorResponse
+from maidenflight.identification.unknowns import UNKNOWNS, is_logarithmic
 
-_OTHERS = {
-    LAG: "log gyro and motors at 250 Hz or more, or rotor speeds",
-    "latency": "log gyro and motors with one clock, each command of the loop",
-    "inertia_": "turn quickly about x and y, at 250 Hz or more",
-    "torque_to_thrust": "yaw to and fro",
-    "rotor_momentum": "yaw to and fro",
-    "drag_z": "climb and sink",
-    "drag_": "fly faster than 1 m/s along x and y",
-    "flapping_moment_": "fly faster than 1 m/s along x and y",
-    "motor_coasting": "cut the throttle now and then",
-    "spin_down_ratio": "cut the throttle now and then",
-    "thrust_linear": "use throttle from a fifth to four fifths",
-    "torque_bias_": "hover for half a minute",
-}
-"""What determines a parameter, by its name or that of its kind."""
 _WIDE = 1.5
 """Upper end of an interval over the lower one, above which a parameter is hardly known."""
 _WORTH = 0.85
@@ -56,16 +41,15 @@ def advise(
             reach = 1.96 * OTHER_DAY * one.value
             if 2 * reach < _WORTH * (high - low):
                 best = one.value - reach, one.value + reach
-                advice.append(Advice(name, "hover longer, on more days", best))
-        elif name in LOGARITHMIC and high > _WIDE * low:
+                advice.append(Advice(name, UNKNOWNS[name].advice, best))
+        elif is_logarithmic(name) and high > _WIDE * low:
             advice.append(_narrowest(name, one, samples, motors) or _general(name))
     advice += [_general(name) for name in unidentified]
     return tuple(one for one in advice if one is not None)
 
 
 def _general(name: str) -> Advice | None:
-    what = _OTHERS.get(name) or _OTHERS.get(name.rstrip("xyz"))
-    return None if what is None else Advice(name, what, None)
+    return Advice(name, UNKNOWNS[name].advice, None) if name in UNKNOWNS else None
 
 
 def _narrowest(

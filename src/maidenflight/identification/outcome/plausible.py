@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from maidenflight.parameters import Parameters, arm_length, component
+from maidenflight.identification.unknowns import UNKNOWNS
+from maidenflight.parameters import Parameters, component
 
 HOVERING = "thrust_to_weight"
 """The parameter that is found by its moment: mean thrust carries the weight and what accelerates
@@ -42,38 +43,15 @@ class ExpectedInterval:
 def prior_ranges(start: Parameters, bounds: Ranges) -> dict[str, tuple[float, float]]:
     """Returns plausible ranges by parameter; search bounds for others than these.
 
-    They hold what was identified from real Crazyflies and what the virtual drones have
-    (paper/notes/identification.md); torques grow with weight times arm, as do the bounds.
-
     Args:
-        start: the drone.
+        start: the drone, whose own value each range holds.
         bounds: search bounds, which no range exceeds.
     """
-    torque = float(start.mass * start.gravity) * arm_length(start)
-    factors = {
-        HOVERING: (0.8, 1.25),
-        "motor_time_constant": (0.5, 1.6),
-        "torque_to_thrust": (0.5, 1.5),
-        **{f"inertia_{axis}": (0.7, 1.5) for axis in "xyz"},
-    }
-    values = {
-        "latency": (0.0, 0.03),
-        "spin_down_ratio": (0.7, 2.5),
-        "motor_coasting": (0.0, 0.16),
-        "rotor_momentum": (0.0, 0.013 * torque),
-        **{f"flapping_moment_{axis}": (0.0, 0.037 * torque) for axis in "xy"},
-        "rotational_damping": (0.0, 0.01 * torque),
-        "torque_bias_x": (-0.05 * torque, 0.05 * torque),
-        "torque_bias_y": (-0.05 * torque, 0.05 * torque),
-        "torque_bias_z": (-0.014 * torque, 0.014 * torque),
-        **{f"drag_{axis}": (0.0, 0.5) for axis in "xyz"},
-    }
     ranges = {}
     for name, (lowest, highest) in bounds.items():
-        here = float(component(start, name))
-        low, high = values.get(name, (lowest, highest))
-        if name in factors:
-            low, high = (factor * here for factor in factors[name])
+        here, low, high = float(component(start, name)), lowest, highest
+        if name in UNKNOWNS:
+            low, high = UNKNOWNS[name].plausible.about(start, name)
         ranges[name] = (max(min(low, here), lowest), min(max(high, here), highest))
     return ranges
 

@@ -27,7 +27,6 @@ from maidenflight.flights.windows import (
     segment_names,
     windows,
 )
-from maidenflight.identification.outcome.posterior import RESAMPLES, interval
 from maidenflight.identification.outcome.problem import generator_of
 from maidenflight.identification.replay.open_loop import (
     PHYSICS_STEP,
@@ -35,6 +34,7 @@ from maidenflight.identification.replay.open_loop import (
     simulate,
 )
 from maidenflight.identification.signals.flight_signals import stride
+from maidenflight.identification.uncertainty import RESAMPLES, interval
 from maidenflight.parameters import Parameters, replace
 from maidenflight.run_folder import ERROR_UNITS
 from maidenflight.simulator.physics import latency

@@ -8,8 +8,8 @@ from jaxtyping import Float
 
 from maidenflight.flights.log import averaged
 from maidenflight.flights.windows import windows
+from maidenflight.identification import uncertainty
 from maidenflight.identification.methods import Replay
-from maidenflight.identification.outcome import posterior
 from maidenflight.identification.outcome.estimates import (
     Identification,
     estimates_of,
@@ -45,7 +45,7 @@ def identified(problem: Problem, settings: Replay) -> Identification:
     planned = sum(len(losses) for _, losses in runs) + _drawn(box)
     optima = np.array([points[int(np.argmin(losses))] for points, losses in runs])
     best = int(np.argmin([losses.min() for _, losses in runs]))
-    bootstrap = posterior.bootstrap(
+    bootstrap = uncertainty.bootstrap(
         lambda unit: objective.per_segment(box.drone(start, unit)),
         objective.windows_per_segment,
         optima[best],
@@ -118,10 +118,10 @@ def _searched(problem: Problem, settings: Replay, box: Box, objective: Objective
 
 def _drawn(box: Box) -> int:
     """Evaluations of the bootstrap."""
-    return 3 * posterior.design_points(len(box.names))
+    return 3 * uncertainty.design_points(len(box.names))
 
 
-def _between_segment_sd(box: Box, bootstrap: posterior.Bootstrap) -> np.ndarray:
+def _between_segment_sd(box: Box, bootstrap: uncertainty.Bootstrap) -> np.ndarray:
     """Standard deviation between the optima of single segments, from their quartiles (robust)."""
     quartiles = np.quantile(box.values(bootstrap.separate), [0.25, 0.75], axis=0)
     return (quartiles[1] - quartiles[0]) / 1.349

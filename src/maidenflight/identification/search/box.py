@@ -7,14 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.errors import InputError
-from maidenflight.parameters import (
-    COMPONENTS,
-    QUANTITIES,
-    Parameters,
-    arm_length,
-    component,
-    replace,
-)
+from maidenflight.identification.unknowns import UNKNOWNS, is_logarithmic
+from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, component, replace
 
 PAPER_BOUNDS: dict[str, tuple[float, float]] = {
     "thrust_to_weight": (1.5, 2.5),
@@ -22,16 +16,6 @@ PAPER_BOUNDS: dict[str, tuple[float, float]] = {
     "latency": (0.0, 0.05),
 }
 """Search bounds, SI units (Gronauer et al. 2022, sec. Simulation Optimization)."""
-
-LOGARITHMIC = (
-    "motor_time_constant",
-    "spin_down_ratio",
-    "inertia_x",
-    "inertia_y",
-    "inertia_z",
-)
-"""Parameters searched on a logarithmic scale, on which their posterior is normal: their errors are
-factors."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +35,7 @@ class Box:
         return dict(zip(self.names, zip(self.lower, self.upper, strict=True), strict=True))
 
     def _ends(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        logarithmic = np.array([name in LOGARITHMIC for name in self.names])
+        logarithmic = np.array([is_logarithmic(name) for name in self.names])
         low, high = np.array(self.lower), np.array(self.upper)
         with np.errstate(divide="ignore", invalid="ignore"):
             return (
@@ -135,27 +119,7 @@ def thrust_bound(thrust_to_weight: float) -> float:
 
 
 def physical_bounds(start: Parameters) -> dict[str, tuple[float, float]]:
-    """Returns physical search bounds about a drone, by component.
-
-    Torques in units of its weight times its arm.
-    """
-    torque = float(start.mass * start.gravity) * arm_length(start)
-    bounds_near = {
-        name: float(component(start, name)) for name in ("inertia_x", "inertia_y", "inertia_z")
-    }
-    return {
-        "thrust_to_weight": (1.01, thrust_bound(float(start.thrust_to_weight))),
-        "motor_time_constant": (0.003, 0.5),
-        "latency": (0.0, 0.05),
-        "spin_down_ratio": (0.2, 5.0),
-        "motor_coasting": (0.0, 0.5),
-        # Rotors have 0.06 to 0.15 of their diameter, which is about an arm.
-        "torque_to_thrust": (0.02 * arm_length(start), 0.3),
-        "rotor_momentum": (0.0, 0.1 * torque),
-        **{f"flapping_moment_{axis}": (-0.1 * torque, 0.2 * torque) for axis in "xy"},
-        "rotational_damping": (0.0, 0.05 * torque),
-        "thrust_linear": (0.0, 1.0),
-        **{f"torque_bias_{axis}": (-0.2 * torque, 0.2 * torque) for axis in "xyz"},
-        **{f"drag_{axis}": (0.0, 3.0) for axis in "xyz"},
-        **{name: (0.3 * value, 3.0 * value) for name, value in bounds_near.items()},
-    }
+    """Returns physical search bounds about a drone, by component."""
+    bounds = {name: one.searched.about(start, name) for name, one in UNKNOWNS.items()}
+    hovers = thrust_bound(float(start.thrust_to_weight))
+    return bounds | {"thrust_to_weight": (bounds["thrust_to_weight"][0], hovers)}

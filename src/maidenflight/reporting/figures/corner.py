@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.errors import InputError
-from maidenflight.identification.outcome.posterior import LEVEL
+from maidenflight.identification.uncertainty import LEVEL
 from maidenflight.reporting import text
 from maidenflight.reporting.figures import charts
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec

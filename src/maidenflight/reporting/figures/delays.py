@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from maidenflight.errors import InputError
 from maidenflight.identification.drone_file import Estimate
-from maidenflight.identification.outcome.posterior import LEVEL
+from maidenflight.identification.uncertainty import LEVEL
 from maidenflight.parameters import crazyflie
 from maidenflight.reporting import text
 from maidenflight.reporting.figures import charts

@@ -4,7 +4,7 @@ blocks' mean."""
 import numpy as np
 import pytest
 
-from maidenflight.identification.outcome import posterior
+from maidenflight.identification import uncertainty
 
 ANYWHERE = (np.full(2, -10.0), np.full(2, 10.0))
 
@@ -24,7 +24,7 @@ def redrawn(spread, blocks, seed, radius=0.08, limits=ANYWHERE, beside=0.0, on_e
     optima, losses = problem(spread, blocks, seed)
     best = optima.mean(axis=0) + beside
     generator = np.random.default_rng([seed, 1])
-    return optima, posterior.bootstrap(
+    return optima, uncertainty.bootstrap(
         losses, np.full(blocks, 10.0), best, np.full(2, radius), limits, generator, on_evaluation
     )
 
@@ -69,7 +69,7 @@ def test_no_redrawn_optimum_leaves_the_limits():
     optima, losses = problem(0.4, 30, 5)
     best = optima.mean(axis=0)
     limits = (np.array([best[0], -10.0]), np.array([10.0, best[1]]))
-    drawn = posterior.bootstrap(
+    drawn = uncertainty.bootstrap(
         losses, np.full(30, 10.0), best, np.full(2, 0.08), limits, np.random.default_rng(5)
     )
     for points in (drawn.optima, drawn.points):
@@ -81,7 +81,7 @@ def test_no_redrawn_optimum_leaves_the_limits():
 def test_every_evaluation_is_kept_with_its_mean_loss():
     calls = []
     optima, drawn = redrawn(0.1, 20, seed=4, on_evaluation=lambda: calls.append(1))
-    assert len(drawn.points) == len(drawn.losses) == len(calls) == 3 * posterior.DESIGN
+    assert len(drawn.points) == len(drawn.losses) == len(calls) == 3 * uncertainty.DESIGN
     expected = [1.0 + np.mean((point - optima) ** 2 @ [3.0, 1.0]) for point in drawn.points]
     np.testing.assert_allclose(drawn.losses, expected, rtol=1e-9)
 
@@ -107,7 +107,7 @@ def relative(covariance, expected):
 
 def test_the_sandwich_of_a_right_model_is_the_inverse_of_the_curvature():
     """Scores of covariance H in all, as Fisher's identity has it."""
-    found = posterior.sandwich(
+    found = uncertainty.sandwich(
         drawn_scores(np.random.default_rng(0), STEEP / 40_000, 40_000), STEEP
     )
     np.testing.assert_allclose(relative(found, np.linalg.inv(STEEP)), np.eye(3), atol=0.04)
@@ -117,7 +117,7 @@ def test_the_sandwich_of_a_right_model_is_the_inverse_of_the_curvature():
 def test_the_sandwich_grows_as_rows_of_a_stretch_say_the_same(rows):
     """Where so many rows are one and the same the data are so many times fewer."""
     alone = drawn_scores(np.random.default_rng(1), STEEP / 40_000, 40_000 // rows)
-    found = posterior.sandwich(rows * alone, STEEP)
+    found = uncertainty.sandwich(rows * alone, STEEP)
     np.testing.assert_allclose(
         relative(found, np.linalg.inv(STEEP)), rows * np.eye(3), atol=0.05 * rows
     )
@@ -129,7 +129,7 @@ def test_the_sandwich_of_a_mean_is_its_textbook_variance():
     numbers = np.random.default_rng(2).normal(3.0, 1.0, 50)
     scores, curvature = (numbers.mean() - numbers)[:, None] / 0.5**2, np.array([[50 / 0.5**2]])
     np.testing.assert_allclose(
-        posterior.sandwich(scores, curvature), [[numbers.var(ddof=1) / 50]], rtol=1e-6
+        uncertainty.sandwich(scores, curvature), [[numbers.var(ddof=1) / 50]], rtol=1e-6
     )
 
 
@@ -147,15 +147,15 @@ def segments(generator, spread, count=600, noise=1.0):
 @pytest.mark.parametrize("size", [2.0, 5.0])
 def test_how_much_segments_differ_is_recovered_beyond_their_noise(size):
     own = np.sqrt(np.diag(np.linalg.inv(STEEP)))
-    found = posterior.between_segment_sd(*segments(np.random.default_rng(3), size * own))
+    found = uncertainty.between_segment_sd(*segments(np.random.default_rng(3), size * own))
     np.testing.assert_allclose(found, size * own, rtol=0.2)
 
 
 def test_segments_that_differ_by_their_noise_alone_have_no_spread():
     own = np.sqrt(np.diag(np.linalg.inv(STEEP)))
-    found = posterior.between_segment_sd(*segments(np.random.default_rng(4), np.zeros(3)))
+    found = uncertainty.between_segment_sd(*segments(np.random.default_rng(4), np.zeros(3)))
     assert (found < 0.4 * own).all()
-    quiet = posterior.between_segment_sd(
+    quiet = uncertainty.between_segment_sd(
         *segments(np.random.default_rng(5), np.zeros(3), noise=0.5)
     )
     np.testing.assert_array_equal(quiet, 0.0)
