@@ -5,8 +5,6 @@ from . import simulator as simulator
 from .compiler import prepare_jax as prepare_jax
 from .deployment import export as export
 from .deployment.drone_format import export_drone as export_drone
-from .disturbances.fitting import filter_flights as filter_flights
-from .disturbances.fitting import fit_disturbances as fit_disturbances
 from .errors import InputError as InputError
 from .experiments.envelope import envelope as envelope
 from .experiments.flight_times import predict_flight_times as predict_flight_times
