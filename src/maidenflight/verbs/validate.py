@@ -314,13 +314,11 @@ def _tabulate_ahead(ahead: list[Row]) -> list[Table | str]:
             value = row[name] * (1.0 if is_sum else unit.scale)
             cells[name] = f"{value:#.3g}".removesuffix(".")
             within = (f"{100 * row[f'{name}_within_{100 * share:.0f}']:.0f}" for share in SHARES)
-            cells[f"{name}_within"] = "/".join(within) if first else ""
+            cells[name] += f" ({'/'.join(within)})" if first else ""
         rows.append(cells)
     columns = {"ahead": "{ahead}", "model": "{model}"}
-    for name, unit in ERRORS.items():
-        columns[f"{unit.name}\n{unit.unit}"] = f"{{{name}}}"
-        columns[f"within\n% {unit.name}"] = f"{{{name}_within}}"
+    columns |= {f"{unit.name}\n{unit.unit}": f"{{{name}}}" for name, unit in ERRORS.items()}
     return [
         Table("Predictions by logged inputs, mean norms of errors", columns, rows),
-        "within: real values in the bands for 80 and 95 %; sums: over all rows, m, m/s, rad, rad/s",
+        "(80/95): share of real values in the bands for 80 and 95 %; sums: over rows, in m and rad",
     ]
