@@ -47,10 +47,15 @@ def third(name: str) -> str:
     return f"third {min(int(name[-1]) // 3, 2) + 1}"
 
 
+NANOBENCH = tuple(
+    f"nanobench/{flights}.csv.gz"
+    for flights in ("B2*", "B3*", "B7*fast*", "B7*medium*", "B7*slow_rep[23]")
+)
+"""All flights but one, of which too few rows are higher than 0.1 m."""
 SETS = {
     "NanoDrone": Logs(DRONES["NanoDrone"], lambda name: Path(name).name.split("_")[0], 1),
     "NanoBench": Logs(
-        Drone(("nanobench/*.csv.gz",), "crazyflie", None, {}, ""),
+        Drone(NANOBENCH, "crazyflie", None, {}, ""),
         lambda name: Path(name).name.split("_")[1],
         4,
     ),

@@ -147,15 +147,28 @@ def segments(generator, spread, count=600, noise=1.0):
 @pytest.mark.parametrize("size", [2.0, 5.0])
 def test_how_much_segments_differ_is_recovered_beyond_their_noise(size):
     own = np.sqrt(np.diag(np.linalg.inv(STEEP)))
-    found = uncertainty.between_segment_sd(*segments(np.random.default_rng(3), size * own))
+    found = uncertainty.between_segments(*segments(np.random.default_rng(3), size * own))[0]
     np.testing.assert_allclose(found, size * own, rtol=0.2)
 
 
 def test_segments_that_differ_by_their_noise_alone_have_no_spread():
     own = np.sqrt(np.diag(np.linalg.inv(STEEP)))
-    found = uncertainty.between_segment_sd(*segments(np.random.default_rng(4), np.zeros(3)))
+    found = uncertainty.between_segments(*segments(np.random.default_rng(4), np.zeros(3)))[0]
     assert (found < 0.4 * own).all()
-    quiet = uncertainty.between_segment_sd(
+    quiet, _ = uncertainty.between_segments(
         *segments(np.random.default_rng(5), np.zeros(3), noise=0.5)
     )
     np.testing.assert_array_equal(quiet, 0.0)
+
+
+def test_what_segments_agree_about_stays_known():
+    """Two parameters that differ together, as full thrust and its curve, have one sum."""
+    generator, count = np.random.default_rng(6), 400
+    away = np.stack([one := 5.0 * generator.normal(size=count), -one, np.zeros(count)], axis=1)
+    scores = away + generator.normal(size=(count, 3))
+    curvatures = np.tile(np.eye(3), (count, 1, 1))
+    deviation, correlation = uncertainty.between_segments(scores, curvatures)
+    np.testing.assert_allclose(deviation[:2], 5.0, rtol=0.1)
+    assert correlation[0, 1] == pytest.approx(-1.0, abs=0.05)
+    assert abs(correlation[0, 2]) < 0.3 or deviation[2] < 0.5
+    np.testing.assert_array_equal(np.diag(correlation), 1.0)

@@ -134,10 +134,10 @@ def sandwich(
     return bread @ (scores.T @ scores) @ bread * len(scores) / max(len(scores) - scores.shape[1], 1)
 
 
-def between_segment_sd(
+def between_segments(
     scores: Float[np.ndarray, "S d"], curvatures: Float[np.ndarray, "S d d"]
-) -> Float[np.ndarray, "d"]:
-    """Returns the standard deviation of the parameters between segments of flight, beyond noise.
+) -> tuple[Float[np.ndarray, "d"], Float[np.ndarray, "d d"]]:
+    """Returns how parameters differ between segments of flight, beyond noise.
 
     A segment whose parameters differ from the mean by x has a score of variance H + H x x^T H, in
     nats; the rest is the method of moments.
@@ -146,13 +146,24 @@ def between_segment_sd(
         scores: gradient of minus the log likelihood of each of S segments.
         curvatures: its second derivative.
 
+    Returns:
+        Standard deviations, and correlations, of that part which is a covariance: a full thrust and
+        a curve that segments disagree about may well agree about the thrust of each command.
+
     Source: DerSimonian and Laird 1986, Meta-analysis in clinical trials (random effects by
-    moments).
+    moments); Jackson, White and Riley 2010 (several effects; negative eigenvalues are zero).
     """
     mean = curvatures.mean(axis=0)
     bread = inverse(mean)
     between = bread @ (scores.T @ scores / len(scores) - mean) @ bread
-    return np.sqrt(np.maximum(np.diag(between), 0.0))
+    deviation = np.sqrt(np.maximum(np.diag(between), 0.0))
+    scale = np.sqrt(np.maximum(np.diag(bread), 1e-300))
+    values, vectors = np.linalg.eigh(between / np.outer(scale, scale))
+    sound = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    size = np.sqrt(np.maximum(np.diag(sound), 1e-300))
+    correlation = sound / np.outer(size, size)
+    np.fill_diagonal(correlation, 1.0)
+    return deviation, correlation
 
 
 def inverse(curvature: Float[np.ndarray, "d d"]) -> Float[np.ndarray, "d d"]:

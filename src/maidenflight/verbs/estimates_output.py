@@ -15,8 +15,8 @@ from maidenflight.verbs.logs_output import scale_of
 _MAIN = ("thrust_to_weight", "motor_time_constant", "latency")
 """The parameters of the paper."""
 _DISAGREES = 1e-3
-"""Chance below which signals are said to disagree: of the thirty rows of a table one in thirty
-tables has one by chance."""
+"""Chance below which signals are said to disagree, chosen so that of a hundred tables with ten
+parameters of several signals one says so by chance."""
 _WIDTH = 118
 """Of long lines."""
 

@@ -33,7 +33,7 @@ from maidenflight.identification.signals.lag import (
     speeding_up,
 )
 from maidenflight.identification.signals.motor_response import DELAY_ERROR
-from maidenflight.identification.uncertainty import between_segment_sd
+from maidenflight.identification.uncertainty import between_segments
 from maidenflight.parameters import Parameters, component
 
 _SEEN = 2.0
@@ -93,7 +93,7 @@ def expected_intervals(
         deviations[visible] = together(visible)
         likely = visible & [name not in directions for name in names]
         scores, curvatures = scores[:, likely], curvatures[:, likely][:, :, likely]
-        spread = between_segment_sd(scores * model.rows, curvatures * model.rows)
+        spread = between_segments(scores * model.rows, curvatures * model.rows)[0]
         least = np.array([DELAY_ERROR if name in DELAYS else 0.0 for name in names])[likely]
         spread = np.hypot(spread / np.sqrt(NEXT_FLIGHT), least)
         deviations[likely] = np.hypot(deviations[likely], spread)

@@ -18,7 +18,7 @@ from maidenflight.identification.search.box import Box
 from maidenflight.identification.signals.lag import LAG, SLOWING_DOWN, slope_by_ratio
 from maidenflight.identification.uncertainty import (
     RESAMPLES,
-    between_segment_sd,
+    between_segments,
     inverse,
     sandwich,
 )
@@ -119,9 +119,10 @@ def posterior(
     slope = np.concatenate([box.slope(unit), others.slope])
     _, scores, curvatures = model.derivatives(fit.drone, names)
     vary = len(names) if others.vary else size
-    spread = between_segment_sd(
+    spread, alike = between_segments(
         scores[:, :vary] * model.rows, curvatures[:, :vary, :vary] * model.rows
-    )[:size]
+    )
+    spread = spread[:size]
     measured_delays = {
         name: samples for name, samples in measured_delays.items() if name in box.names
     }
@@ -158,7 +159,8 @@ def posterior(
         if at_least_laplace:
             least = np.diag(follow) / model.rows
             covariance += np.diag(np.maximum(least - np.diag(covariance), 0.0))
-        covariance += np.diag((spread / slope[:size])[own] ** 2 / NEXT_FLIGHT)
+        sizes = (spread / slope[:size])[own] / np.sqrt(NEXT_FLIGHT)
+        covariance += alike[np.ix_(own, own)] * np.outer(sizes, sizes)
         covariance += doubt[np.ix_(own, own)]
         free = generator.multivariate_normal(
             np.zeros(len(own)), covariance, RESAMPLES, method="eigh"

@@ -35,11 +35,11 @@ _FEWEST, _LEAST_SHARE = 200, 0.5
 _OTHER, _SURE = 0.1, 3.0
 """Difference of thrust, a share, and standard errors of what it explains, of another curve."""
 _SAG = 0.02
-"""Share by which the voltage must change for its law to be looked at: a reading's step of 0.1 V,
-as of Betaflight's analog sensor, in that of a cell and a half."""
+"""Share by which the voltage must change for its law to be looked at: twice the step of 0.1 V that
+was measured in Betaflight's logs, of three cells."""
 _FOLDS, _BINS = 3, 5
 """Parts of flight of which each is judged by the others, and parts of equally many steps, by their
-command, in which force is compared."""
+command, in which force is compared; chosen on no log."""
 
 
 def beyond(command: Float[np.ndarray, "N"], limit: float, period: float) -> Bool[np.ndarray, "N"]:
