@@ -287,7 +287,7 @@ MOST = {
     "study to table: names": 123,
     "constants": 712,
     "constants without a source": 585,
-    "lines": 57_200,
+    "lines": 57_260,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
