@@ -114,64 +114,53 @@ def posterior(
         generator: random numbers.
         at_least_laplace: no variance is below Laplace's own, the inverse of the curvature.
     """
-    box, model, unit = fit.box, fit.model, fit.optimum
-    size, names = len(box.names), (*box.names, *others.samples)
+    box, unit, size = fit.box, fit.optimum, len(fit.box.names)
+    names = (*box.names, *others.samples)
     slope = np.concatenate([box.slope(unit), others.slope])
-    _, scores, curvatures = model.derivatives(fit.drone, names)
+    _, scores, curvatures = fit.model.derivatives(fit.drone, names)
     vary = len(names) if others.vary else size
     spread, alike = between_segments(
-        scores[:, :vary] * model.rows, curvatures[:, :vary, :vary] * model.rows
+        scores[:, :vary] * fit.model.rows, curvatures[:, :vary, :vary] * fit.model.rows
     )
     spread = spread[:size]
-    measured_delays = {
-        name: samples for name, samples in measured_delays.items() if name in box.names
-    }
-    hovers = box.names.index(HOVERING) if model.means and HOVERING in box.names else None
-    indices = [place for place in range(len(names)) if place != hovers]
-    along, noise = np.eye(len(names))[:, indices], np.zeros((RESAMPLES, 1))
-    if model.means and hovers is not None:
-        climbs = model.means.climbs(fit.drone, names) * slope
-        along[hovers] = -climbs[indices] / climbs[hovers]
-        spread[hovers] = float(np.std(model.means.hovering(fit.drone)))
-        error = spread[hovers] * np.sqrt(1 / model.segments + 1 / NEXT_FLIGHT)
-        error = np.hypot(error / slope[hovers], np.sqrt(doubt[hovers, hovers]))
-        noise = generator.normal(0.0, error, (RESAMPLES, 1))
-    along = along @ _fixed_mean_lag(
-        [names[place] for place in indices], fit, measured_delays, slope[indices]
+    measured = {name: some for name, some in measured_delays.items() if name in box.names}
+    hover = _balance(fit, names, slope, doubt, generator)
+    if hover.place is not None:
+        spread[hover.place] = hover.spread
+    places = [place for place in range(len(names)) if place != hover.place]
+    along = hover.along @ _fixed_mean_lag(
+        [names[place] for place in places], fit, measured, slope[places]
     )
     curvature = curvatures.sum(axis=0) * np.outer(slope, slope)
-    is_measured = np.array(
-        [names[place] in {*measured_delays, *others.samples} for place in indices], bool
-    )
-    moves = np.zeros((RESAMPLES, len(indices)))
-    for number, place in enumerate(indices):
+    is_known = np.array([names[place] in {*measured, *others.samples} for place in places], bool)
+    moves = np.zeros((RESAMPLES, len(places)))
+    for number, place in enumerate(places):
         if place >= size:
             moves[:, number] = others.moves[:, place - size]
-        elif is_measured[number]:
-            moves[:, number] = _with_measured_delays(fit, place, measured_delays, generator)
+        elif is_known[number]:
+            moves[:, number] = _with_measured_delays(fit, place, measured, generator)
             spread[place] = 0.0
-    if not is_measured.all():
-        own = [place for place, is_known in zip(indices, is_measured, strict=True) if not is_known]
+    if not is_known.all():
+        own = [place for place, known in zip(places, is_known, strict=True) if not known]
         reduced = along.T @ curvature @ along
-        inner = reduced[np.ix_(~is_measured, ~is_measured)]
-        follow = inverse(inner)
-        covariance = sandwich(((scores * slope) @ along)[:, ~is_measured], inner)
+        inner = reduced[np.ix_(~is_known, ~is_known)]
+        covariance = sandwich(((scores * slope) @ along)[:, ~is_known], inner)
         if at_least_laplace:
-            least = np.diag(follow) / model.rows
+            least = np.diag(inverse(inner)) / fit.model.rows
             covariance += np.diag(np.maximum(least - np.diag(covariance), 0.0))
         sizes = (spread / slope[:size])[own] / np.sqrt(NEXT_FLIGHT)
-        covariance += alike[np.ix_(own, own)] * np.outer(sizes, sizes)
-        covariance += doubt[np.ix_(own, own)]
+        covariance += alike[np.ix_(own, own)] * np.outer(sizes, sizes) + doubt[np.ix_(own, own)]
         free = generator.multivariate_normal(
             np.zeros(len(own)), covariance, RESAMPLES, method="eigh"
         )
-        free -= moves[:, is_measured] @ (follow @ reduced[np.ix_(~is_measured, is_measured)]).T
-        if hovers is not None:
-            free -= noise @ (follow @ (along.T @ curvature[:, [hovers]])[~is_measured]).T
-        moves[:, ~is_measured] += free
+        # The rest of the optimum follows what is known of the others, and of hovering.
+        pull = moves[:, is_known] @ reduced[np.ix_(is_known, ~is_known)]
+        if hover.place is not None:
+            pull += hover.noise * (along.T @ curvature[:, hover.place])[~is_known]
+        moves[:, ~is_known] += free - pull @ inverse(inner)
     moves = (moves @ along.T)[:, :size]
-    if hovers is not None:
-        moves[:, hovers] += noise[:, 0]
+    if hover.place is not None:
+        moves[:, hover.place] += hover.noise[:, 0]
     if HOVERING in box.names:
         place = box.names.index(HOVERING)
         moves[:, place] += other_days(fit.drone, RESAMPLES, generator) / slope[place]
@@ -180,6 +169,40 @@ def posterior(
     error = np.where(bounded, np.inf, np.std(moves, axis=0) * slope[:size])
     spread, error = (dict(zip(box.names, sizes.tolist(), strict=True)) for sizes in (spread, error))
     return Posterior(box, np.clip(unit + moves, 0.0, 1.0), spread, error, others.samples)
+
+
+class _Hover(NamedTuple):
+    """The balance of mean forces, by which thrust follows the other parameters."""
+
+    place: int | None
+    """Of the thrust-to-weight ratio among n parameters; None where a likelihood tells it."""
+    along: Float[np.ndarray, "n m"]
+    """How all parameters move with the m others."""
+    noise: Float[np.ndarray, "N 1"]
+    """What the ratio may be off by itself, in the unit cube."""
+    spread: float
+    """Its standard deviation between segments, SI units."""
+
+
+def _balance(
+    fit: Fit,
+    names: Sequence[str],
+    slope: Float[np.ndarray, "n"],
+    doubt: Float[np.ndarray, "d d"],
+    generator: np.random.Generator,
+) -> _Hover:
+    """Returns how thrust keeps the balance; all move by themselves without mean errors."""
+    box, means = fit.box, fit.model.means
+    if means is None or HOVERING not in box.names:
+        return _Hover(None, np.eye(len(names)), np.zeros((RESAMPLES, 1)), 0.0)
+    place = box.names.index(HOVERING)
+    along = np.delete(np.eye(len(names)), place, axis=1)
+    climbs = means.climbs(fit.drone, names) * slope
+    along[place] = -np.delete(climbs, place) / climbs[place]
+    spread = float(np.std(means.hovering(fit.drone)))
+    error = spread * np.sqrt(1 / fit.model.segments + 1 / NEXT_FLIGHT)
+    error = np.hypot(error / slope[place], np.sqrt(doubt[place, place]))
+    return _Hover(place, along, generator.normal(0.0, error, (RESAMPLES, 1)), spread)
 
 
 def _fixed_mean_lag(
