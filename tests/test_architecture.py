@@ -20,7 +20,7 @@ ORDER = [
     "flights policy",
     "flying",
     "policy_file",
-    "identification training",
+    "identification training disturbances",
     "experiments",
     "deployment reporting",
     "terminal",

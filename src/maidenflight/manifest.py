@@ -25,6 +25,7 @@ Kind = Literal[
     "picture",
     "validation",
     "windows",
+    "ahead",
     "calibration",
     "policies",
     "training",

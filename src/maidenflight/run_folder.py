@@ -194,6 +194,15 @@ VALIDATION = Table(
     digits=9,
 )
 """Errors of open-loop predictions, a row a model and horizon."""
+AHEAD = Table(
+    "validation_ahead.csv",
+    {"model": str, "horizon": float} | dict.fromkeys(ERROR_UNITS, float),
+    "maidenflight ahead 1: predictions by logged inputs, mean norms of errors by time ahead, and "
+    "their sums in the rows of horizon 0; horizon s, position m, velocity m/s, attitude rad, "
+    "body_rates rad/s; _within_80 and _within_95 the shares within predicted bands",
+    digits=9,
+)
+"""Errors by time ahead, with disturbances estimated, a row a time and model."""
 CALIBRATION = Table(
     "calibration.csv",
     {"draw": int, "parameter": str, **dict.fromkeys(("truth", "low", "high"), float)}

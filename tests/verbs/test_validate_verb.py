@@ -1,11 +1,19 @@
 """`Validate` judges a drone beside the baseline and another drone; `identify` notes odd thrust."""
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import polars
 import pytest
 
+from maidenflight import run_folder
+from maidenflight.disturbances import horizons
+from maidenflight.disturbances.horizons import PERSISTENCE, SUMS, WITH_DISTURBANCES
 from maidenflight.flights.checkup.result import PASSES, CheckResult
+from maidenflight.parameters import crazyflie
+from maidenflight.run_folder import ERROR_UNITS
+from maidenflight.verb import Progress
 from maidenflight.verbs import logs_output, validate
 
 
@@ -45,3 +53,38 @@ def test_thrust_far_from_the_starts_is_noted(logged: float, notes: int) -> None:
     flights: Any = SimpleNamespace(checks={"log": [check]})
     assert len(logs_output.note_thrust(flights, "crazyflie", 1.72)) == notes
     assert logs_output.note_thrust(SimpleNamespace(checks={}), "crazyflie", 1.72) == []  # type: ignore[arg-type]
+
+
+def ahead_rows() -> list[dict[str, Any]]:
+    """Errors after two times and their sums, of the model and of persistence."""
+    return [
+        {"model": model, "horizon": horizon, "windows": 9}
+        | dict.fromkeys(ERROR_UNITS, 0.1 * (1 + number))
+        | {
+            f"{name}_within_{share}": float("nan") if number else share / 100
+            for name in ERROR_UNITS
+            for share in (80, 95)
+        }
+        for horizon in (0.02, 0.33, SUMS)
+        for number, model in enumerate((WITH_DISTURBANCES, PERSISTENCE))
+    ]
+
+
+def test_predictions_with_disturbances_are_written_whole_and_shown_in_part(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    table = polars.DataFrame(ahead_rows())
+    monkeypatch.setattr(horizons, "cross_validate", lambda *_: table)
+    verb = validate.Validate(drone="crazyflie", logs=tmp_path, disturbances=True)
+    places = verb.places(tmp_path / "mine.csv")
+    rows = verb._predict_ahead([], crazyflie(), places, {}, Progress())
+    assert places[2].name == "mine_ahead.csv"
+    assert len(run_folder.AHEAD.read(places[2])[0]) == 6
+    assert {row["horizon"] for row in rows} == {0.02, 0.33, SUMS}
+    printed = validate._tabulate_ahead(rows)
+    assert len(printed[0].rows) == 6  # type: ignore[union-attr]
+    assert "(80/95)" in printed[0].rows[0]["attitude"]  # type: ignore[union-attr]
+    plain = validate.Validate(drone="crazyflie", logs=tmp_path)
+    assert plain._predict_ahead([], crazyflie(), places, {}, Progress()) == []
+    assert len(plain.places(tmp_path / "mine.csv")) == 2
+    assert validate._tabulate_ahead([]) == []

@@ -1,22 +1,31 @@
 """`Validate`: a drone's prediction errors on flights."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from maidenflight import run_folder
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
+from maidenflight.manifest import Kind
 from maidenflight.settings import PENDING, REQUIRED, flag, listed, number, setting, whole
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row, Verb
 from maidenflight.verbs import shared
 from maidenflight.verbs.calibration import calibrate
 
+if TYPE_CHECKING:
+    from maidenflight.flights.log import Flight
+    from maidenflight.parameters import Parameters
+
 _WORSE = 1.2
 """Ratio of errors beyond which a drone is worse."""
+_WRITTEN: tuple[Kind, ...] = ("validation", "windows", "ahead")
+"""Kinds of files that are written, in their order; the last with disturbances alone."""
+_AHEAD_S = (0.02, 0.05, 0.1, 0.25, 0.5)
+"""Times ahead that the terminal shows of predictions with disturbances [s]."""
 _JUDGED_S = 0.1
 """Horizon at which errors are compared [s]."""
 _TRIMMED = "{}, each flight's trim"
@@ -37,6 +46,9 @@ class Validate(Verb):
     paper's Crazyflie and the persistence baseline: position, velocity, attitude and body rates stay
     as they are.
 
+    With --disturbances torques and forces that DRONE lacks are estimated from the rows before each
+    prediction, as a regulator would, and half a second is predicted with them.
+
     With --calibration it is the intervals that are tested, on the logs that the drone was
     identified from.
     """
@@ -54,6 +66,12 @@ class Validate(Verb):
         listed(number(0.001, 60.0), "seconds, such as 0.02,0.05,0.1", "SECONDS"),
         (0.02, 0.05, 0.1),
         "How far ahead to predict [s].",
+    )
+    disturbances: bool = setting(
+        flag(),
+        False,
+        "Estimate torques and forces that DRONE lacks from past rows, and predict 0.5 s with them, "
+        "by measured rotor speeds where all logs hold them; fitted to every other log, a minute.",
     )
     calibration: bool = setting(
         flag(),
@@ -76,8 +94,11 @@ class Validate(Verb):
         return super().choose_output(default if output is None else output)
 
     def places(self, output: Path) -> list[Path]:
-        """Returns the table of errors and that of windows, or that of a calibration."""
-        return [output] if self.calibration else [output, run_folder.windows_path(output)]
+        """Returns the tables that it writes, or that of a calibration."""
+        if self.calibration:
+            return [output]
+        ahead = [output.with_name(f"{output.stem}_ahead.csv")] if self.disturbances else []
+        return [output, run_folder.windows_path(output), *ahead]
 
     def check_early(self) -> None:
         """Refuses logs in a drone's place, and a file that is not there."""
@@ -135,6 +156,7 @@ class Validate(Verb):
         record = self.make_record([*drone, *flights.paths], commands=commands)
         run_folder.VALIDATION.write(places[0], errors, record)
         run_folder.WINDOWS.write(places[1], windows, record)
+        ahead = self._predict_ahead(flights.flights, file.parameters, places, record, progress)
         rivals = models | {_UNTURNED.format(name): without_torque(file.parameters)}
         likelihoods = {
             rival: float(log_likelihood(flights.flights, model)) for rival, model in rivals.items()
@@ -168,6 +190,7 @@ class Validate(Verb):
                 "log_likelihoods": likelihoods,
                 "doubts": doubts,
                 "errors": rows,
+                "ahead": ahead,
                 "flights": logs_output.to_content(flights),
                 "simulated": simulated,
                 "notes": notes,
@@ -177,10 +200,11 @@ class Validate(Verb):
                 f"verdict: {verdict}",
                 *logs_output.describe_flights(flights, f"; {rows[0]['windows']} windows of rows"),
                 *_tabulate(likelihoods, rows, simulated),
+                *_tabulate_ahead(ahead),
                 f"in {output}: SI units, and 95 % intervals over {rows[0]['segments']} segments of "
                 "flight",
             ],
-            written={"validation": [places[0]], "windows": [places[1]]},
+            written=dict(zip(_WRITTEN, ([place] for place in places), strict=False)),
             read={"drone": drone, "logs": flights.paths},
             record=record,
             rows=[{**row, "log_likelihood": likelihoods.get(row["model"])} for row in rows],
@@ -189,6 +213,30 @@ class Validate(Verb):
             next_remark=remark,
             value=errors,
         )
+
+    def _predict_ahead(
+        self,
+        flights: Sequence["Flight"],
+        drone: "Parameters",
+        places: Sequence[Path],
+        record: Mapping[str, Any],
+        progress: Progress,
+    ) -> list[Row]:
+        """Predicts with disturbances, if asked; writes all times and returns rows of some."""
+        if not self.disturbances:
+            return []
+        from maidenflight.disturbances.horizons import SUMS, cross_validate
+
+        stage = "fitting disturbances"
+        progress.move(0, None, stage)
+        table = cross_validate(
+            flights, drone, lambda done, of: progress.move(done, of, f"evaluations, {stage}")
+        )
+        run_folder.AHEAD.write(places[2], table, record)
+        times = table["horizon"].unique()
+        some = {SUMS, *(min(times, key=lambda one: abs(one - time)) for time in _AHEAD_S)}
+        rows = table.filter(table["horizon"].is_in(list(some))).to_dicts()
+        return [{name: value for name, value in row.items() if value == value} for row in rows]
 
 
 def _compare(
@@ -255,4 +303,31 @@ def _tabulate(
         f"{PERSISTENCE}: the prediction that nothing changes"
         + ("; * marks what is worse than it" if worse else ""),
         "nats: one more a row makes the data 2.7 times as probable, row by row",
+    ]
+
+
+def _tabulate_ahead(ahead: list[Row]) -> list[Table | str]:
+    """Returns errors with disturbances by time ahead, and what bands hold."""
+    if not ahead:
+        return []
+    from maidenflight.disturbances.horizons import SHARES, SUMS, WITH_DISTURBANCES
+    from maidenflight.reporting.text import ERRORS
+
+    rows: list[Row] = []
+    for row in ahead:
+        first = row["model"] == WITH_DISTURBANCES
+        is_sum = row["horizon"] == SUMS
+        time = "sums, SI" if is_sum else f"{row['horizon']:.2g} s"
+        cells = {"model": row["model"], "ahead": time if first else ""}
+        for name, unit in ERRORS.items():
+            value = row[name] * (1.0 if is_sum else unit.scale)
+            cells[name] = f"{value:#.3g}".removesuffix(".")
+            within = (f"{100 * row[f'{name}_within_{100 * share:.0f}']:.0f}" for share in SHARES)
+            cells[name] += f" ({'/'.join(within)})" if first else ""
+        rows.append(cells)
+    columns = {"ahead": "{ahead}", "model": "{model}"}
+    columns |= {f"{unit.name}\n{unit.unit}": f"{{{name}}}" for name, unit in ERRORS.items()}
+    return [
+        Table("Predictions by logged inputs, mean norms of errors", columns, rows),
+        "(80/95): share of real values in the bands for 80 and 95 %; sums: over rows, in m and rad",
     ]

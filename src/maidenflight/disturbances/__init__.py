@@ -1,0 +1,1 @@
+"""Slowly changing torques and forces, estimated from flights by a Kalman filter."""
