@@ -37,10 +37,10 @@ def flight_of_frame(
         flight = replace(flight, zero_order_hold=zero_order_hold, assumed=False)
     log = check_log([Logged(name, [(flight, time)], notes)])
     if log.faults:
-        raise InputError(" ".join(log.faults))
+        raise InputError(" ".join(map(str, log.faults)))
     if len(log.pieces) != 1:
         raise InputError(
             f"{name}: {len(log.pieces)} usable pieces of flight, expected one. Cut the table where "
-            f"rows are missing. {' '.join(log.notes)}"
+            f"rows are missing. {' '.join(map(str, log.notes))}"
         )
     return log.pieces[0]

@@ -145,7 +145,7 @@ def _tabulate_checks(flights: "Flights") -> list[Table | str]:
         )
     faults = warning_lines(flights.warnings, marks=("✗ ", "! "))
     if not tests:
-        return faults
+        return [*faults]
     columns = {"test": "{test}", "result": "{result}", "measured": "{measured}"}
     columns |= {"expected": "{threshold}"}
     passed = len(tests) - len(rows) - len(unknown)
