@@ -315,7 +315,7 @@ def find_lags(realities: Sequence[str], options: argparse.Namespace) -> dict[str
                 else replace(parameters.crazyflie(), **IDENTIFIED)
             )
         else:
-            kind, _, seed = name.rpartition("-")
+            kind, _, seed = name.rpartition(":")
             try:
                 # PyBullet is another engine for the same constants, and need not be installed to
                 # ask for them.

@@ -169,22 +169,7 @@ class Validate(Verb):
             *drones.doubts(file),
         ]
         simulated, rows = any(one.simulated for one in flights), errors.to_dicts()
-        doubts = _compare(name, likelihoods, rows)
-        verdict, remark = f"good: no rival predicts these flights clearly better than {name}", ""
-        if doubts and not _compare(name, likelihoods, rows, trimmed):
-            verdict = (
-                f"good but for the trim of the day: {'; '.join(doubts)}, but with each flight's "
-                f"torque bias {name} predicts as well. The default --randomize of train covers that"
-            )
-            doubts = []
-        elif doubts:
-            verdict = f"bad: {'; '.join(doubts)}. Do not train for {name}"
-            remark = "look whether these logs and those it was identified from are sound"
-            if any(_UNTURNED.format(name) in doubt for doubt in doubts):
-                remark += (
-                    ", and their motors in order; or log at 250 Hz or more, where rows sample "
-                )
-                remark += "a controller that answers noise"
+        verdict, doubts, remark = _judge(name, likelihoods, rows)
         return Result(
             content={
                 "log_likelihoods": likelihoods,
@@ -237,6 +222,26 @@ class Validate(Verb):
         some = {SUMS, *(min(times, key=lambda one: abs(one - time)) for time in _AHEAD_S)}
         rows = table.filter(table["horizon"].is_in(list(some))).to_dicts()
         return [{name: value for name, value in row.items() if value == value} for row in rows]
+
+
+def _judge(
+    name: str, likelihoods: Mapping[str, float], rows: list[Row]
+) -> tuple[str, list[str], str]:
+    """Returns the verdict on a drone, what speaks against it, and what to look at next."""
+    doubts, remark = _compare(name, likelihoods, rows), ""
+    if not doubts:
+        return f"good: no rival predicts these flights clearly better than {name}", [], remark
+    if not _compare(name, likelihoods, rows, _TRIMMED.format(name)):
+        verdict = (
+            f"good but for the trim of the day: {'; '.join(doubts)}, but with each flight's "
+            f"torque bias {name} predicts as well. The default --randomize of train covers that"
+        )
+        return verdict, [], remark
+    remark = "look whether these logs and those it was identified from are sound"
+    if any(_UNTURNED.format(name) in doubt for doubt in doubts):
+        remark += ", and their motors in order; or log at 250 Hz or more, where rows sample "
+        remark += "a controller that answers noise"
+    return f"bad: {'; '.join(doubts)}. Do not train for {name}", doubts, remark
 
 
 def _compare(

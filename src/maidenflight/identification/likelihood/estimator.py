@@ -26,7 +26,7 @@ from maidenflight.identification.likelihood.selection import Parts
 from maidenflight.identification.methods import Likelihood
 from maidenflight.identification.outcome.about_z import AboutZ, with_inertia_z
 from maidenflight.identification.outcome.bounds import all_reached
-from maidenflight.identification.outcome.estimates import SURE_NATS, estimates_of
+from maidenflight.identification.outcome.estimates import estimates_of
 from maidenflight.identification.outcome.plausible import Ranges
 from maidenflight.identification.outcome.problem import Problem, require_identifiable
 from maidenflight.identification.outcome.progress import FITTING, INTERVALS
@@ -126,7 +126,7 @@ class Answer:
         )
 
     def surely_needed(self, names: Collection[str], start: Parameters) -> set[str]:
-        """Returns those of some parameters whose start's value costs `SURE_NATS` a row.
+        """Returns those of some parameters whose start's value costs `SMALLEST_GAIN`.
 
         The others follow. Not those of motors, which what else the model lacks moves, nor those at
         a search bound.
@@ -138,7 +138,7 @@ class Answer:
         for name, variance in zip(best.box.names, variances, strict=True):
             moved = float(component(start, name)) - float(component(best.drone, name))
             judged = name in names and name not in MOTORS and np.isfinite(error[name])
-            if judged and 0.5 * moved**2 / variance > SURE_NATS:
+            if judged and 0.5 * moved**2 / variance > selection.SMALLEST_GAIN:
                 needed.add(name)
         return needed
 

@@ -352,8 +352,8 @@ def _torque(
     def ask(inertia: Samples) -> tuple[Answer, Ranges]:
         other_names = tuple(name for name in names if name not in inertia)
         medians = {name: np.float32(np.median(samples)) for name, samples in inertia.items()}
-        first, given = replace(drone, **medians), {**known, **inertia}
-        answer = _ask_sensor(problem, settings, model, other_names, groups, first, given)
+        first, draws = replace(drone, **medians), {**known, **inertia}
+        answer = _ask_sensor(problem, settings, model, other_names, groups, first, draws)
         plausible, error = _plausible(problem, other_names, {}), answer.posterior.error
         removed_ranges = {
             name: ends for name, ends in plausible.items() if not is_identifiable(error[name], ends)
