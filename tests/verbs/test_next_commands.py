@@ -51,8 +51,15 @@ def test_a_bad_verdict_leads_to_what_mends_it(policy: Path) -> None:
 
 def test_policies_of_another_drone_are_named(policy: Path) -> None:
     verb = Transfer(policies=(str(policy),), reality=("virtual:1@x500", "virtual:1@crazyflie"))
-    (line,) = verb.describe_other_drones(verb.named_drones)
+    (line,) = verb.describe_other_drones(verb.flying_drones)
     assert "28.0 g, but x500 has 2,064.3 g" in line
+    usual = Transfer(policies=(str(policy),))
+    assert usual.describe_other_drones(usual.flying_drones) == []
+    heavy = policy_file.read_policy(policy)
+    policy_file.write_policy(policy, heavy.policy, {"drone": {"name": "x500", "mass": 2.0643}})
+    usual = Transfer(policies=(str(policy),), reality=("near:3+payload15",))
+    (line,) = usual.describe_other_drones(usual.flying_drones)
+    assert "but near:3 has 28.5 g" in line
 
 
 def test_an_export_repeats_the_last_bad_verdict(policy: Path, tmp_path: Path) -> None:

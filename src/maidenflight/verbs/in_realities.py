@@ -77,14 +77,17 @@ class FliesPolicies(Verb):
         """Returns a line on each drone that policies were not made for.
 
         Args:
-            drones: names or files of those that fly.
+            drones: names or files of those that fly, or virtual drones about none of them.
         """
         from maidenflight.identification import drone_file
         from maidenflight.identification.identity import describe_other_drone, identity_of
+        from maidenflight.simulator.realities.virtual_drone import RANGES, VARIANTS
 
         lines = []
         for drone in dict.fromkeys(drones):
-            other, groups = identity_of(drone_file.read(drone)), {}
+            is_drawn = drone.partition(":")[0] in VARIANTS
+            drawn = {"name": drone, "mass": sum(RANGES["mass"]) / 2.0}
+            other, groups = drawn if is_drawn else identity_of(drone_file.read(drone)), {}
             for name, file in zip(self.fleet.own_names, self.fleet.files, strict=True):
                 groups.setdefault(describe_other_drone(file.identity, other), []).append(name)
             lines += [
@@ -193,22 +196,24 @@ class InRealities(FliesPolicies):
         return [drones.find_reality(name, self.accept_bounds) for name in self.reality or (usual,)]
 
     @property
-    def named_drones(self) -> list[str]:
-        """Returns the drones that are named, by themselves or in realities."""
+    def flying_drones(self) -> list[str]:
+        """Returns the drones that fly: names, files, and virtual drones about none of them."""
         from maidenflight.experiments.drones import drone_of
         from maidenflight.simulator.realities.reality import is_drone
+        from maidenflight.simulator.realities.virtual_drone import VARIANTS
 
-        places = [*([self.drone] if self.drone and not self.reality else []), *self.reality]
-        return [one for one in map(drone_of, places) if is_drone(one)]
+        places = map(drone_of, self.reality or (self.drone or "virtual:7",))
+        return [one for one in places if is_drone(one) or one.partition(":")[0] in VARIANTS]
 
     def choose_next(self, best: Path) -> tuple[object, ...]:
         """Returns the words of the command that judges policies; it exports what no judge flies."""
         from maidenflight.experiments.flight_times import GUARD_RATE
+        from maidenflight.simulator.realities.reality import is_drone
 
         policy = self.fleet.policy_of(best)
         if GUARD_RATE % policy.interface.rate:
             return export_command(best, policy)
-        drone = next(iter(self.named_drones), "DRONE")
+        drone = next(filter(is_drone, self.flying_drones), "DRONE")
         foreign = set(self.fleet.foreign_files)
         files = [one for one in self.policies if Path(one).exists() and Path(one) not in foreign]
         more = {"control": self.control, "task": self.task, "reference": self.reference}
@@ -225,7 +230,7 @@ class InRealities(FliesPolicies):
         **parts: Any,
     ) -> Result:
         """Returns the result, with notes on policies of other drones and the judge as next."""
-        parts["notes"] = [*parts["notes"], *self.describe_other_drones(self.named_drones)]
+        parts["notes"] = [*parts["notes"], *self.describe_other_drones(self.flying_drones)]
         if best := self.choose_best(flights):
             parts["next"] = words = self.choose_next(best)
             if "DRONE" in words:
