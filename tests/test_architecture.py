@@ -293,7 +293,7 @@ MOST = {
     "study to table: names": 123,
     "constants": 732,
     "constants without a source": 583,
-    "lines": 58_880,
+    "lines": 58_881,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
