@@ -279,12 +279,12 @@ MOST = {
     "log to drone.toml: stops": 711,
     "log to drone.toml: modules": 116,
     "log to drone.toml: names": 930,
-    "drone to policy: stops": 306,
+    "drone to policy: stops": 310,
     "drone to policy: modules": 67,
-    "drone to policy: names": 459,
-    "policy to flight: stops": 260,
+    "drone to policy: names": 467,
+    "policy to flight: stops": 256,
     "policy to flight: modules": 52,
-    "policy to flight: names": 392,
+    "policy to flight: names": 394,
     "policy to C: stops": 46,
     "policy to C: modules": 12,
     "policy to C: names": 73,
@@ -293,7 +293,7 @@ MOST = {
     "study to table: names": 123,
     "constants": 732,
     "constants without a source": 583,
-    "lines": 58_580,
+    "lines": 58_881,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

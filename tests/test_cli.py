@@ -244,6 +244,7 @@ LITTLE = {
     "validate": "",
     "train": "--yaw-penalty 0.1 --updates 2",
     "transfer": "--trials 1 --duration 0.5",
+    "predict": "--trials 1 --duration 0.2",
     "export": "",
     "report": "",
 }

@@ -252,6 +252,12 @@ def test_seeds_that_differ_much_are_said_to() -> None:
     assert much.startswith(f"{spread} 2.0 cm: they differ much")
 
 
+def test_what_survival_refers_to_is_said() -> None:
+    for over, words in (("any-day", "with trims, payloads"), (0.1, "within 10% of"), (0.0, "all")):
+        assert f"{words}" in (line := scores.describe_survival(over, "drone.toml"))
+        assert "drone.toml" in line
+
+
 def test_what_is_unknown_of_a_drone_is_said_where_policies_are_trained_for_it() -> None:
     drone = parameters.crazyflie()
     assert drones.describe_unknown(DroneFile(drone, name="crazyflie")) == []

@@ -118,6 +118,14 @@ def test_policies_of_different_shapes_and_empty_lists_are_refused() -> None:
     ]
     with pytest.raises(InputError, match="different kinds"):
         transfer(others, [virtual_drone(1)])
+    counts = [
+        dataclasses.replace(
+            one, interface=dataclasses.replace(one.interface, full_scale_counts=number)
+        )
+        for one, number in zip(POLICIES, (60000.0, 65535.0), strict=False)
+    ]
+    with pytest.raises(InputError, match=r"full scale counts 60000\.0 and 65535\.0"):
+        transfer(counts, [virtual_drone(1)])
     with pytest.raises(InputError, match="at least one"):
         transfer([], [virtual_drone(1)])
 

@@ -1,25 +1,18 @@
-"""Verdicts name the share of drones that fly well, and the parameter that decides it."""
+"""Verdicts count what is wrong with flights, and name the parameter that decides it."""
 
 import numpy as np
 import polars
 import pytest
 
-from maidenflight.experiments.verdict import verdicts
-from maidenflight.identification.drone_file import Advice, DroneFile
-from maidenflight.identification.posterior import Posterior
-from maidenflight.parameters import crazyflie
+from maidenflight.experiments.verdict import judge
 
 LAGS = np.linspace(0.04, 0.10, 40)
-FILE = DroneFile(
-    crazyflie(),
-    posterior=Posterior(
-        {
-            "motor_time_constant": LAGS,
-            "latency": np.random.default_rng(0).uniform(0.0, 0.01, 40),
-        }
-    ),
-    advice=(Advice("motor_time_constant", "log rotor speeds", None),),
-)
+SAMPLES = {
+    "motor_time_constant": LAGS,
+    "latency": np.random.default_rng(0).uniform(0.0, 0.01, 40),
+    "mass": np.full(40, 0.03),
+}
+ACTIONS = {"motor_time_constant": "log rotor speeds"}
 
 
 def flights(errors: np.ndarray, policy: str = "policy_1") -> polars.DataFrame:
@@ -38,20 +31,29 @@ def flights(errors: np.ndarray, policy: str = "policy_1") -> polars.DataFrame:
 
 
 def test_the_lag_decides_where_errors_follow_it():
-    slow = flights(np.where(LAGS > 0.0935, np.inf, LAGS / 2))
-    assert verdicts(slow, FILE, 20.0) == [
-        "pwm: 88% of 40 drones of the posterior fly 20 s within 5 cm (policy_1); "
-        "motor_time_constant decides; next: log rotor speeds"
-    ]
+    slow = judge(flights(np.where(LAGS > 0.0935, np.inf, LAGS / 1.6)), SAMPLES, 20.0, ACTIONS)
+    assert not slow.is_good
+    assert slow.parameter == "motor_time_constant"
+    assert slow.sentence == (
+        "Do not fly: of policy_1, 5 of 40 end by tilt (3.0 s in the mean); 9 of 40 stay farther "
+        "than 5 cm from the set-point; motor_time_constant decides which; log rotor speeds."
+    )
 
 
 @pytest.mark.parametrize("errors", [np.full(40, 0.1), np.random.default_rng(1).uniform(0, 1, 40)])
 def test_no_parameter_decides_where_none_does(errors: np.ndarray):
-    (line,) = verdicts(flights(errors), FILE, 20.0)
-    assert line.endswith("no parameter decides")
+    verdict = judge(flights(errors), SAMPLES, 20.0, ACTIONS)
+    assert not verdict.is_good
+    assert verdict.parameter is None
 
 
-def test_the_best_policy_of_a_control_structure_counts():
-    both = polars.concat([flights(np.full(40, 0.2)), flights(np.full(40, 0.01), "policy_2")])
-    (line,) = verdicts(both, FILE, 20.0)
-    assert line == "pwm: 100% of 40 drones of the posterior fly 20 s within 5 cm (policy_2)"
+def test_one_flight_farther_away_is_not_good():
+    errors = np.full(40, 0.01)
+    errors[3] = 0.06
+    assert "1 of 40 stay farther" in judge(flights(errors), {}, 20.0, {}).sentence
+
+
+def test_flights_that_last_and_stay_near_are_good():
+    verdict = judge(flights(np.full(40, 0.049)), SAMPLES, 20.0, ACTIONS)
+    assert verdict.is_good
+    assert verdict.sentence.startswith("Fly: 40 of 40 flights of policy_1 last 20 s within 5 cm")

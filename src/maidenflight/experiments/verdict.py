@@ -1,13 +1,14 @@
-"""Whether a drone is known well enough to fly: a verdict on flights of drones of its posterior."""
+"""Whether a policy may fly: a verdict on its simulated flights on the identified drone."""
 
+from collections import Counter
 from collections.abc import Mapping
+from dataclasses import dataclass
 
+import numpy as np
 import polars
 import scipy
 from jaxtyping import Float
-from numpy import ndarray
 
-from maidenflight.identification.drone_file import DroneFile
 from maidenflight.simulator.tasks.failures import REACHED
 
 WITHIN_M = 0.05
@@ -16,34 +17,56 @@ _SURE = 0.01
 """Probability of such a rank correlation by chance, above which no parameter decides."""
 
 
-def verdicts(flights: polars.DataFrame, file: DroneFile, seconds: float) -> list[str]:
-    """Returns a line for each control structure: how many drones fly well, and what decides.
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a policy may fly, and why not."""
+
+    is_good: bool
+    """Whether all flights last and stay within `WITHIN_M`."""
+    sentence: str
+    parameter: str | None = None
+    """What decides between good and bad flights, if anything surely does."""
+
+
+def judge(
+    flights: polars.DataFrame,
+    samples: Mapping[str, Float[np.ndarray, "N"]],
+    seconds: float,
+    actions: Mapping[str, str],
+) -> Verdict:
+    """Judges a policy by its flights.
 
     Args:
-        flights: of drones of the posterior, with the column `drone`; see `predict_flight_times`.
-        file: the drone's file.
+        flights: of one policy; see `predict_flight_times`.
+        samples: parameters of the drones that their column `drone` counts, by name.
         seconds: longest flight [s].
+        actions: what makes a parameter better known, by its name.
     """
-    lasts = polars.col("end_reason") == REACHED
-    is_good = lasts & (polars.col("position_error") < WITHIN_M)
-    lines = []
-    for (control,), part in flights.group_by("control", maintain_order=True):
-        shares = part.group_by("policy", maintain_order=True).agg(is_good.mean().alias("share"))
-        best, share = shares.sort("share", descending=True, maintain_order=True).row(0)
-        own = part.filter(polars.col("policy") == best)
-        line = (
-            f"{control}: {share:.0%} of {own.height} drones of the posterior fly {seconds:g} s "
-            f"within {100 * WITHIN_M:g} cm ({best})"
+    name, count = flights["policy"][0], flights.height
+    lasts = flights["end_reason"] == REACHED
+    far = int((lasts & ~(flights["position_error"] < WITHIN_M)).sum())
+    reach = f"{100 * WITHIN_M:g} cm"
+    if lasts.all() and not far:
+        return Verdict(
+            True,
+            f"Fly: {count} of {count} flights of {name} last {seconds:g} s within {reach} of the "
+            "set-point.",
         )
-        if share < 1.0:
-            name = _decides(own, file.posterior)
-            advice = [f"next: {one.action}" for one in file.advice if one.parameter == name]
-            line = "; ".join([line, f"{name or 'no parameter'} decides", *advice])
-        lines.append(line)
-    return lines
+    reasons = Counter(flights.filter(~lasts)["end_reason"].to_list()).most_common()
+    faults = [f"{number} of {count} end by {reason}" for reason, number in reasons]
+    if reasons:
+        faults[-1] += f" ({flights.filter(~lasts)['duration'].mean():.1f} s in the mean)"
+    faults += [f"{far} of {count} stay farther than {reach} from the set-point"] if far else []
+    parameter = _decides(flights, samples)
+    if parameter is not None:
+        faults.append(f"{parameter} decides which")
+        faults += [actions[parameter]] if parameter in actions else []
+    return Verdict(False, f"Do not fly: of {name}, {'; '.join(faults)}.", parameter)
 
 
-def _decides(flights: polars.DataFrame, samples: Mapping[str, Float[ndarray, "N"]]) -> str | None:
+def _decides(
+    flights: polars.DataFrame, samples: Mapping[str, Float[np.ndarray, "N"]]
+) -> str | None:
     """Returns the parameter whose rank goes most with that of the error, if any surely does.
 
     Flights that a guard ended have the largest errors, the shortest the largest of all. Of several

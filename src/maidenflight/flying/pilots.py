@@ -22,7 +22,7 @@ from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.physics.battery import COUNTS
 from maidenflight.simulator.physics.sensors import Measurement
-from maidenflight.simulator.policy_spec import PolicySpec, points_at
+from maidenflight.simulator.policy_spec import points_at
 from maidenflight.simulator.realities.reality import MOTORS, Reality
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone
 from maidenflight.simulator.tasks.tasks import Task
@@ -177,16 +177,12 @@ def pilots_of(
 
 
 def _controller_of(policies: Sequence[Policy], controller: Controller | None) -> Controller:
-    kinds = {
-        "control structure": [policy.interface for policy in policies],
-        **{
-            one.name: [getattr(policy.spec, one.name) for policy in policies]
-            for one in fields(PolicySpec)
-        },
-    }
-    for kind, values in kinds.items():
+    kinds = [[policy.interface, policy.spec] for policy in policies]
+    for place, name in ((k, one.name) for k in (0, 1) for one in fields(kinds[0][k])):
+        values = [getattr(each[place], name) for each in kinds]
         if len(set(values)) > 1:
-            differing = sorted({getattr(value, "name", str(value)) for value in values})
+            kind = "control structure" if name == "name" else name.replace("_", " ")
+            differing = sorted({str(value) for value in values})
             raise InputError(
                 f"policies of different kinds: {kind} {' and '.join(differing)}. Fly each kind by "
                 "itself."

@@ -43,6 +43,27 @@ def propellers_of(identity: Mapping[str, Any]) -> str:
     return _PROPELLERS.get(str(identity.get("battery_law")), "")
 
 
+def describe_other_drone(own: Mapping[str, Any], other: Mapping[str, Any]) -> str:
+    """Returns how a policy's drone differs from another; empty where nothing says that it does.
+
+    Args:
+        own: the policy's identity.
+        other: that of the drone that shall fly.
+    """
+    if "mass" in own and abs(other["mass"] / own["mass"] - 1.0) > SAME_MASS:
+        return (
+            f"made for a drone of {1e3 * own['mass']:,.1f} g, but {other['name']} has "
+            f"{1e3 * other['mass']:,.1f} g"
+        )
+    laws = own.get("battery_law"), other.get("battery_law")
+    if None not in laws and laws[0] != laws[1]:
+        return (
+            f"made with the battery law {laws[0]!r}, but {other['name']} was identified with "
+            f"{laws[1]!r}"
+        )
+    return ""
+
+
 def check_same_drone(place: str, own: Mapping[str, Any], other: Mapping[str, Any]) -> None:
     """Refuses a policy that was made for another drone.
 
@@ -56,14 +77,5 @@ def check_same_drone(place: str, own: Mapping[str, Any], other: Mapping[str, Any
     """
     if "mass" not in own:
         raise InputError(f"{place}: names no mass of its drone. Train again, or leave out --drone.")
-    if abs(other["mass"] / own["mass"] - 1.0) > SAME_MASS:
-        raise InputError(
-            f"{place}: made for a drone of {1e3 * own['mass']:.1f} g, but {other['name']} has "
-            f"{1e3 * other['mass']:.1f} g. Train for the drone that flies."
-        )
-    laws = own.get("battery_law"), other.get("battery_law")
-    if None not in laws and laws[0] != laws[1]:
-        raise InputError(
-            f"{place}: made with the battery law {laws[0]!r}, but {other['name']} was identified "
-            f"with {laws[1]!r}. Train for the drone that flies."
-        )
+    if difference := describe_other_drone(own, other):
+        raise InputError(f"{place}: {difference}. Train for the drone that flies.")

@@ -6,6 +6,7 @@ from functools import reduce
 
 import polars
 
+from maidenflight import names
 from maidenflight.training.distillation import Distillation, phase
 from maidenflight.training.evaluation import Evaluation
 from maidenflight.training.settings import Settings
@@ -86,6 +87,26 @@ def describe_spread(best: Sequence[dict[str, float]]) -> list[str]:
     much = much or max(error) > SIMILAR_ERROR * min(error)
     cure = "they differ much; train more of them (--policies) and fly the best"
     return [f"{spread}: {cure}." if much else f"{spread}."]
+
+
+def describe_survival(over: float | str, drone: str) -> str:
+    """Returns what the survival of training refers to.
+
+    Args:
+        over: drones trained over; see `experiments.drones.distribution_of`.
+        drone: that which was trained for.
+    """
+    drones = {
+        names.POSTERIOR: f"drawn from the posterior of {drone}",
+        names.WIDE: f"in a wide box about {drone}",
+        names.ANY_DAY: f"in a wide box about {drone}, with trims, payloads and faults of any day",
+        names.ANY: "of any make",
+        0.0: f"all like {drone}",
+    }.get(over, f"of {over}" if isinstance(over, str) else f"within {over:.0%} of {drone}")
+    return (
+        f"survival: share of the training's random episodes that reach the time limit, with drones "
+        f"{drones}. It does not say how your drone flies; the next commands do."
+    )
 
 
 def describe(now: Progress) -> str:

@@ -4,7 +4,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from maidenflight import manifest, names, run_folder
+from maidenflight import manifest, names, results, run_folder
 from maidenflight.deployment import choose_folder, export, keywords_of
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
@@ -93,15 +93,27 @@ class Export(Verb):
         written = export(file.policy, output, self.to, **options)
         home = self.policy.parent
         home = home.parent if home.name == run_folder.POLICIES else home
-        listed = False
+        run = None
         with suppress(InputError):  # a damaged manifest costs no export
-            listed = manifest.find_manifest(home) is not None
+            run = manifest.find_manifest(home)
         return Result(
             content={"files": [str(path) for path in written]},
             written={"exported": written},
             read={"policies": [self.policy]},
             record=record,
-            notes=file.doubts,
-            next=("report", home) if listed else ("report", "--policies", self.policy),
+            notes=[*file.doubts, *(_bad_verdict(run, self.policy) if run else [])],
+            next=("report", home) if run else ("report", "--policies", self.policy),
             value=written,
         )
+
+
+def _bad_verdict(run: manifest.Manifest, policy: Path) -> list[str]:
+    """Returns what the last prediction of a run says of a policy, where that is bad."""
+    own, last = results.digest(policy), {}
+    for entry in run.entries:
+        for file in run.files(entry, "prediction"):
+            verdicts = results.read_record(file).get("verdicts")
+            for one in verdicts if isinstance(verdicts, list) else ():
+                if isinstance(one, dict) and one.get("policy") == own:
+                    last = {"file": file, **one}
+    return [f"{last['file']}: {last.get('sentence')}"] if last.get("good") is False else []

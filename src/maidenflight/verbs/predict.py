@@ -2,13 +2,20 @@
 
 from collections import Counter
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from maidenflight import names, run_folder
+from maidenflight import names, results, run_folder
 from maidenflight.settings import number, path, setting, whole
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row
 from maidenflight.verbs import shared
-from maidenflight.verbs.in_realities import FliesPolicies
+from maidenflight.verbs.in_realities import FliesPolicies, export_command
+
+if TYPE_CHECKING:
+    from polars import DataFrame
+
+    from maidenflight.experiments.verdict import Verdict
+    from maidenflight.parameters import Parameters
 
 
 class Predict(FliesPolicies):
@@ -61,16 +68,16 @@ class Predict(FliesPolicies):
         """Predicts; writes a row a flight."""
         from maidenflight.experiments import comparison, drones, flight_times
         from maidenflight.experiments.conditions import read_conditions
-        from maidenflight.experiments.verdict import verdicts as judge_controls
         from maidenflight.simulator.tasks.tasks import find_task
 
         fleet, (tasks, notes) = self.fleet, self.fleet.choose_tasks(self.chosen_task)
         progress.move(0, None, "compiling")
         usual = drones.choose_prediction(self.drone)
         randomization = usual if self.randomize is None else self.randomize
+        drawn_drones = drones.possible_drones(self.drone, randomization, self.seed, self.today)
         prediction = flight_times.predict_flight_times(
             fleet.own,
-            drones.possible_drones(self.drone, randomization, self.seed, self.today),
+            drawn_drones,
             self.key,
             trials=self.trials,
             duration=self.longest(tasks[0], self.duration),
@@ -82,6 +89,11 @@ class Predict(FliesPolicies):
         drone = shared.own_files(self.drone)
         files = [*drone, *shared.own_files(self.conditions), *fleet.paths]
         record = self.make_record(files, policies=None, randomize=randomization)
+        verdicts = self._judge(prediction, drawn_drones, self.longest(tasks[0], self.duration))
+        record["verdicts"] = [
+            {"policy": results.digest(path), "good": one.is_good, "sentence": one.sentence}
+            for path, one in verdicts.items()
+        ]
         run_folder.PREDICTION.write(output, prediction, record)
         parts = prediction.partition_by("policy", maintain_order=True)
         ends = [Counter(part["end_reason"].to_list()) for part in parts]
@@ -91,10 +103,6 @@ class Predict(FliesPolicies):
         quantiles = {f"{one / 100:g}": f"quantile_{one}" for one in flight_times.QUANTILES}
         outlives = flight_times.outlives(prediction)
         against_best = outlives[:, max(range(len(rows)), key=lambda place: rows[place]["mean"])]
-        verdicts: list[str] = []
-        if randomization == names.POSTERIOR:
-            known = drones.read_drone(self.drone, self.accept_bounds)
-            verdicts = judge_controls(prediction, known, self.longest(tasks[0], self.duration))
         policies = [
             {
                 "file": str(path),
@@ -105,14 +113,18 @@ class Predict(FliesPolicies):
                 "quantiles": {share: round(row[name], 6) for share, name in quantiles.items()},
                 "end_reasons": dict(reasons.most_common()),
                 "outlives": dict(zip(summary["policy"], chances.round(3).tolist(), strict=True)),
+                "good": verdicts[path].is_good,
+                "verdict": verdicts[path].sentence,
             }
             for path, task, row, mean, reasons, chances in zip(
                 fleet.paths, tasks, rows, means, ends, outlives, strict=True
             )
         ]
+        best = self.choose_best(prediction)
+        words, remark = self._mend(best, verdicts[best], randomization) if best else ((), "")
         return self.conclude(
-            {"policies": policies, "verdicts": verdicts},
-            [*verdicts, _tabulate(rows, ends, against_best.tolist())],
+            {"policies": policies},
+            [_tabulate(rows, ends, against_best.tolist())],
             prediction,
             output,
             written={"prediction": [output]},
@@ -121,12 +133,59 @@ class Predict(FliesPolicies):
             rows=rows,
             notes=[
                 *notes,
+                *self.describe_other_drones([self.drone]),
                 *comparison.describe_margins(summary),
                 *flight_times.describe_alike(summary, against_best),
                 *drones.doubts(drones.read_file(self.drone)),
             ],
             value=prediction,
+            verdict=verdicts[best].sentence if best else "",
+            next=words,
+            next_remark=remark,
         )
+
+    def _judge(
+        self, prediction: "DataFrame", drawn_drones: "Parameters", seconds: float
+    ) -> "dict[Path, Verdict]":
+        """Judges each policy by its flights."""
+        import numpy as np
+
+        from maidenflight.experiments import drones
+        from maidenflight.experiments.verdict import judge
+        from maidenflight.parameters import COMPONENTS, component
+
+        actions = {one.parameter: one.action for one in drones.read_file(self.drone).advice}
+        samples = {}
+        if np.ndim(drawn_drones.mass):
+            samples = {name: component(drawn_drones, name) for name in COMPONENTS}
+        parts = prediction.partition_by("policy", maintain_order=True)
+        return {
+            path: judge(part, samples, seconds, actions)
+            for path, part in zip(self.fleet.paths, parts, strict=True)
+        }
+
+    def _mend(
+        self, best: Path, verdict: "Verdict", randomization: float | str
+    ) -> tuple[tuple[object, ...], str]:
+        """Returns the words of the command that exports or mends a policy, and a remark on them."""
+        from maidenflight.experiments import drones
+
+        policy = self.fleet.files[self.fleet.paths.index(best)]
+        if verdict.is_good:
+            return export_command(best, policy.policy), ""
+        known = drones.read_file(self.drone)
+        actions = {one.parameter: one.action for one in known.advice}
+        if verdict.parameter in actions:
+            again = Path(self.drone).with_name("drone_2.toml")
+            return ("identify", "LOGS", "-o", again), f"LOGS: {actions[verdict.parameter]}"
+        place = best.parent.parent / f"{run_folder.POLICIES}_2"
+        if not policy.record or self.describe_other_drones([self.drone]):
+            over: tuple[object, ...] = ("--control", policy.interface.name)
+        else:
+            width = randomization if randomization == names.POSTERIOR else names.ANY_DAY
+            over = ("--from", best, "--randomize", width)
+        over += ("--task", policy.task) if policy.task else ()
+        return ("train", "--drone", self.drone, *over, "-o", place), ""
 
 
 def _tabulate(summary: list[Row], ends: list[Counter[str]], against_best: list[float]) -> Table:

@@ -281,7 +281,7 @@ class Train(Verb):
         from maidenflight.experiments import drones
         from maidenflight.identification import identity
         from maidenflight.training import checkpoint, folder, loggers
-        from maidenflight.training.scores import Scores, describe_spread
+        from maidenflight.training.scores import Scores, describe_spread, describe_survival
         from maidenflight.training.settings import recorded
         from maidenflight.training.train import Progress as Training
 
@@ -332,11 +332,11 @@ class Train(Verb):
         written = folder.write_policies(
             output, policies, record, self.drone_file.parameters, scores.table
         )
-        best = scores.best
+        best, refers = scores.best, describe_survival(self._randomization, self.drone)
         rows = [{"policy": f"policy_{number}", **one} for number, one in enumerate(best, 1)]
         return Result(
             content={"policies": [str(path) for path in written["policies"]], "scores": best},
-            summary=[*_tabulate(rows), *describe_spread(best)],
+            summary=[*_tabulate(rows), *describe_spread(best), refers],
             notes=drones.describe_unknown(self.drone_file),
             written=written,
             read={"drone": drone},

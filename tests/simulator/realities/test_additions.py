@@ -85,6 +85,13 @@ def test_what_cannot_be_added_is_refused(name: str) -> None:
         reality(name)
 
 
+def test_a_payload_beyond_the_thrust_names_the_ratio() -> None:
+    heavy = 1.0 + 90 / 100
+    ratio = float(reality("near:7").parameters.thrust_to_weight) / heavy
+    with pytest.raises(InputError, match=f"cannot lift 90 % more.*{ratio:.3f} with this payload"):
+        reality("near:7+payload90")
+
+
 def test_a_latency_between_two_steps_is_refused() -> None:
     with pytest.raises(InputError, match="2 ms"):
         DelayWrapper(NumpyDrone(), 0.003)

@@ -352,6 +352,23 @@ def test_way_points_without_time_are_passed_with_least_snap_and_within_their_lim
             assert snap(moved) > least
 
 
+def test_rows_in_motion_are_flown_up_to_from_rest(tmp_path):
+    file, times = tmp_path / "circle.csv", np.arange(0.0, 4.0, 0.02)
+    places = 0.5 * np.sin(2 * times), 0.5 * np.cos(2 * times)
+    rows = "".join(f"{t},{x},{y},1\n" for t, x, y in zip(times, *places, strict=True))
+    file.write_text(f"t,x,y,z\n{rows}")
+    trajectory, duration = waypoints.read_reference(file)
+    at = np.linspace(0.0, duration, 300)
+    there, slope = points(trajectory, at), points(velocity(trajectory), at)
+    push = np.linalg.norm(points(velocity(velocity(trajectory)), at), axis=1)
+    np.testing.assert_allclose(np.hypot(there[:, 0], there[:, 1]), 0.5, atol=1e-4)
+    np.testing.assert_allclose(there[[0, -1], 0], places[0][[0, -1]], atol=1e-4)
+    speeds = np.linalg.norm(slope, axis=1)
+    np.testing.assert_allclose(speeds[[0, 150, -1]], [0.0, 1.0, 0.0], atol=1e-3)
+    assert push.max() < np.hypot(2.0, waypoints.CRUISE_M_S2)
+    assert duration == pytest.approx(times[-1] + 1.5)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -140,7 +140,13 @@ def _changed(own: Parameters, one: Perturbation, name: str) -> Parameters:
         thrusts = np.asarray(own.rotor_thrust * _weak(one.amount), np.float32)
         return replace(own, rotor_thrust=thrusts)
     if one.kind == "payload":
-        return parameters.check(loaded(own, one.amount / 100), name)
+        heavy = loaded(own, one.amount / 100)
+        if (ratio := float(heavy.thrust_to_weight)) < 1.0:
+            raise InputError(
+                f"{name}: cannot lift {one.amount:g} % more: thrust-to-weight ratio {ratio:.3f} "
+                "with this payload; expected above 1. Give less."
+            )
+        return parameters.check(heavy, name)
     late = replace(own, latency=float(own.latency) + one.amount)
     return parameters.check(late, name)
 

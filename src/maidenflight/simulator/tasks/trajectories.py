@@ -140,6 +140,37 @@ def accelerating(
 
 
 @cached_by_arguments
+def between_rests(
+    trajectory: Trajectory, duration: float, first: float, last: float
+) -> tuple[Trajectory, float]:
+    """Returns the same path from rest to rest, and its duration [s].
+
+    Its speed is a share of the trajectory's own: 10 u^3 - 15 u^4 + 6 u^5 with u = t / first in the
+    beginning, likewise backwards in the end, so that its jerk has no jump.
+
+    Args:
+        trajectory: the trajectory.
+        duration: of it [s].
+        first: time in which it comes to its own speed [s]; at most its duration.
+        last: time in which it comes to rest [s]; likewise.
+
+    Source: the shape from rest to rest with the least jerk, Flash and Hogan 1985, as a speed.
+    """
+    whole = duration + (first + last) / 2.0
+
+    def advance(time: Float[Array, ""], ramp: float) -> Float[Array, ""]:
+        early = jnp.clip(time, 0.0, ramp)
+        u = early / ramp
+        return early * u**3 * (2.5 - 3.0 * u + u * u) + jnp.maximum(time - ramp, 0.0)
+
+    def reference(time: Float[Array, ""]) -> Float[Array, "3"]:
+        ending = duration - advance(whole - time, last)
+        return trajectory(jnp.where(time < whole - last, advance(time, first), ending))
+
+    return reference, whole
+
+
+@cached_by_arguments
 def hastening(trajectory: Trajectory, fastest: float) -> Trajectory:
     """Returns the same path, faster: its speed grows evenly to `fastest` times its own.
 

@@ -15,7 +15,12 @@ from jaxtyping import Array, Float
 from maidenflight import budget, inputs
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
-from maidenflight.simulator.tasks.trajectories import Trajectory, cached_by_arguments
+from maidenflight.simulator.tasks.trajectories import (
+    START_S,
+    Trajectory,
+    between_rests,
+    cached_by_arguments,
+)
 
 Waypoints = tuple[tuple[float, float, float, float], ...]
 """Rows of time [s], x, y, z [m], world."""
@@ -94,10 +99,15 @@ def minimum_snap(points: Waypoints) -> Trajectory:
     the spline of degree 7.
     """
     table = _checked(points)
-    spline, times = snap_spline(table[:, 0], table[:, 1:]), table[:, 0]
+    return _pieces(snap_spline(table[:, 0], table[:, 1:]), table[:, 0], 7)
+
+
+def _pieces(spline: Any, times: Float[np.ndarray, "n"], degree: int) -> Trajectory:
+    """Returns a spline as a trajectory."""
     lengths = np.diff(times)[:, None]
     powers = [
-        spline(times[:-1], nu=power) * lengths**power / factorial(power) for power in range(8)
+        spline(times[:-1], nu=power) * lengths**power / factorial(power)
+        for power in range(degree + 1)
     ]
     return piecewise(times, np.stack(powers))
 
@@ -159,6 +169,9 @@ def _fastest(
 def read_reference(file: StrPath) -> tuple[Trajectory, float]:
     """Reads what a drone is to follow: the curve of least snap through a file's way-points.
 
+    Rows in motion, such as a circle sampled at constant speed, are flown up to from rest, and to
+    rest behind them; for a while longer than they take.
+
     Args:
         file: as of `read_waypoints`.
 
@@ -177,13 +190,52 @@ def read_reference(file: StrPath) -> tuple[Trajectory, float]:
             "1 m."
         )
     speed, acceleration = _fastest(table[:, 0], table[:, 1:])
-    if speed > MOST_M_S or acceleration > MOST_M_S2:
-        raise InputError(
-            f"{file}: the smooth curve through the rows has up to {speed:.1f} m/s and "
-            f"{acceleration:.1f} m/s^2; expected at most {MOST_M_S:g} m/s and {MOST_M_S2:g} m/s^2. "
-            "Give more time, fewer rows or none that jump; or leave the column t out."
-        )
-    return minimum_snap(points), points[-1][0]
+    if speed <= MOST_M_S and acceleration <= MOST_M_S2:
+        return minimum_snap(points), points[-1][0]
+    if len(points) > 5:
+        moving, duration, speed, acceleration = _run_up(points)
+        if speed <= MOST_M_S and acceleration <= MOST_M_S2:
+            return moving, duration
+    raise InputError(
+        f"{file}: the smooth curve through the rows has up to {speed:.1f} m/s and "
+        f"{acceleration:.1f} m/s^2; expected at most {MOST_M_S:g} m/s and {MOST_M_S2:g} m/s^2. "
+        "Give more time, fewer rows or none that jump; or leave the column t out."
+    )
+
+
+@cached_by_arguments
+def _run_up(points: Waypoints, degree: int = 5) -> tuple[Trajectory, float, float, float]:
+    """Curve through points in motion, from rest to rest; its duration, speed and acceleration.
+
+    Ramps take at most `CRUISE_M_S2` of the speed at the ends along the path. The spline's jerk is
+    continuous and its ends are free.
+    """
+    from scipy.interpolate import make_interp_spline
+
+    table = np.array(points)
+    times, duration = table[:, 0], table[-1, 0]
+    spline = make_interp_spline(times, table[:, 1:], k=degree)
+    ends = np.linalg.norm(spline(times[[0, -1]], nu=1), axis=1)
+    first, last = np.clip(15 / 8 * ends / CRUISE_M_S2, START_S, duration).tolist()
+    moving = _pieces(spline, times, degree)
+    # Derivatives by the clock: p' s and p'' s^2 + p' ds/dt, with the share s of the own speed.
+    u = np.linspace(0.0, 1.0, 400)[:, None]
+    progress, share = u**4 * (2.5 - 3.0 * u + u**2), u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+    gaining = 30.0 * u**2 * (1.0 - u) ** 2
+    fine = np.linspace(times[:-1], times[1:], 21).T.ravel()
+    middle = fine[(fine >= first / 2.0) & (fine <= duration - last / 2.0)]
+    speeds, accelerations = [spline(middle, nu=1)], [spline(middle, nu=2)]
+    for at, change in (
+        (first * progress, gaining / first),
+        (duration - last * progress, -gaining / last),
+    ):
+        slope, bend = (spline(at[:, 0], nu=order) for order in (1, 2))
+        speeds.append(slope * share)
+        accelerations.append(bend * share**2 + slope * change)
+    speed, acceleration = (
+        float(np.linalg.norm(np.concatenate(one), axis=1).max()) for one in (speeds, accelerations)
+    )
+    return *between_rests(moving, float(duration), first, last), speed, acceleration
 
 
 def waypoints(file: StrPath, smooth: bool = False, fastest: float = MOST_M_S) -> Trajectory:
