@@ -99,6 +99,17 @@ def on_a_bench(flight: Flight) -> Flight:
     )
 
 
+def vibrating(flight: Flight) -> Flight:
+    """A drone that stands for 2 s, and whose accelerometer clips what vibrates in flight."""
+    seconds = flight.period * np.arange(len(flight))
+    noise = np.random.default_rng(0).normal(0.0, 15.0, (len(flight), 3))
+    force = np.clip(flight.arrays["accelerometer"] + noise, -16.0, 16.0)
+    standing = np.array([0.0, 0.0, 9.81 * 0.93]) + 0.001 * noise
+    return replace(
+        flight, accelerometer=np.where(seconds[:, None] < 2.0, standing, force).astype(FLOAT)
+    )
+
+
 def body_velocity(flight: Flight) -> Flight:
     back = kinematics.rotations(flight).inv()
     return replace(flight, velocity=back.apply(flight.velocity.astype(float)).astype(FLOAT))
@@ -156,6 +167,7 @@ SPOILINGS: Mapping[str, tuple[Callable[[Flight], Flight], str, str]] = {
     "force negated": (partial(scaled, accelerometer=-1.0), "accelerometer", "opposite sign"),
     "force in g": (partial(scaled, accelerometer=1 / 9.81), "accelerometer", "like g; expected"),
     "half the force": (partial(scaled, accelerometer=0.5), "accelerometer", "half the range"),
+    "force clipped": (vibrating, "accelerometer", "reads 0.93 g where the drone is still"),
     "force swapped": (partial(turned, "accelerometer", SWAP), "accelerometer axes", "swapped"),
     "another time's commands": (other_time, "motors drive", "nothing to do with the motion"),
     "one ESC silent": (
