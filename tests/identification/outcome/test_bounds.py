@@ -66,9 +66,11 @@ def test_a_value_at_a_bound_is_found_but_not_where_nature_ends(name, bounds):
 def test_a_drone_that_hardly_flies_is_not_yet_at_the_bound():
     bounds = physical_bounds(crazyflie())["thrust_to_weight"]
     assert bound_reached("thrust_to_weight", estimate(1.06, bounds)) is None
-    said = at_bounds({"thrust_to_weight": estimate(bounds[0], bounds)})["thrust_to_weight"]
-    assert "--bounds" not in said
-    assert "--battery-law" in said
+    found = {"thrust_to_weight": estimate(bounds[0], bounds)}
+    by_law, otherwise = (at_bounds(found, by_law)["thrust_to_weight"] for by_law in (True, False))
+    assert "--bounds" not in by_law + otherwise
+    assert "--battery-law" in by_law
+    assert "--battery-law" not in otherwise
 
 
 @pytest.mark.parametrize(("name", "bounds"), SEARCHED)
