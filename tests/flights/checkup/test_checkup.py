@@ -252,6 +252,15 @@ def test_a_test_answers_on_both_sides_of_its_threshold(
     assert found.verdict in verdicts, found.sentence
 
 
+@pytest.mark.parametrize(("test", "amount"), [("thrust curve", 0.62), ("one drone", 1.076)])
+def test_what_is_beyond_its_limit_by_less_than_its_error_is_no_alarm(
+    test: str, amount: float
+) -> None:
+    found = results(SIDES[test][0](amount, replace(recorded(), rotor_speed=None)))[test]
+    assert found.verdict == UNKNOWN, found
+    assert "too little to tell it from" in found.cause
+
+
 def test_yaw_that_answers_the_wrong_way_round_is_a_warning() -> None:
     flight = turned("attitude", Z, turned("body_rates", Z, recorded()))
     found = results(flight)["yaw direction"]

@@ -22,6 +22,7 @@ from maidenflight.flights.checkup.response import (
     SLOW,
     Responses,
     Spectra,
+    gain_error,
     responses,
     spectra,
 )
@@ -320,14 +321,17 @@ def _check_curve(pieces: Sequence[Flight], answer: Responses, logged: Fit) -> Ch
     product = answer.products[FORCE, lag, place].sum()
     gain = 4 * product / answer.power[FORCE, lag].sum()
     share = float(gain * command / max(float(force.mean(dtype=np.float64)), 0.1 * GRAVITY))
+    error = share * gain_error(pieces, float(LAGS_S[lag]), float(DELAYS_S[place]))
     low, high = CURVE
     threshold = f"{low:g} .. {high:g}"
-    text = f"1 % more command gives {share:.2f} % more thrust"
+    text = f"1 % more command gives {share:.2f} % +- {error:.2f} % more thrust"
     if low < share < high:
         return CheckResult(name, PASSES, text, share, threshold)
     if share <= low and low < (gentle := _gentle_share(pieces)) < high:
         text += f", at low throttle {gentle:.2f} %: motors or battery saturate above"
         return CheckResult(name, PASSES, text, share, threshold)
+    if low < share + error and share - error < high:
+        return unknown(name, f"{text}, too little to tell it from {threshold}", share)
     cause = (
         "commands may be rotor speeds, sqrt(u), or percent above an idle that was not taken off"
         if share > high
