@@ -261,6 +261,24 @@ def test_what_is_beyond_its_limit_by_less_than_its_error_is_no_alarm(
     assert "too little to tell it from" in found.cause
 
 
+def test_a_square_that_the_log_does_not_ask_for_is_the_first_cause() -> None:
+    """A drone that hovers at a tenth of the throttle, to which thrust is in proportion."""
+    flight = replace(recorded(), rotor_speed=None, square_since="THR_MDL_FAC is 0")
+    squared = replace(flight, command=np.square(flight.command * FLOAT(0.2)))
+    found = results(squared)
+    weight = found["thrust to weight"]
+    assert weight.verdict == WARNS
+    assert "the square of the throttle, for THR_MDL_FAC is 0" in weight.cause
+    hover = results(flight)["thrust to weight"].statistic
+    assert hover is not None
+    # Of the root of the motors' mean, which is a little more than the mean of their roots.
+    said = float(weight.cause.rpartition("full thrust is ")[2].split()[0])
+    assert said == pytest.approx(hover / 0.2, rel=0.05)
+    curve = results(replace(squared, command=squared.command ** FLOAT(1.1)))["thrust curve"]
+    assert curve.verdict == WARNS
+    assert "for THR_MDL_FAC is 0, and thrust follows the throttle" in curve.cause
+
+
 def test_yaw_that_answers_the_wrong_way_round_is_a_warning() -> None:
     flight = turned("attitude", Z, turned("body_rates", Z, recorded()))
     found = results(flight)["yaw direction"]

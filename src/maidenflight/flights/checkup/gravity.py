@@ -51,8 +51,6 @@ DRAG_MATCH, DRAG_MARGIN = 0.8, 0.35
 better in another frame to be named."""
 LEAST_DRAG_SPEED = 0.05
 """Standard deviation of the velocity from which drag shows [m/s]."""
-STILL_S, STILL = 0.5, 0.1
-"""Blocks [s], and the share of them, the quietest, in which a drone stands if it does; chosen."""
 FRAME = "accelerometer axes"
 _UNITS = {
     1 / GRAVITY: "g; expected m/s2",
@@ -149,16 +147,16 @@ def _check_scale(pieces: Sequence[Flight], follows: bool) -> CheckResult:
 
 
 def _still_scale(pieces: Sequence[Flight]) -> float:
-    """Measures the size of the specific force [g] in the quietest blocks."""
+    """Measures the size of the specific force [g] in the quietest tenth of half seconds."""
     force, deviation = [], []
     for piece in pieces:
-        rows = max(1, round(STILL_S / piece.period))
+        rows = max(1, round(0.5 / piece.period))
         signal = np.asarray(piece.accelerometer).astype(float)
         mean, square = block_mean(signal, rows), block_mean(signal**2, rows)
         force.append(np.linalg.norm(mean, axis=1))
         deviation.append((square - mean**2).sum(axis=1))
     each, spread = np.concatenate(force), np.concatenate(deviation)
-    quiet = spread <= np.quantile(spread, STILL) if len(spread) else spread > 0
+    quiet = spread <= np.quantile(spread, 0.1) if len(spread) else spread > 0
     return float(np.median(each[quiet])) / GRAVITY if quiet.any() else 0.0
 
 
