@@ -379,6 +379,20 @@ def test_a_voltage_that_never_changes_is_not_believed(tmp_path) -> None:
     assert not any(np.isfinite(one.battery).any() for one in logs)
 
 
+@pytest.mark.parametrize(("shares", "named"), [([0.63] * 3, 1), ([0.63, 1, 1.5], 0), ([1] * 3, 0)])
+def test_a_motor_that_is_weak_in_several_short_logs_is_named(
+    shares: Sequence[float], named: int, tmp_path
+) -> None:
+    for number, share in enumerate(shares):
+        flight = driven(300, number)
+        weak = flight.command * FLOAT(0.5) / np.array([1, 1, 1, share], FLOAT)
+        log.write(tmp_path / f"{number}.csv", replace(flight, command=weak))
+    logs = read_flights(tmp_path, faulty="use")
+    found = [one for one in logs.warnings if one.kind == "motor balance"]
+    assert len(found) == named
+    assert all("in 3 logs" in one.cause and "front left" in one.cause for one in found)
+
+
 def test_a_folder_with_a_faulty_log_is_refused_unless_told(tmp_path) -> None:
     log.write(tmp_path / "good.csv", driven(900))
     log.write(tmp_path / "bad.csv", ordered((3, 2, 1, 0), driven(900, 1)))
