@@ -276,12 +276,12 @@ MOST = {
     "closure of identify": 105,
     "closure of train": 55,
     "closure of export": 28,
-    "log to drone.toml: stops": 711,
+    "log to drone.toml: stops": 714,
     "log to drone.toml: modules": 116,
-    "log to drone.toml: names": 930,
+    "log to drone.toml: names": 934,
     "drone to policy: stops": 306,
     "drone to policy: modules": 67,
-    "drone to policy: names": 459,
+    "drone to policy: names": 460,
     "policy to flight: stops": 260,
     "policy to flight: modules": 52,
     "policy to flight: names": 392,
@@ -293,7 +293,7 @@ MOST = {
     "study to table: names": 123,
     "constants": 732,
     "constants without a source": 583,
-    "lines": 58_580,
+    "lines": 58_725,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
