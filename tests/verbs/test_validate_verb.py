@@ -1,16 +1,17 @@
 """`Validate` judges a drone beside the baseline and another drone; `identify` notes odd thrust."""
 
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import polars
 import pytest
 
+from made_flights import calm
 from maidenflight import run_folder
 from maidenflight.disturbances import horizons
 from maidenflight.disturbances.horizons import PERSISTENCE, SUMS, WITH_DISTURBANCES
 from maidenflight.flights.checkup.result import PASSES, CheckResult
+from maidenflight.flights.reading import Flights
 from maidenflight.parameters import crazyflie
 from maidenflight.run_folder import ERROR_UNITS
 from maidenflight.verb import Progress
@@ -50,9 +51,13 @@ def test_each_flights_own_trim_is_judged_apart_and_no_rival() -> None:
 @pytest.mark.parametrize(("logged", "notes"), [(1.5, 0), (1.9, 0), (2.98, 1), (1.0, 1)])
 def test_thrust_far_from_the_starts_is_noted(logged: float, notes: int) -> None:
     check = CheckResult("thrust to weight", PASSES, "hovering", logged, "above 1.02")
-    flights: Any = SimpleNamespace(checks={"log": [check]})
-    assert len(logs_output.note_thrust(flights, "crazyflie", 1.72)) == notes
-    assert logs_output.note_thrust(SimpleNamespace(checks={}), "crazyflie", 1.72) == []  # type: ignore[arg-type]
+    plain, square = calm(4), calm(4, square_since="THR_MDL_FAC is 0")
+    said = [
+        logs_output.note_thrust(Flights((one,), (), (), (), {"log": checks}), "crazyflie", 1.72)
+        for one, checks in ((plain, (check,)), (square, (check,)), (plain, ()))
+    ]
+    assert list(map(len, said)) == [notes, notes, 0]
+    assert any("THR_MDL_FAC is 0" in one for one in said[1]) is (logged > 2.9)
 
 
 def ahead_rows() -> list[dict[str, Any]]:

@@ -105,6 +105,8 @@ class Flight:
     else they are the square of what an ESC was sent."""
     assumed_law: str | None = None
     """The battery law by which its commands were read although the log does not name it."""
+    square_since: str = ""
+    """What the log says for thrust as the square of the throttle; empty where it says nothing."""
     accelerometer_delay: float = ACCELEROMETER_DELAY
     """By which the low-pass filter of the accelerometer makes it late [s]."""
     gyro_delay: float = GYRO_DELAY
@@ -285,6 +287,7 @@ def to_csv(flight: Flight, record: Mapping[str, Any] | None = None) -> str:
         *([] if flight.gyro_delay_known else ["# gyro_delay_known: no"]),
         *([] if flight.by_battery_law else ["# by_battery_law: no"]),
         *([f"# assumed_law: {flight.assumed_law}"] if flight.assumed_law else []),
+        *([f"# square_since: {flight.square_since}"] if flight.square_since else []),
         results.record_line(record),
     ]
     return "\n".join(head) + "\n" + frame.write_csv(float_precision=7)
@@ -377,6 +380,7 @@ def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
         gyro_delay_known=table.head.get("gyro_delay_known", "yes") != "no",
         by_battery_law=table.head.get("by_battery_law", "yes") != "no",
         assumed_law=table.head.get("assumed_law"),
+        square_since=table.head.get("square_since", ""),
         battery=column["battery"],
         **arrays,
     )

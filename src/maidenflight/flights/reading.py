@@ -20,7 +20,7 @@ from maidenflight.errors import InputError, first_few
 from maidenflight.flights import compensation, formats, log, not_logs
 from maidenflight.flights.checked_log import check_log, cut
 from maidenflight.flights.checkup import one_drone
-from maidenflight.flights.checkup.columns import check_battery
+from maidenflight.flights.checkup.columns import check_battery, check_one_motor
 from maidenflight.flights.checkup.result import CheckResult, LogWarning, warnings_of
 from maidenflight.flights.log import ZERO_ORDER_HOLD, Flight
 from maidenflight.flights.sampling import sampled
@@ -167,7 +167,12 @@ def read_flights(
         tuple(reading.paths),
         tuple(reading.refused),
         reading.checks,
-        (*warnings_of(reading.checks), *one_drone.compare_loads(loads), *dead),
+        (
+            *warnings_of(reading.checks),
+            *one_drone.compare_loads(loads),
+            *check_one_motor(flights, reading.checks),
+            *dead,
+        ),
     )
     if duration <= most:
         return selection

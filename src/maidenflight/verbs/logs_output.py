@@ -39,11 +39,14 @@ def note_thrust(flights: Flights, start: str, thrust_to_weight: float) -> list[s
     logged = sorted(counts)[len(counts) // 2]
     if 1 / _OTHER_THRUST < logged / thrust_to_weight < _OTHER_THRUST:
         return []
+    reason = "PWM limits, percent, another full throttle, sqrt(u) or u squared for u"
+    squares = [one.square_since for one in flights if one.square_since]
+    if squares and logged > thrust_to_weight:
+        reason = f"{squares[0]}, so u is the square of the throttle: thrust may follow it itself"
     return [
         f"full thrust is {logged:.2f} times the weight in these logs, and {thrust_to_weight:.2f} "
-        f"times of {start}: if that is your drone, the scale of the commands is wrong (PWM limits, "
-        "percent, another full throttle, sqrt(u) or u squared for u), or the battery or load is "
-        "another one"
+        f"times of {start}: if that is your drone, the scale of the commands is wrong ({reason}), "
+        "or the battery or load is another one"
     ]
 
 

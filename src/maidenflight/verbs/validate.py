@@ -115,8 +115,7 @@ class Validate(Verb):
     def compute(self, output: Path, progress: Progress) -> Result:
         """Predicts flights with the drone and with the paper's Crazyflie; writes two tables.
 
-        Commands stand for what they did where the drone was identified, unless logs or the setting
-        say it.
+        Commands stand for what they did in the identification, unless logs or the setting say it.
         """
         from maidenflight.experiments import drones
         from maidenflight.flights.checkup.result import warning_lines

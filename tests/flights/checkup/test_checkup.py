@@ -99,6 +99,17 @@ def on_a_bench(flight: Flight) -> Flight:
     )
 
 
+def vibrating(flight: Flight) -> Flight:
+    """A drone that stands for 2 s, and whose accelerometer clips what vibrates in flight."""
+    seconds = flight.period * np.arange(len(flight))
+    noise = np.random.default_rng(0).normal(0.0, 15.0, (len(flight), 3))
+    force = np.clip(flight.arrays["accelerometer"] + noise, -16.0, 16.0)
+    standing = np.array([0.0, 0.0, 9.81 * 0.93]) + 0.001 * noise
+    return replace(
+        flight, accelerometer=np.where(seconds[:, None] < 2.0, standing, force).astype(FLOAT)
+    )
+
+
 def body_velocity(flight: Flight) -> Flight:
     back = kinematics.rotations(flight).inv()
     return replace(flight, velocity=back.apply(flight.velocity.astype(float)).astype(FLOAT))
@@ -156,6 +167,7 @@ SPOILINGS: Mapping[str, tuple[Callable[[Flight], Flight], str, str]] = {
     "force negated": (partial(scaled, accelerometer=-1.0), "accelerometer", "opposite sign"),
     "force in g": (partial(scaled, accelerometer=1 / 9.81), "accelerometer", "like g; expected"),
     "half the force": (partial(scaled, accelerometer=0.5), "accelerometer", "half the range"),
+    "force clipped": (vibrating, "accelerometer", "reads 0.93 g where the drone is still"),
     "force swapped": (partial(turned, "accelerometer", SWAP), "accelerometer axes", "swapped"),
     "another time's commands": (other_time, "motors drive", "nothing to do with the motion"),
     "one ESC silent": (
@@ -238,6 +250,33 @@ def test_a_test_answers_on_both_sides_of_its_threshold(
     flight = recorded() if test != "one drone" else replace(recorded(), rotor_speed=None)
     found = results(SIDES[test][0](amount, flight))[test]
     assert found.verdict in verdicts, found.sentence
+
+
+@pytest.mark.parametrize(("test", "amount"), [("thrust curve", 0.62), ("one drone", 1.076)])
+def test_what_is_beyond_its_limit_by_less_than_its_error_is_no_alarm(
+    test: str, amount: float
+) -> None:
+    found = results(SIDES[test][0](amount, replace(recorded(), rotor_speed=None)))[test]
+    assert found.verdict == UNKNOWN, found
+    assert "too little to tell it from" in found.cause
+
+
+def test_a_square_that_the_log_does_not_ask_for_is_the_first_cause() -> None:
+    """A drone that hovers at a tenth of the throttle, to which thrust is in proportion."""
+    flight = replace(recorded(), rotor_speed=None, square_since="THR_MDL_FAC is 0")
+    squared = replace(flight, command=np.square(flight.command * FLOAT(0.2)))
+    found = results(squared)
+    weight = found["thrust to weight"]
+    assert weight.verdict == WARNS
+    assert "the square of the throttle, for THR_MDL_FAC is 0" in weight.cause
+    hover = results(flight)["thrust to weight"].statistic
+    assert hover is not None
+    # Of the root of the motors' mean, which is a little more than the mean of their roots.
+    said = float(weight.cause.rpartition("full thrust is ")[2].split()[0])
+    assert said == pytest.approx(hover / 0.2, rel=0.05)
+    curve = results(replace(squared, command=squared.command ** FLOAT(1.1)))["thrust curve"]
+    assert curve.verdict == WARNS
+    assert "for THR_MDL_FAC is 0, and thrust follows the throttle" in curve.cause
 
 
 def test_yaw_that_answers_the_wrong_way_round_is_a_warning() -> None:
@@ -338,6 +377,20 @@ def test_a_voltage_that_never_changes_is_not_believed(tmp_path) -> None:
     logs = read_flights(tmp_path)
     assert [one.kind for one in logs.warnings] == ["battery"]
     assert not any(np.isfinite(one.battery).any() for one in logs)
+
+
+@pytest.mark.parametrize(("shares", "named"), [([0.63] * 3, 1), ([0.63, 1, 1.5], 0), ([1] * 3, 0)])
+def test_a_motor_that_is_weak_in_several_short_logs_is_named(
+    shares: Sequence[float], named: int, tmp_path
+) -> None:
+    for number, share in enumerate(shares):
+        flight = driven(300, number)
+        weak = flight.command * FLOAT(0.5) / np.array([1, 1, 1, share], FLOAT)
+        log.write(tmp_path / f"{number}.csv", replace(flight, command=weak))
+    logs = read_flights(tmp_path, faulty="use")
+    found = [one for one in logs.warnings if one.kind == "motor balance"]
+    assert len(found) == named
+    assert all("in 3 logs" in one.cause and "front left" in one.cause for one in found)
 
 
 def test_a_folder_with_a_faulty_log_is_refused_unless_told(tmp_path) -> None:

@@ -1,6 +1,7 @@
 """Estimates at a bound of their search are found and refused, and what notes advise is possible."""
 
 import re
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -9,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from made_flights import calm
 from maidenflight import cli, policy, policy_file
 from maidenflight.errors import InputError
 from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
@@ -20,6 +22,7 @@ from maidenflight.identification.outcome.bounds import (
     must_lie_within_bounds,
     widened,
 )
+from maidenflight.identification.outcome.problem import Problem
 from maidenflight.identification.posterior import Posterior
 from maidenflight.identification.search.box import (
     PAPER_BOUNDS,
@@ -66,9 +69,18 @@ def test_a_value_at_a_bound_is_found_but_not_where_nature_ends(name, bounds):
 def test_a_drone_that_hardly_flies_is_not_yet_at_the_bound():
     bounds = physical_bounds(crazyflie())["thrust_to_weight"]
     assert bound_reached("thrust_to_weight", estimate(1.06, bounds)) is None
-    said = at_bounds({"thrust_to_weight": estimate(bounds[0], bounds)})["thrust_to_weight"]
-    assert "--bounds" not in said
-    assert "--battery-law" in said
+    found = {"thrust_to_weight": estimate(bounds[0], bounds)}
+    by_law, otherwise = (at_bounds(found, by_law)["thrust_to_weight"] for by_law in (True, False))
+    assert "--bounds" not in by_law + otherwise
+    assert "--battery-law" in by_law
+    assert "--battery-law" not in otherwise
+
+
+def test_a_battery_law_counts_only_where_it_gave_all_thrust():
+    flight = calm(300)
+    others = replace(flight, by_battery_law=False), calm(300, battery=np.full(300, np.nan))
+    assert Problem.of([flight]).by_battery_law
+    assert not any(Problem.of([flight, other]).by_battery_law for other in others)
 
 
 @pytest.mark.parametrize(("name", "bounds"), SEARCHED)

@@ -95,6 +95,41 @@ def test_firmware_of_before_3_5_says_its_frame_and_channels_otherwise(tmp_path: 
     assert_allclose(read_back.command, flight.command[:-1], atol=2e-3)
 
 
+def before_3_4(messages: Any) -> Any:
+    """Rates in hundredths of a degree, outputs up to 4500 and 1000, centivolts of CURR."""
+    (_, fields, letters, rows), (*imu, senses), motors, (*_, volts), *_ = messages
+    unit = [1, *(1, 100, 4500) * 3, 1, 1, 1000]
+    rates = [tuple(value * by for value, by in zip(row, unit, strict=True)) for row in rows]
+    battery = [(row[0], 500, round(100 * row[2]), 900) for row in volts]
+    return [
+        ("RATE", fields, letters, rates),
+        (*imu, [row for row in senses if row[1] == 0][::2]),
+        motors,
+        ("CURR", "TimeUS,Throttle,Volt,Curr", "Qhhh", battery),
+    ]
+
+
+def test_rates_battery_and_pwm_of_before_3_4_have_other_units(tmp_path: Path) -> None:
+    """As ArduCopter 3.3 logs them, but for motors that it logs at 10 Hz."""
+    flight = sensed()
+    older = {key: one for key, one in made.PARAMETERS.items() if key[:8] not in OLD_HAS_NOT}
+    # 1000 us + 150 us, of which 800 of 850 us are the whole throttle.
+    older |= {"FRAME": 1.0, "RC3_MIN": 1000.0, "RC3_MAX": 2000.0, "THR_MIN": 150.0}
+    path = tmp_path / "3.BIN"
+    messages = before_3_4(made.messages_of(flight, rare=1))
+    path.write_bytes(made.dataflash(messages, older | {"MOT_THST_MAX": 800 / 850}))
+    (read_back,) = read_flights(path)
+    assert_allclose(read_back.body_rates, flight.body_rates[: len(read_back)], atol=1e-4)
+    assert_allclose(read_back.command, flight.command[: len(read_back)], atol=2e-3)
+    assert_allclose(read_back.battery, flight.battery[: len(read_back)], atol=1e-5)
+    path.write_bytes(made.dataflash(before_3_4(made.messages_of(flight)), older))
+    with pytest.raises(InputError, match=r"ArduCopter before 3\.4.* 10 Hz"):
+        read_flights(path)
+
+
+OLD_HAS_NOT = ("FRAME_CL", "FRAME_TY", "MOT_SPIN", "MOT_PWM_")
+
+
 def test_a_lost_start_and_zeros_cost_a_note(tmp_path: Path, capfd: Any) -> None:
     raw = made.dataflash(made.messages_of(sensed()), made.PARAMETERS)
     path = tmp_path / "1.BIN"

@@ -150,6 +150,7 @@ def test_thrust_is_by_the_thrust_models_factor(factor: float, tmp_path: Path) ->
         parameters[f"PWM_AUX_MIN{motor + 2}"] = 1100
         parameters[f"PWM_AUX_MAX{motor + 2}"] = 1900
     (by_outputs,) = read(tmp_path, topics, parameters)
+    assert by_motors.square_since == ("" if factor else "THR_MDL_FAC is not logged")
     assert_allclose(by_motors.command, flight.command, atol=1e-5)
     assert_allclose(by_outputs.command, flight.command, atol=1e-4)
 

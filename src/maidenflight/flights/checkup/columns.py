@@ -4,7 +4,7 @@ None of 142 sound logs of ten sources has two motors alike in more than 76 % of 
 rate or force that stands still for 0.15 s, or a voltage that never changes.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -115,6 +115,28 @@ def _runs(values: Float[np.ndarray, "N 3"]) -> list[tuple[int, int]]:
     same = np.concatenate([[0], (np.diff(values, axis=0) == 0).all(axis=1).astype(int), [0]])
     edges = np.flatnonzero(np.diff(same))
     return list(zip(edges[::2].tolist(), (edges[1::2] - edges[::2]).tolist(), strict=True))
+
+
+def check_one_motor(
+    flights: Sequence[Flight], checks: Mapping[str, Sequence[CheckResult]]
+) -> list[LogWarning]:
+    """Names a motor that takes more than the others in several logs of one drone.
+
+    Each of them may be too short to tell.
+
+    Args:
+        flights: of several logs, pieces of at least one of each.
+        checks: what was found of each log.
+    """
+    results = [one for each in checks.values() for one in each if one.name == BALANCE]
+    means = [flight.command.mean(axis=0, dtype=np.float64) for flight in flights]
+    if len(results) < 2 or any(one.verdict == WARNS for one in results):
+        return []
+    one = _check_balance(flights, sum(flight.duration for flight in flights))
+    if one.verdict != WARNS or len({int(np.argmax(mean)) for mean in means}) > 1:
+        return []
+    cause = f"in {len(results)} logs {one.cause}"
+    return [LogWarning(BALANCE, "", cause, one.remedy, one.statistic, one.threshold)]
 
 
 def check_battery(flights: Sequence[Flight]) -> list[LogWarning]:

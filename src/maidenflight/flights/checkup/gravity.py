@@ -130,6 +130,13 @@ def _check_scale(pieces: Sequence[Flight], follows: bool) -> CheckResult:
             "(vibration, clipping or a wrong scale), and thrust found from it is worth little."
         )
         return CheckResult(name, WARNS, sentence, ratio, threshold)
+    elif 1 / SCALE < (still := _still_scale(pieces)) < SCALE:
+        sentence = (
+            f"the accelerometer's {text}, though it reads {still:.2f} g where the drone is still: "
+            "vibration or clipping, no wrong unit, and thrust found from it is worth little."
+        )
+        remedy = "Balance the propellers, or mount the board softly."
+        return CheckResult(name, WARNS, sentence, ratio, threshold, remedy)
     else:
         unit = next((words for one, words in _UNITS.items() if 0.8 < ratio / one < 1.25), "")
         fault = f"it looks like {unit}" if unit else "its scale is wrong"
@@ -137,6 +144,20 @@ def _check_scale(pieces: Sequence[Flight], follows: bool) -> CheckResult:
     sentence = f"the accelerometer's {text}, {up:.2f} m/s2 along z; {fault}."
     certain = not 1 / CERTAIN_SCALE < ratio < CERTAIN_SCALE or up < 0
     return CheckResult(name, FAILS if certain else WARNS, sentence, ratio, threshold, remedy)
+
+
+def _still_scale(pieces: Sequence[Flight]) -> float:
+    """Measures the size of the specific force [g] in the quietest tenth of half seconds."""
+    force, deviation = [], []
+    for piece in pieces:
+        rows = max(1, round(0.5 / piece.period))
+        signal = np.asarray(piece.accelerometer).astype(float)
+        mean, square = block_mean(signal, rows), block_mean(signal**2, rows)
+        force.append(np.linalg.norm(mean, axis=1))
+        deviation.append((square - mean**2).sum(axis=1))
+    each, spread = np.concatenate(force), np.concatenate(deviation)
+    quiet = spread <= np.quantile(spread, 0.1) if len(spread) else spread > 0
+    return float(np.median(each[quiet])) / GRAVITY if quiet.any() else 0.0
 
 
 def _responses(

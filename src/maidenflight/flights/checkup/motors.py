@@ -22,6 +22,7 @@ from maidenflight.flights.checkup.response import (
     SLOW,
     Responses,
     Spectra,
+    gain_error,
     responses,
     spectra,
 )
@@ -320,19 +321,22 @@ def _check_curve(pieces: Sequence[Flight], answer: Responses, logged: Fit) -> Ch
     product = answer.products[FORCE, lag, place].sum()
     gain = 4 * product / answer.power[FORCE, lag].sum()
     share = float(gain * command / max(float(force.mean(dtype=np.float64)), 0.1 * GRAVITY))
+    error = share * gain_error(pieces, float(LAGS_S[lag]), float(DELAYS_S[place]))
     low, high = CURVE
     threshold = f"{low:g} .. {high:g}"
-    text = f"1 % more command gives {share:.2f} % more thrust"
+    text = f"1 % more command gives {share:.2f} % +- {error:.2f} % more thrust"
     if low < share < high:
         return CheckResult(name, PASSES, text, share, threshold)
     if share <= low and low < (gentle := _gentle_share(pieces)) < high:
         text += f", at low throttle {gentle:.2f} %: motors or battery saturate above"
         return CheckResult(name, PASSES, text, share, threshold)
-    cause = (
-        "commands may be rotor speeds, sqrt(u), or percent above an idle that was not taken off"
-        if share > high
-        else "commands may be squared once too often, or have an offset"
-    )
+    if low < share + error and share - error < high:
+        return unknown(name, f"{text}, too little to tell it from {threshold}", share)
+    cause = "commands may be squared once too often, or have an offset"
+    if share > high:
+        cause = "commands may be rotor speeds, sqrt(u), or percent above an idle not taken off"
+    elif since := pieces[0].square_since:
+        cause = f"u is the square of the throttle, for {since}, and thrust follows the throttle"
     sentence = f"{text}; expected about 1: {cause}. u is thrust as a share of full thrust."
     return CheckResult(name, WARNS, sentence, share, threshold)
 
@@ -381,9 +385,11 @@ def _check_thrust(pieces: Sequence[Flight], curve: CheckResult | None = None) ->
     measured = curve.statistic if curve is not None and curve.name == CURVE_NAME else None
     if ratio > high > by_root and (measured is None or measured < np.sqrt(0.5)):
         # Of no curve, thrust in proportion to the throttle is likelier than a wrong scale.
+        since = f", for {pieces[0].square_since}" if pieces[0].square_since else ""
         scale = (
-            "u was taken as the square of the throttle. If thrust follows the throttle itself, as "
-            f"through ESCs that linearise it, full thrust is {by_root:.2f} times the weight."
+            f"u was taken as the square of the throttle{since}. If thrust follows the throttle "
+            f"itself, as through ESCs that linearise it, hovering takes {100 / by_root:.0f} % of "
+            f"it, and full thrust is {by_root:.2f} times the weight."
         )
     remedy = (
         "Say which: THR_MDL_FAC of PX4 and the limits of the motors' outputs, or low, high and "

@@ -50,6 +50,9 @@ def check_load(pieces: Sequence[Flight]) -> CheckResult:
     if abs(step) < STEP or abs(step) < CERTAIN * error:
         text = f"thrust per command stays within {100 * abs(step):.1f} %"
         return CheckResult(NAME, PASSES, text, step, threshold)
+    if abs(step) - error < STEP:
+        text = f"thrust per command changes by {100 * abs(step):.1f} % +- {100 * error:.1f} %"
+        return unknown(NAME, f"{text}, too little to tell it from {100 * STEP:g} %", step)
     change = (
         f"thrust per command changes by {100 * np.expm1(step):+.0f} % after "
         f"{place * _BLOCK_S:.0f} s"

@@ -161,6 +161,31 @@ def _segments(signals: Float[np.ndarray, "M 8"], count: int) -> list[Float[np.nd
     return parts
 
 
+def gain_error(pieces: Sequence[Flight], lag: float, delay: float) -> float:
+    """Estimates the standard error of the answer of the force to all motors, as a share of it.
+
+    From how segments of the flight differ.
+
+    Args:
+        pieces: of one flight, with an accelerometer.
+        lag: of the motors [s].
+        delay: behind the commands [s].
+
+    Source: Cochran 1977, Sampling techniques, sec. 6.4 (ratio of two means).
+    """
+    products, power = [], []
+    for frequency, transform, late in _transforms(pieces, QUICK, False):
+        below = frequency < FORCE_BELOW_HZ
+        turn = 2j * np.pi * frequency[below]
+        behind = np.exp(-turn * (late + delay)) / (1 + turn * lag)
+        thrust = behind * transform[below, 4:].sum(axis=1)
+        products.append((thrust.conj() * transform[below, FORCE]).real.sum())
+        power.append((np.abs(thrust) ** 2).sum())
+    product, size = np.array(products), np.array(power)
+    left = product - size * (product.sum() / size.sum())
+    return float(np.sqrt(left @ left * len(left) / (len(left) - 1)) / abs(product.sum()))
+
+
 def responses(motion: Spectra) -> Responses:
     """Evaluates all lags and delays."""
     turn = 2j * np.pi * motion.frequency

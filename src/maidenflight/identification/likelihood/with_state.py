@@ -147,7 +147,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         gains=fit_result.gains,
         noise=noise,
         notes=(
-            *notes_on(estimates, model.segments),
+            *notes_on(estimates, model.segments, problem.by_battery_law),
             *note_gains_lost(fit_result.gains),
             *note_doubts(noise, flights),
             *joint.notes,

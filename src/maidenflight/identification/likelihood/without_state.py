@@ -144,7 +144,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         notes=(
             *law.notes(),
             *note_unexplained(flights, law, joint.drone),
-            *notes_on(joint.estimates, segments),
+            *notes_on(joint.estimates, segments, problem.by_battery_law),
             *note_gains_lost(gains),
             *joint.notes,
             *lag.notes(delay_evidence, motors),
@@ -315,11 +315,9 @@ def _unchanged(problem: Problem, force: Answer) -> tuple[Ranges, Ranges]:
 def _force_priors(problem: Problem) -> dict[str, tuple[float, float]]:
     """Mean and standard deviation of what is known of the force beforehand."""
     start = problem.start
-    by_law = all(
-        flight.by_battery_law and np.isfinite(flight.battery).any() for flight in problem.flights
-    )
+    shape = SHAPE if problem.by_battery_law else SHAPE_OF_PWM
     return {
-        "thrust_linear": (float(start.thrust_linear), SHAPE if by_law else SHAPE_OF_PWM),
+        "thrust_linear": (float(start.thrust_linear), shape),
         "drag_z": (float(component(start, "drag_z")), CLIMB_DRAG),
     }
 

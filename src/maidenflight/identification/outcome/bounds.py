@@ -70,8 +70,13 @@ def all_reached(drone: Parameters, limits: Mapping[str, tuple[float, float]]) ->
     ]
 
 
-def at_bounds(estimates: Mapping[str, Estimate]) -> dict[str, str]:
-    """Returns what to say and do of each estimate at a search bound, by the parameter's name."""
+def at_bounds(estimates: Mapping[str, Estimate], by_law: bool = False) -> dict[str, str]:
+    """Returns what to say and do of each estimate at a search bound, by the parameter's name.
+
+    Args:
+        estimates: by name.
+        by_law: whether a battery law is known to have given the flights' thrust.
+    """
     names_at = {}
     for name, estimate in estimates.items():
         bound = bound_reached(name, estimate)
@@ -79,12 +84,12 @@ def at_bounds(estimates: Mapping[str, Estimate]) -> dict[str, str]:
             names_at[name] = (
                 f"{name} = {estimate.value:.4g} lies at its search bound "
                 f"{_format_bound(name, bound)}, "
-                f"and its interval is too narrow; {_cure(name, bound, estimates)}"
+                f"and its interval is too narrow; {_cure(name, bound, estimates, by_law)}"
             )
     return names_at
 
 
-def cut_off(estimates: Mapping[str, Estimate]) -> dict[str, str]:
+def cut_off(estimates: Mapping[str, Estimate], by_law: bool = False) -> dict[str, str]:
     """Returns the same of estimates of which only the interval reaches a search bound."""
     names_at = {}
     for name, estimate in estimates.items():
@@ -96,7 +101,7 @@ def cut_off(estimates: Mapping[str, Estimate]) -> dict[str, str]:
             names_at[name] = (
                 f"the interval of {name} is cut off at its search bound "
                 f"{_format_bound(name, bounds[0])}; "
-                f"{_cure(name, bounds[0], estimates)}"
+                f"{_cure(name, bounds[0], estimates, by_law)}"
             )
     return names_at
 
@@ -105,12 +110,11 @@ def _format_bound(name: str, bound: float) -> str:
     return f"{bound:.4g} {_quantity(name).unit}".removesuffix(" -")
 
 
-def _cure(name: str, bound: float, estimates: Mapping[str, Estimate]) -> str:
+def _cure(name: str, bound: float, estimates: Mapping[str, Estimate], by_law: bool) -> str:
     bounds = estimates[name].bounds or (bound, bound)
     if name == "thrust_to_weight" and bound <= _HARDLY_FLIES:
-        return (
-            "logged commands hardly carry the drone: they are at their limit, or are read by the "
-            "wrong battery law (--battery-law)"
+        return "logged commands hardly carry the drone: they are at their limit, or are read " + (
+            "by the wrong battery law (--battery-law)" if by_law else "on a wrong scale"
         )
     if (
         name == "motor_time_constant"

@@ -297,13 +297,19 @@ def note_gains_lost(gains: Sequence[GroupGain]) -> list[str]:
     ]
 
 
-def notes_on(estimates: Mapping[str, Estimate], segments: int) -> list[str]:
-    """Returns what makes intervals too narrow."""
+def notes_on(estimates: Mapping[str, Estimate], segments: int, by_law: bool) -> list[str]:
+    """Returns what makes intervals too narrow.
+
+    Args:
+        estimates: by name.
+        segments: of flight.
+        by_law: whether a battery law gave the flights' thrust.
+    """
     notes = []
     if segments < _FEWEST_SEGMENTS:
         notes.append(
             f"each interval rests on {segments} segments of flight and is too narrow; record at "
             f"least {_FEWEST_SEGMENTS * SEGMENT_SECONDS:.0f} s."
         )
-    sentences = (at_bounds(estimates) | cut_off(estimates)).values()
+    sentences = (at_bounds(estimates, by_law) | cut_off(estimates, by_law)).values()
     return [*notes, *(f"{one}." for one in sentences)]

@@ -50,6 +50,11 @@ class Problem:
     reporter: Reporter
     """What is told how far it is."""
 
+    @property
+    def by_battery_law(self) -> bool:
+        """Whether a battery law gave the thrust of all flights."""
+        return all(one.by_battery_law and np.isfinite(one.battery).any() for one in self.flights)
+
     @classmethod
     def of(
         cls,

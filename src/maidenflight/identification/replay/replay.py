@@ -73,7 +73,7 @@ def identified(problem: Problem, settings: Replay) -> Identification:
         evaluations=len(losses),
         search=evaluations_table(box, runs, bootstrap),
         posterior=Posterior(dict(zip(box.names, box.values(bootstrap.optima).T, strict=True))),
-        notes=tuple(notes_on(estimates, objective.segments)),
+        notes=tuple(notes_on(estimates, objective.segments, problem.by_battery_law)),
     )
 
 

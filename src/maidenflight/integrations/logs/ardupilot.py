@@ -6,12 +6,14 @@ does where nothing saturates, and what is logged of the motors checks them. A mo
 thrust is what ArduPilot takes it for, by MOT_THST_EXPO (e): (1 - e) x + e x^2 of its throttle x
 between MOT_SPIN_MIN and MOT_SPIN_MAX.
 
-Source: ArduPilot 4.5, libraries/AP_Motors/AP_MotorsMatrix.cpp (setup_quad_matrix,
-normalise_rpy_factors, output_armed_stabilizing), AP_Motors_Thrust_Linearization.cpp,
-AP_MotorsMulticopter.cpp (output_to_pwm), libraries/AC_AttitudeControl/LogStructure.h (RATE),
-AC_AttitudeControl_Logging.cpp, libraries/AP_InertialSensor (INS_GYRO_FILTER, INS_ACCEL_FILTER),
-libraries/AP_Logger/AP_Logger.h (LogEvent), ArduCopter/Copter.cpp (loop_rate_logging,
-ten_hz_logging_loop).
+Source: ArduCopter 3.3, libraries/AP_Motors/AP_MotorsMulticopter.cpp
+(apply_thrust_curve_and_volt_scaling), AP_MotorsMatrix.cpp, ArduCopter/Log.cpp (Log_Write_Rate),
+libraries/DataFlash/DataFlash.h (CURR); ArduPilot 4.5, libraries/AP_Motors/AP_MotorsMatrix.cpp
+(setup_quad_matrix, normalise_rpy_factors, output_armed_stabilizing),
+AP_Motors_Thrust_Linearization.cpp, AP_MotorsMulticopter.cpp (output_to_pwm),
+libraries/AC_AttitudeControl/LogStructure.h (RATE), AC_AttitudeControl_Logging.cpp,
+libraries/AP_InertialSensor (INS_GYRO_FILTER, INS_ACCEL_FILTER), libraries/AP_Logger/AP_Logger.h
+(LogEvent), ArduCopter/Copter.cpp (loop_rate_logging, ten_hz_logging_loop).
 """
 
 from collections.abc import Mapping
@@ -40,10 +42,11 @@ MESSAGES = {
     "RCOU": (*_TIME, *_CHANNELS),
     "ESC": (*_TIME, "RPM"),
     "BAT": (*_TIME, "Volt"),
+    "CURR": (*_TIME, "Volt"),
     "EV": (*_TIME, "Id"),
 }
-"""Messages that are read, and of each the fields: R, P, Y in deg/s, gyro in rad/s,
-accelerometer in m/s^2, channels in us of PWM."""
+"""Messages that are read, and of each the fields: R, P, Y in deg/s, before 3.4 hundredths of that,
+gyro in rad/s, accelerometer in m/s^2, channels in us of PWM; volts, before 3.5 hundredths."""
 REMEDY = (
     "Add ATTITUDE_FAST (1) and IMU_FAST (262144) to LOG_BITMASK, so that RATE and IMU are logged "
     "in each loop."
@@ -107,7 +110,8 @@ def flight(
     gyro = _stream(messages, sensor, *_TURNS)
     controlled = _stream(messages, "RATE", "R", "P", "Y")
     origin = sensor if gyro.rate >= controlled.rate else "RATE"
-    turns = gyro.values if origin == sensor else np.radians(controlled.values)
+    unit = 1e-2 if _is_before_3_4(messages) else 1.0
+    turns = gyro.values if origin == sensor else np.radians(unit * controlled.values)
     body_rates = Stream((gyro if origin == sensor else controlled).time, turns * LEFT_UP)
     force = _stream(messages, sensor, *_FORCES)
     delays = [
@@ -120,7 +124,7 @@ def flight(
         Stream(shares.time, np.sqrt(shares.values)),
         Stream(force.time, force.values * LEFT_UP),
         rotor_speed=_rotor_speed(messages, frame),
-        battery=next((_stream(messages, key, "Volt") for key in messages if "BAT" in key), None),
+        battery=_battery(messages),
         whole=shares.rate >= 0.8 * parameters.get("SCHED_LOOP_RATE", 400.0),
         accelerometer_delay=delays[1],
         gyro_delay=delays[0],
@@ -138,10 +142,28 @@ def flight(
 
 def _stream(messages: Messages, key: str, *fields: str) -> Stream:
     """Some fields of a message, with times [s]; without rows if they were not logged."""
-    held = messages.get(key, {})
-    if not {"TimeUS", *fields} <= set(held):
+    columns = messages.get(key, {})
+    if not {"TimeUS", *fields} <= set(columns):
         return Stream(np.zeros(0), np.zeros((0, len(fields))))
-    return streams.stream(1e-6 * held["TimeUS"], np.stack([held[one] for one in fields], axis=1))
+    return streams.stream(
+        1e-6 * columns["TimeUS"], np.stack([columns[one] for one in fields], axis=1)
+    )
+
+
+def _is_before_3_4(messages: Messages) -> bool:
+    """Returns whether RATE is that of ArduCopter before 3.4, with throttle up to 1000, not 1."""
+    return bool(np.max(_stream(messages, "RATE", "AOut").values, initial=0.0) > 2.0)
+
+
+def _battery(messages: Messages) -> Stream | None:
+    """The battery's voltage [V], of BAT or the CURR of before 3.7."""
+    for key in messages:
+        if key.startswith(("BAT", "CURR")):
+            volts = _stream(messages, key, "Volt")
+            # No small drone has 100 V.
+            unit = 1e-2 if np.max(volts.values, initial=0.0) > 100.0 else 1.0
+            return volts._replace(values=unit * volts.values)
+    return None
 
 
 def _frame(name: str, parameters: Parameters) -> tuple[Frame, list[str]]:
@@ -182,26 +204,32 @@ def _motors(
     outputs = _stream(messages, "RATE", *_OUTPUTS)
     if sent.rate >= 0.97 * rates.LEAST_HZ or outputs.rate < 0.97 * rates.LEAST_HZ:
         return sent, f"{name}: motors of RCOU; {law}"
+    if _is_before_3_4(messages):
+        raise InputError(
+            f"{name}: a log of ArduCopter before 3.4, whose RATE has outputs of another mixer (up "
+            f"to 1000), with motors at {sent.rate:.3g} Hz (RCOU), too rarely: "
+            f"{rates.LEAST_HZ:g} Hz are needed. Fly with 3.4 or later."
+        )
     yaw = 1.0 if frame.turns_as_ours else -1.0
     torques = outputs.values[:, :3] * [1.0, 1.0, yaw] @ _MIX.T
     mixed = np.clip(outputs.values[:, 3:] + torques, 0.0, None)
     period = streams.period(outputs.time)
     steps = np.arange(round(_OLDEST_S / period) + 1)
     newest = np.searchsorted(outputs.time, sent.time, "right") - 1
-    held = mixed[np.clip(newest - steps[:, None], 0, None)]
+    before = mixed[np.clip(newest - steps[:, None], 0, None)]
     compared = (newest >= steps[-1]) & (sent.values > 0).all(axis=1)
-    compared &= np.isfinite(held).all(axis=(0, 2))
-    logged, held = sent.values[compared], held[:, compared]
+    compared &= np.isfinite(before).all(axis=(0, 2))
+    logged, before = sent.values[compared], before[:, compared]
     # ArduPilot asks for more in thin air and of an empty battery, by one factor for all.
-    gain = float(logged.sum() / max(float(held[0].sum()), 1e-9))
-    share, late = agreement.share_explained(logged, gain * held[0]), ""
+    gain = float(logged.sum() / max(float(before[0].sum()), 1e-9))
+    share, late = agreement.share_explained(logged, gain * before[0]), ""
     if share is not None and share < agreement.LEAST_SHARE:
         # An IO processor's outputs are read back at 20 Hz: all four are of one earlier instant.
-        oldest = np.argmin(((gain * held - logged) ** 2).sum(axis=2), axis=0)
-        read_back = gain * held[oldest, np.arange(len(logged))]
+        oldest = np.argmin(((gain * before - logged) ** 2).sum(axis=2), axis=0)
+        read_back = gain * before[oldest, np.arange(len(logged))]
         share = agreement.share_explained(logged, read_back)
-        before = 1e3 * period * float(steps[oldest].mean())
-        late = f" as of {before:.0f} ms before, by an IO processor,"
+        age = 1e3 * period * float(steps[oldest].mean())
+        late = f" as of {age:.0f} ms before, by an IO processor,"
     if share is None or share < agreement.LEAST_SHARE:
         percent = "nothing" if share is None else f"{100 * share:.3g} %"
         limited = float(np.mean([logged >= 0.99, logged <= 0.01])) * 2 if logged.size else 0.0
@@ -241,6 +269,12 @@ def _sent(
     if not low < high or int(parameters.get("MOT_PWM_TYPE", 0)) in _DIGITAL:
         low, high = 1000.0, 2000.0
     least, most = parameters.get("MOT_SPIN_MIN", 0.15), parameters.get("MOT_SPIN_MAX", 0.95)
+    if "MOT_SPIN_MIN" not in parameters and "THR_MIN" in parameters:
+        # Before 3.5 motors begin at a thousandth of the throttle stick's range.
+        if not parameters.get("MOT_PWM_MIN"):
+            low, high = parameters.get("RC3_MIN", low), parameters.get("RC3_MAX", high)
+        low += 1e-3 * parameters["THR_MIN"] * (high - low)
+        least, most = 0.0, parameters.get("MOT_THST_MAX", 0.95)
     if not least < most:
         raise InputError(
             f"{name}: MOT_SPIN_MIN {least:g} is not below MOT_SPIN_MAX {most:g}, between which "

@@ -13,6 +13,8 @@ Source: PX4 v1.14, src/modules/logger/logged_topics.cpp (rates, SDLOG_PROFILE), 
 frames), src/modules/land_detector/land_detector_params_mc.c.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -90,6 +92,7 @@ def flight(
     logged, time, more_notes = joining.flight(
         name, signals, REMEDY, lambda at: _in_the_air(name, topics, at)
     )
+    logged = replace(logged, square_since=px4_motors.square_since(parameters))
     return logged, time, [*gyro_notes, *motor_notes, *rotors.notes, *state_notes, *more_notes]
 
 

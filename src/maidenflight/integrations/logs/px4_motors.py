@@ -130,8 +130,7 @@ def motors(
     name: str, topics: Topics, parameters: Parameters, order: tuple[int, ...]
 ) -> tuple[Stream, list[str]]:
     """Returns the commanded rotor speeds, sqrt(u) of our motors, and how topics give them."""
-    factor = float(parameters.get("THR_MDL_FAC", 0.0))
-    factor = factor if 0.0 < factor <= 1.0 else 0.0
+    factor = 0.0 if square_since(parameters) else float(parameters["THR_MDL_FAC"])
     shares, origin = _shares(name, topics, parameters, factor)
     rebuilt = px4_setpoints.motors(name, topics, parameters, shares)
     shares, origin = (shares, origin) if rebuilt is None else rebuilt
@@ -141,6 +140,14 @@ def motors(
         return ours._replace(values=np.sqrt(ours.values)), [f"{origin}; thrust by {law}"]
     law = "the square of the command, as without THR_MDL_FAC speed follows it"
     return ours, [f"{origin}; thrust by {law}"]
+
+
+def square_since(parameters: Parameters) -> str:
+    """Returns what lets thrust be taken as the square of the throttle; empty of another curve."""
+    factor = parameters.get("THR_MDL_FAC")
+    if factor is not None and 0.0 < factor <= 1.0:
+        return ""
+    return "THR_MDL_FAC is " + ("not logged" if factor is None else f"{factor:g}")
 
 
 def _shares(name: str, topics: Topics, parameters: Parameters, factor: float) -> tuple[Stream, str]:
