@@ -140,16 +140,16 @@ def tabulate_evidence(result: Identification) -> list[Table | str]:
             last = row["name"] = one.parameter
             if last in agree:
                 chance, degrees = agree[last].chance, agree[last].degrees
-                verdict = "" if chance > _DISAGREES else "; they disagree"
+                verdict = "" if chance > _DISAGREES else " *"
                 row["agree"] = f"{agree[last].chi_square:.2g} of {degrees}{verdict}"
-        row["value"] = f"{one.value * scale:.4g} ± {_two_digits(one.error * scale)}"
+        row |= {"value": f"{one.value * scale:.4g}", "error": _two_digits(one.error * scale)}
         rows.append(row)
-    columns = {"parameter": "{name}", "signal": "{signal}", "value ± error": "{value}"}
-    columns |= {"unit": "{unit}", "chi-square": "{agree}"}
+    columns = {"parameter": "{name}", "signal": "{signal}", "value": "{value}"}
+    columns |= {"error": "{error}", "unit": "{unit}", "chi-square": "{agree}"}
     return [
         Table("What each signal says by itself", columns, rows),
-        "chi-square of signals about their mean, and its degrees of freedom; of signals that "
-        "disagree leave one out with --ignore",
+        "error: standard; chi-square of signals about their mean, of its degrees of freedom; *: "
+        "they disagree, leave one out with --ignore",
     ]
 
 

@@ -52,7 +52,7 @@ class Measured:
         by_loop = {name: thrust * samples for name, samples in loop.items()}
         return [
             *of_samples("rates by speeds", self.inertia),
-            *of_samples("gain of the loop", by_loop),
+            *of_samples("loop gain", by_loop),
         ]
 
     def motor_samples(self, generator: np.random.Generator) -> Samples:
