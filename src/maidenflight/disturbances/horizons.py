@@ -34,13 +34,12 @@ from maidenflight.disturbances.motion import Processes
 from maidenflight.disturbances.rows import Rows, Stretches, input_drone, stretches
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight, by_log
+from maidenflight.names import PERSISTENCE
 from maidenflight.parameters import Parameters
 from maidenflight.run_folder import ERROR_UNITS
 
-ALONE = "parameters alone"
-"""Name of the drone whose parameters are all there is."""
-PERSISTENCE, CONSTANT_RATES = "persistence", "constant rates"
-"""Names of predictions without a model: nothing changes; velocity and body rates stay."""
+ALONE, CONSTANT_RATES = "parameters alone", "constant rates"
+"""Names: of the drone whose parameters are all there is; of velocity and body rates that stay."""
 WITH_DISTURBANCES = "disturbances estimated"
 """Name of the model's."""
 SHARES = (0.8, 0.95)

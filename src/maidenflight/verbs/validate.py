@@ -280,7 +280,7 @@ def _tabulate(
 
     `*` marks what is worse than the persistence baseline.
     """
-    from maidenflight.identification.replay.prediction import PERSISTENCE
+    from maidenflight.names import PERSISTENCE
     from maidenflight.reporting.text import ERRORS
 
     baseline = {row["horizon"]: row for row in errors if row["model"] == PERSISTENCE}

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from scipy.ndimage import uniform_filter1d
 
 from maidenflight.flights.log import Flight
-from maidenflight.identification.evidence import Evidence
+from maidenflight.identification.evidence import DELAY, of_samples
 from maidenflight.identification.likelihood.fit import fit
 from maidenflight.identification.likelihood.sensor_errors import SensorErrors
 from maidenflight.identification.likelihood.sensor_signals import Rotors, Sensor
@@ -112,12 +112,11 @@ def motors_of_speeds(problem: Problem) -> MotorResponse | None:
     noise = generator.standard_normal((RESAMPLES, 3))
     log_lag, log_ratio, latency = (means + np.hypot(errors, least) * noise).T
     lag, latency = np.exp(log_lag), np.maximum(latency, 0.0)
-    low, value, high = np.quantile(lag + latency, [0.025, 0.5, 0.975]).tolist()
     return MotorResponse(
         lag,
         latency,
         usual_latency(flights, latency),
-        (Evidence("rotor speed", value, (low, high)),),
+        tuple(of_samples("rotor speed", {DELAY: lag + latency})),
         (),
         _by_log(model.signals.flights, values, variances),
         spin_down_ratio=np.exp(log_ratio),

@@ -235,8 +235,9 @@ def _without(
     Those stay without which the flights are surely less likely, however wide they are: the start's
     value would be wrong, and so would all others beside it.
     """
-    needed = answer.surely_needed(removed_ranges, problem.start)
-    removed_ranges = {name: one for name, one in removed_ranges.items() if name not in needed}
+    if removed_ranges:
+        needed = answer.surely_needed(removed_ranges, problem.start)
+        removed_ranges = {name: one for name, one in removed_ranges.items() if name not in needed}
     if not removed_ranges:
         return answer
     less = answer.without(removed_ranges, problem.start, problem.generator)

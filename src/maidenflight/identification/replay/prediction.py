@@ -35,6 +35,7 @@ from maidenflight.identification.replay.open_loop import (
 )
 from maidenflight.identification.signals.flight_signals import stride
 from maidenflight.identification.uncertainty import RESAMPLES, interval
+from maidenflight.names import PERSISTENCE
 from maidenflight.parameters import Parameters, replace
 from maidenflight.run_folder import ERROR_UNITS
 from maidenflight.simulator.physics import latency
@@ -42,9 +43,6 @@ from maidenflight.simulator.physics import latency
 HORIZONS = (0.02, 0.05, 0.1)
 """Default times ahead at which errors are measured [s]. Open loop a quadrotor tumbles within some
 tenths of a second, and nothing then tells a good model from a bad one."""
-PERSISTENCE = "persistence"
-"""Name of the prediction that position, velocity, attitude and body rates all stay as they are at
-the window's start."""
 LOGGED = "logged"
 """Name of what was measured, among what models predict."""
 Model = Parameters | Callable[[Sequence[Flight]], Parameters]

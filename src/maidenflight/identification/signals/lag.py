@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from maidenflight.identification.evidence import Evidence
+from maidenflight.identification.evidence import DELAY, Evidence, of_samples
 from maidenflight.identification.signals.motor_response import MotorResponse
 from maidenflight.parameters import Parameters
 
@@ -55,11 +55,10 @@ def delay_evidence(
         return ()
     ratio = draws.get(SLOWING_DOWN, float(drone.spin_down_ratio))
     total = mean_lag(draws[LAG], ratio) + draws["latency"]
-    low, value, high = np.quantile(total, [0.025, 0.5, 0.975])
     origin = "plausible" if LAG in unidentifiable else "all together" if motors else "likelihood"
     return (
         *(motors.evidence if motors else ()),
-        Evidence(origin, float(value), (float(low), float(high)), is_taken=True),
+        *(one._replace(is_taken=True) for one in of_samples(origin, {DELAY: total})),
     )
 
 

@@ -121,7 +121,7 @@ def thrust_law(flights: Sequence[Flight], lag: float) -> ThrustLaw:
     other = other._replace(limit=_limit(signals))
     if other.limit == law.limit:
         used = np.maximum(plain[:, 3], signals[:, 3]) <= law.limit
-        losses = [_held_out_losses(some[used]) for some in (plain, signals)]
+        losses = [_fold_losses(some[used]) for some in (plain, signals)]
         return other if _is_less(*losses) else law
     return max(law, other, key=lambda one: one.limit)
 
@@ -186,7 +186,7 @@ def _curve(signals: Float[np.ndarray, "M 4"]) -> Float[np.ndarray, "2"]:
     return np.linalg.lstsq(signals[:, :2], signals[:, 2], rcond=None)[0]
 
 
-def _held_out_losses(signals: Float[np.ndarray, "M 4"]) -> Float[np.ndarray, "M"]:
+def _fold_losses(signals: Float[np.ndarray, "M 4"]) -> Float[np.ndarray, "M"]:
     """Squared errors of force by step, by the curve of other segments."""
     part = np.arange(len(signals)) // round(SEGMENT_SECONDS / STEP) % _FOLDS
     losses = np.zeros(len(signals))

@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 import polars
 
-from maidenflight.identification.replay.prediction import LOGGED, PERSISTENCE
+from maidenflight.identification.replay.prediction import LOGGED
+from maidenflight.names import PERSISTENCE
 from maidenflight.reporting.figures import charts
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec
 from maidenflight.reporting.text import ERRORS, DisplayFormat

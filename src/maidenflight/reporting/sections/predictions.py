@@ -6,7 +6,7 @@ from typing import Any
 import polars
 from markupsafe import Markup
 
-from maidenflight.identification.replay.prediction import PERSISTENCE
+from maidenflight.names import PERSISTENCE
 from maidenflight.reporting import tables, text
 from maidenflight.reporting.figures import predictions
 from maidenflight.reporting.html import render
