@@ -42,10 +42,11 @@ _EXPLAINED = 0.7
 """Share of the speeds' variance that commands must explain, or the reading is broken."""
 _SLOW = 1.0
 """Time over which means are taken of what is slow [s]."""
-_SAMPLED = np.array([1.0, 0.0, 1 / np.sqrt(12)])
-"""Standard errors of lag, ratio and latency, in rows, where a log samples a faster loop's commands:
-their noise is taken for steps that last a row. At 100 and 250 Hz lags are 1.2 and 0.5 rows off,
-latencies 0.1 and 0.2 (`python paper/log_rates.py --speeds`)."""
+_SAMPLED = np.array([10.0, 0.0, 1 / np.sqrt(12)])
+"""Standard errors of the logarithms of lag and ratio, and of the latency [s], for each second of a
+row, where a log samples a faster loop's commands: their noise is taken for steps that last a row.
+Lags of 25 to 80 ms are 7 to 15 % off at 100 Hz, 0.3 to 3 % at 250 Hz, latencies a tenth to a fifth
+of a row (`python paper/log_rates.py --speeds`)."""
 
 
 def mean_speed(flight: Flight, rows: int, step: float) -> Float[np.ndarray, "M 4"]:
@@ -110,8 +111,7 @@ def motors_of_speeds(problem: Problem) -> MotorResponse | None:
     left = float(np.sqrt(1.0 - explained))
     least = np.array([min(LIKE, left), min(OWN, left), LATENCY_OF_SPEEDS])
     if not is_zero_order_hold(flights):
-        by_row = flights[0].period * _SAMPLED
-        least = np.hypot(least, by_row / [float(optimum.drone.motor_time_constant), 1.0, 1.0])
+        least = np.hypot(least, flights[0].period * _SAMPLED)
     joined = [random_effects(*columns) for columns in zip(values.T, variances.T, strict=True)]
     means, errors = np.array(joined).T
     generator = problem.generator.spawn(1)[0]
