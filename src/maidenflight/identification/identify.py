@@ -25,7 +25,7 @@ from maidenflight.identification.outcome.estimates import (
     notes_on,
 )
 from maidenflight.identification.outcome.narrowing import advise
-from maidenflight.identification.outcome.plausible import ExpectedInterval
+from maidenflight.identification.outcome.plausible import ExpectedInterval, prior_ranges
 from maidenflight.identification.outcome.problem import AUTO, Problem
 from maidenflight.identification.outcome.progress import Progress
 from maidenflight.identification.posterior import Posterior
@@ -92,9 +92,16 @@ def identify(
         find = without_state.find if stateless else with_state.find
         result = _result(problem, find(problem, settings))
     result = average_laws(result, flights, problem.generator)
+    searched = {name: one.bounds or one.interval for name, one in result.estimates.items()}
+    plausible = prior_ranges(problem.start, searched)
+    estimates = {
+        name: dataclasses.replace(one, plausible=plausible[name])
+        for name, one in result.estimates.items()
+    }
     worse = note_worse_than_start(result.value, result.start_value, result.objective)
     notes = (*worse, *left_out, *result.notes)
-    return dataclasses.replace(result, notes=notes, seconds=time.perf_counter() - began)
+    seconds = time.perf_counter() - began
+    return dataclasses.replace(result, estimates=estimates, notes=notes, seconds=seconds)
 
 
 def _result(problem: Problem, found: Found) -> Identification:
