@@ -21,6 +21,7 @@ from maidenflight.identification.outcome.plausible import ExpectedInterval
 from maidenflight.identification.outcome.problem import AUTO, Problem
 from maidenflight.identification.outcome.progress import Progress
 from maidenflight.identification.replay import replay
+from maidenflight.identification.signals.alignment import align_commands
 from maidenflight.inputs import PATHS, StrPath
 from maidenflight.parameters import Parameters, read_drone
 
@@ -76,6 +77,8 @@ def identify(
             "compared with. Use Likelihood (--objective likelihood)."
         )
     problem = Problem.of(flights, _drone(start), over, bounds, key, on_progress)
+    flights, late = align_commands(problem.flights, problem.start)
+    problem = dataclasses.replace(problem, flights=flights)
     if isinstance(settings, Replay):
         result = replay.identified(problem, settings)
     elif stateless:
@@ -85,7 +88,8 @@ def identify(
     result = average_laws(result, flights, problem.generator)
     worse = note_worse_than_start(result.value, result.start_value, result.objective)
     notes = (*worse, *left_out, *result.notes)
-    return dataclasses.replace(result, notes=notes, seconds=time.perf_counter() - began)
+    seconds = time.perf_counter() - began
+    return dataclasses.replace(result, notes=notes, warnings=tuple(late), seconds=seconds)
 
 
 def of_one_kind(flights: Iterable[Flight] | StrPath) -> tuple[list[Flight], list[str]]:
