@@ -220,9 +220,13 @@ SPOILINGS: Mapping[str, Spoiling] = {
     "time times 1.1": Spoiling(
         lambda flight: replace(flight, period=1.1 * flight.period), _CLOCK, "state", True
     ),
+    "time times 0.9": Spoiling(
+        lambda flight: replace(flight, period=0.9 * flight.period), _CLOCK, "state", True
+    ),
     "time times 0.8": Spoiling(
         lambda flight: replace(flight, period=0.8 * flight.period), _CLOCK, "state", True
     ),
+    "commands 20 ms late": Spoiling(partial(_shift, "command", 0.02), _DELAY),
     "commands 50 ms late": Spoiling(partial(_shift, "command", 0.05), _DELAY),
     "commands 100 ms late": Spoiling(partial(_shift, "command", 0.1), _DELAY),
     "commands 50 ms early": Spoiling(partial(_shift, "command", -0.05), _DELAY),

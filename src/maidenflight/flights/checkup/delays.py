@@ -13,6 +13,7 @@ from maidenflight.flights.checkup.response import (
     FEWEST,
     FORCE,
     LAGS_S,
+    Delay,
     Fit,
     Responses,
     measure_delay,
@@ -81,10 +82,15 @@ def check_delay(
     return CheckResult(DELAY, verdict, sentence, late, threshold, "Shift them.")
 
 
+def is_before(delay: Delay | None) -> bool:
+    """Returns whether motion surely begins before its command."""
+    return delay is not None and delay.value + 2 * delay.error < CAUSAL_S
+
+
 def _check_cause(pieces: Sequence[Flight]) -> CheckResult | None:
     """Checks whether motion begins before its command; None where it does not, surely."""
     delay = measure_delay(pieces)
-    if delay is None or delay.value + 2 * delay.error > CAUSAL_S:
+    if delay is None or not is_before(delay):
         return None
     late, error = 1e3 * delay.value, 1e3 * delay.error
     cause = (

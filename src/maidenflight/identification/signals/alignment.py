@@ -14,11 +14,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from maidenflight.flights.checkup.delays import DELAY
+from maidenflight.flights.checkup.delays import DELAY, is_before
+from maidenflight.flights.checkup.response import measure_delay
 from maidenflight.flights.checkup.result import LogWarning
 from maidenflight.flights.log import Flight
 from maidenflight.identification.signals.motor_response import (
     LATENCIES,
+    SHORTEST,
     USUAL,
     latency_of_loop,
 )
@@ -41,11 +43,12 @@ def align_commands(
     """
     # A policy at the log's rate is modelled row by row, and measured speeds show the lag.
     is_loop = any(not one.zero_order_hold or one.accelerometer is not None for one in flights)
-    if not is_loop or any(one.rotor_speed is not None for one in flights):
+    is_short = sum(one.duration for one in flights) < 2 * SHORTEST
+    if not is_loop or is_short or any(one.rotor_speed is not None for one in flights):
         return flights, []
     as_logged = latency_of_loop(flights, drone)
     is_inside = as_logged.weight[:_AT_END].sum() < 0.5 * as_logged.weight.sum()
-    if not as_logged.loops or is_inside:
+    if not as_logged.loops or (is_inside and not is_before(measure_delay(flights))):
         return flights, []
     rows = int(np.ceil(REACH_S / flights[0].period))
     moved = latency_of_loop([_earlier(one, rows) for one in flights], drone, rows)
