@@ -273,12 +273,12 @@ if str(BENCHMARKS) not in sys.path:
 parts: Any = importlib.import_module("parts")
 
 MOST = {
-    "closure of identify": 105,
+    "closure of identify": 107,
     "closure of train": 55,
     "closure of export": 28,
-    "log to drone.toml: stops": 714,
-    "log to drone.toml: modules": 116,
-    "log to drone.toml: names": 934,
+    "log to drone.toml: stops": 732,
+    "log to drone.toml: modules": 119,
+    "log to drone.toml: names": 962,
     "drone to policy: stops": 310,
     "drone to policy: modules": 67,
     "drone to policy: names": 468,
@@ -291,9 +291,9 @@ MOST = {
     "study to table: stops": 75,
     "study to table: modules": 14,
     "study to table: names": 123,
-    "constants": 732,
-    "constants without a source": 583,
-    "lines": 59_031,
+    "constants": 743,
+    "constants without a source": 591,
+    "lines": 59_416,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

@@ -100,9 +100,9 @@ def check_clock(turns: float | None, moves: float | None, bends: float | None) -
     """
     if turns is None or (moves is None and bends is None):
         return unknown(CLOCK, "the state moves too little to show a wrong clock")
-    seen = [f"body rates against attitude ({turns:.2f})"]
-    seen += [] if moves is None else [f"velocity against position ({moves:.2f})"]
-    seen += [] if bends is None else [f"gravity against the bends of the path ({bends:.2f})"]
+    clocks = [f"body rates against attitude ({turns:.2f})"]
+    clocks += [] if moves is None else [f"velocity against position ({moves:.2f})"]
+    clocks += [] if bends is None else [f"gravity against the bends of the path ({bends:.2f})"]
     by_state = None if moves is None else float(np.sqrt(turns * moves))
     by_gravity = None if bends is None else float(np.sqrt(turns * bends))
     measured = by_state if by_gravity is None else by_gravity
@@ -120,14 +120,14 @@ def check_clock(turns: float | None, moves: float | None, bends: float | None) -
     limits = SCALES if bends is not None else (1 / WORST, WORST)
     threshold = f"{limits[0]:.2f} .. {limits[1]:.2f}"
     if is_far or is_wrong:
-        cause = f"time is {measured:.3g} times what it should be, as {_listed(seen)} show alike."
+        cause = f"time is {measured:.3g} times what it should be, as {_listed(clocks)} show alike."
         remedy = "Convert the column of time."
         return CheckResult(CLOCK, FAILS if is_far else WARNS, cause, measured, threshold, remedy)
     if by_state is not None and not _is_near(by_state, WORST):
         return unknown(CLOCK, "scales of body rates and velocity have to be mended first", by_state)
     if bends is None and not _is_near(turns, 1.06):
-        return unknown(CLOCK, f"{_listed(seen)} do not show which is wrong", by_state)
-    return CheckResult(CLOCK, PASSES, f"{_listed(seen)} keep time", measured, threshold)
+        return unknown(CLOCK, f"{_listed(clocks)} do not show which is wrong", by_state)
+    return CheckResult(CLOCK, PASSES, f"{_listed(clocks)} keep time", measured, threshold)
 
 
 def _is_near(factor: float, limit: float) -> bool:

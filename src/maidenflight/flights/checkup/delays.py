@@ -94,7 +94,7 @@ def _check_cause(pieces: Sequence[Flight]) -> CheckResult | None:
         return None
     late, error = 1e3 * delay.value, 1e3 * delay.error
     cause = (
-        f"motion begins {-late:.0f} +- {error:.0f} ms before its commands, which none does: they "
+        f"motion begins {-late:.1f} +- {error:.1f} ms before its commands, which none does: they "
         f"were logged late, as motion usually follows {1e3 * USUAL_S:.0f} ms after, by about "
         f"{1e3 * USUAL_S - late:.0f} ms."
     )
