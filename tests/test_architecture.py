@@ -276,12 +276,12 @@ MOST = {
     "closure of identify": 107,
     "closure of train": 55,
     "closure of export": 28,
-    "log to drone.toml: stops": 732,
+    "log to drone.toml: stops": 733,
     "log to drone.toml: modules": 119,
-    "log to drone.toml: names": 962,
-    "drone to policy: stops": 310,
+    "log to drone.toml: names": 965,
+    "drone to policy: stops": 311,
     "drone to policy: modules": 67,
-    "drone to policy: names": 468,
+    "drone to policy: names": 469,
     "policy to flight: stops": 256,
     "policy to flight: modules": 51,
     "policy to flight: names": 394,
@@ -293,7 +293,7 @@ MOST = {
     "study to table: names": 123,
     "constants": 743,
     "constants without a source": 591,
-    "lines": 59_416,
+    "lines": 59_462,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
