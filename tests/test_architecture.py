@@ -273,15 +273,15 @@ if str(BENCHMARKS) not in sys.path:
 parts: Any = importlib.import_module("parts")
 
 MOST = {
-    "closure of identify": 105,
+    "closure of identify": 107,
     "closure of train": 55,
     "closure of export": 28,
-    "log to drone.toml: stops": 714,
-    "log to drone.toml: modules": 116,
-    "log to drone.toml: names": 934,
-    "drone to policy: stops": 310,
+    "log to drone.toml: stops": 733,
+    "log to drone.toml: modules": 119,
+    "log to drone.toml: names": 965,
+    "drone to policy: stops": 311,
     "drone to policy: modules": 67,
-    "drone to policy: names": 468,
+    "drone to policy: names": 469,
     "policy to flight: stops": 256,
     "policy to flight: modules": 51,
     "policy to flight: names": 394,
@@ -291,9 +291,9 @@ MOST = {
     "study to table: stops": 75,
     "study to table: modules": 14,
     "study to table: names": 123,
-    "constants": 732,
-    "constants without a source": 583,
-    "lines": 59_031,
+    "constants": 743,
+    "constants without a source": 591,
+    "lines": 59_462,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

@@ -31,6 +31,7 @@ from maidenflight.identification.outcome.progress import Progress
 from maidenflight.identification.posterior import Posterior
 from maidenflight.identification.replay import replay
 from maidenflight.identification.signals import lag
+from maidenflight.identification.signals.alignment import align_commands
 from maidenflight.inputs import PATHS, StrPath
 from maidenflight.parameters import Parameters, check, read_drone
 
@@ -86,6 +87,8 @@ def identify(
             "compared with. Use Likelihood (--objective likelihood)."
         )
     problem = Problem.of(flights, _drone(start), over, bounds, key, on_progress)
+    flights, late = align_commands(problem.flights, problem.start)
+    problem = dataclasses.replace(problem, flights=flights)
     if isinstance(settings, Replay):
         result = replay.identified(problem, settings)
     else:
@@ -101,7 +104,9 @@ def identify(
     worse = note_worse_than_start(result.value, result.start_value, result.objective)
     notes = (*worse, *left_out, *result.notes)
     seconds = time.perf_counter() - began
-    return dataclasses.replace(result, estimates=estimates, notes=notes, seconds=seconds)
+    return dataclasses.replace(
+        result, estimates=estimates, notes=notes, warnings=tuple(late), seconds=seconds
+    )
 
 
 def _result(problem: Problem, found: Found) -> Identification:

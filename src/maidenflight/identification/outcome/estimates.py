@@ -134,7 +134,8 @@ class Identification:
             )
         for name, (low, high) in self.unidentified.items():
             rows.append(f"{name:24} not identifiable  [{low:.4g}, {high:.4g}] is plausible")
-        return "\n".join([*rows, *(f"note: {note}" for note in self.notes)])
+        remarks = [f"warning: {one}" for one in self.warnings]
+        return "\n".join([*rows, *remarks, *(f"note: {note}" for note in self.notes)])
 
     __repr__ = __str__
 
