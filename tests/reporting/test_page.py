@@ -23,6 +23,7 @@ from maidenflight import manifest, parameters, policy_file, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.flights import log
+from maidenflight.flights.checkup.result import LogWarning
 from maidenflight.flights.log import Flight
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import (
@@ -43,6 +44,7 @@ from maidenflight.reporting.sections import flights as flight_section
 from maidenflight.reporting.sections.flights import NAMES as STRUCTURES
 from maidenflight.simulator.controllers.interface import INTERFACES
 from maidenflight.simulator.policy_spec import PolicySpec
+from maidenflight.verbs.report import Report
 
 CHROMIUM = (
     shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -871,6 +873,46 @@ def test_a_run_without_what_another_has_is_compared_by_the_rest(run):
     assert set(file(str(comparison.key_figures(some)), "figures").columns) == {
         *("figure", "a", "b", "difference")
     }
+
+
+def test_what_two_drones_rest_on_stands_beside_each_other(run):
+    some = beside(run)
+    drone = some["b"].drone
+    assert drone is not None
+    doubt = LogWarning("identification", "", "the log does not name its battery law")
+    heavy = parameters.replace(drone.parameters, mass=0.037)
+    wide = replace(drone.estimates["latency"], interval=(0.002, 0.034))
+    estimates = {**drone.estimates, "latency": wide}
+    unidentified = {"drag_z": (0.0, 0.5)}
+    drone = replace(drone, parameters=heavy, warnings=(doubt,), estimates=estimates)
+    some["b"] = replace(some["b"], drone=replace(drone, unidentified=unidentified))
+    assert "b (37 g): " in comparison.summarize(some)
+    content = str(comparison.key_figures(some))
+    figures = {row["figure"]: row for row in file(content, "figures").iter_rows(named=True)}
+    assert (figures["mass"]["b"], figures["mass"]["difference"]) == ("37 g", "+9 g")
+    assert doubt.cause in content.partition("<h3>b</h3>")[2]
+    rows = file(str(comparison.parameters(some)), "parameters").to_dicts()
+    texts = {row["parameter"]: row for row in rows}
+    assert texts["drag z [1/s]"]["a"] == "\N{EN DASH}"
+    assert texts["drag z [1/s]"]["b"] == "not identified, plausible [0.00, 0.50]"
+    assert texts["latency [ms]"]["a"] == "18.00 [17.82, 18.18]"
+    assert texts["latency [ms]"]["b"] == "18.0 [2.0, 34.0]", "a decimal more than it justifies"
+
+
+def test_a_drone_file_without_a_run_makes_a_page_and_several_are_compared(run, tmp_path):
+    places = [tmp_path / name / "drone.toml" for name in ("thick", "thin")]
+    for place in places:
+        place.parent.mkdir()
+        shutil.copy(run / "drone.toml", place)
+    page = page_module.report(places[0].parent, tmp_path / "one.html")
+    assert page.read_text() == report(places[0], tmp_path / "two.html").read_text()
+    made = Report(drone=tuple(places)).run(tmp_path / "both.html").value.read_text()
+    assert "<title>thick beside thin</title>" in made
+    named = Report(runs=(Path(f"old={run}"), places[1])).run(tmp_path / "named.html").value
+    assert "<title>old beside " in named.read_text()
+    for wrong in (Report(runs=(run,), drone=tuple(places)), Report(runs=(run, Path("nowhere")))):
+        with pytest.raises(InputError):
+            wrong.run(tmp_path / "wrong.html")
 
 
 def test_runs_of_one_name_are_told_apart_by_their_folders(run, tmp_path):

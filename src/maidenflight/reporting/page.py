@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Unpack
 
 from markupsafe import Markup
 
-from maidenflight import __version__, results
+from maidenflight import __version__, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.experiments.policies import shortest_names
 from maidenflight.experiments.transfer import Transfer
@@ -97,12 +97,14 @@ def report(source: StrPath | Transfer | None, path: StrPath, **files: Unpack[Fil
 
 
 def report_comparison(
-    sources: Sequence[StrPath], path: StrPath, **files: Unpack[FileOptions]
+    sources: Sequence[StrPath] | Mapping[str, StrPath],
+    path: StrPath,
+    **files: Unpack[FileOptions],
 ) -> Path:
     """Writes several runs side by side as one self-contained HTML file.
 
     Args:
-        sources: two runs or more, each as in `report`.
+        sources: two runs or more, each as in `report`, perhaps by names for the page.
         path: the HTML file.
         **files: files to take of every run; see `report`.
 
@@ -112,11 +114,17 @@ def report_comparison(
     Raises:
         InputError: see `report`; or the runs have nothing in common.
     """
-    paths = [Path(source).resolve() for source in sources]
-    if len(set(paths)) < len(paths):
-        raise InputError(f"{sources[0]}: the same run twice; give others to compare.")
-    named = zip(shortest_names(paths), sources, strict=True)
-    compared = {name: runs.read_run(source, files) for name, source in named}
+    if not isinstance(sources, Mapping):
+        # Of drone.toml its folder is the name.
+        places = [Path(one) for one in sources]
+        paths = [
+            (place.parent if place.name == run_folder.DRONE else place).resolve()
+            for place in places
+        ]
+        if len(set(paths)) < len(paths):
+            raise InputError(f"{places[0]}: the same run twice; give others to compare.")
+        sources = dict(zip(shortest_names(paths), places, strict=True))
+    compared = {name: runs.read_run(source, files) for name, source in sources.items()}
     sections = [Section(name, title, make(compared)) for name, title, make in _COMPARED]
     content = {
         "title": " beside ".join(compared),

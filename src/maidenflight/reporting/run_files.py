@@ -82,15 +82,19 @@ def find_files(source: StrPath | None, options: FileOptions) -> RunFiles:
     Of several entries of a kind the command's usual output counts, else the latest.
 
     Args:
-        source: a run folder, or a file or folder that its manifest lists.
+        source: a run folder, or a file or folder that its manifest lists; or a drone file, or its
+            folder, without a manifest.
         options: files that replace those of their kind.
 
     Raises:
-        InputError: a path does not exist, no manifest lists `source`, or a manifest is damaged.
+        InputError: a path does not exist, no manifest lists `source`, which is no drone file
+            either, or a manifest is damaged.
     """
     values = cast(dict[Kind, StrPath | Sequence[StrPath]], options)
     user_files = {kind: _paths_of_option(kind, value) for kind, value in values.items() if value}
     run = manifest.find_manifest(source) if source is not None else None
+    if run is None and source is not None and (drone := drone_file_of(source)) is not None:
+        user_files = {"drone": [drone], **user_files}
     if run is None and not user_files:
         raise nothing_here(Path(source or ""))
     run = run or Manifest(Path(source or ""))
@@ -108,6 +112,13 @@ def find_files(source: StrPath | None, options: FileOptions) -> RunFiles:
         files["logs"] = list(dict.fromkeys((*files.get("logs", ()), *logs_read)))
     run_paths = {path for paths in files.values() for path in paths}
     return RunFiles(files, required, run.missing, _others(run, run_paths))
+
+
+def drone_file_of(place: StrPath) -> Path | None:
+    """Returns the drone file that a path is, or that lies in it by the usual name."""
+    path = Path(place)
+    file = path / run_folder.DRONE if path.is_dir() else path
+    return file if file.suffix == ".toml" and file.is_file() else None
 
 
 def nothing_here(place: Path, missing: Sequence[str] = ()) -> InputError:

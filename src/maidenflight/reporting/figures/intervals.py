@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from maidenflight.reporting.figures import charts
 from maidenflight.reporting.figures.charts import Spec
 
@@ -28,6 +30,11 @@ def plausible_axis() -> Spec:
     return charts.number("x", title, axis=ticks)
 
 
+def levels(count: int) -> np.ndarray:
+    """Returns shifts of so many intervals from the middle of their row [rows]."""
+    return (np.arange(count) - (count - 1) / 2) / (count + 0.5)
+
+
 def rows(
     names: Sequence[tuple[str, ...]],
     marks: Sequence[Spec],
@@ -44,7 +51,7 @@ def rows(
             phone the second stands below the first, and what follows is left out.
         marks: of each `row` (its number), `kind` (a name of `_MARKS`), `colour`, and `x`, for rules
             from `x` to `x2`; `series` where the legend hides it; `shift` from the middle of the
-            row, within half a row.
+            row, of `levels`.
         x: the channel of the axis.
         tooltip: labels of what the pointer tells of a mark, by column.
         title: above the panel.
@@ -81,7 +88,10 @@ def rows(
             encoding |= {"tooltip": charts.tooltip(tooltip)} if tooltip else {}
             layers.append(charts.layer(kind, {**mark, "opacity": 1, "clip": True}, **encoding))
     panel = charts.panel(charts.rows(data), layers, zooms=())
-    panel["height"] = charts.by_width(ROW * len(names) + 8, TALL_ROW * len(names) + 8)
+    # Ticks of neighbouring rows keep apart.
+    least = (2 * len({mark.get("shift") for mark in marks}) + 1) * ROW // 3
+    wide, narrow = (max(least, height) * len(names) + 8 for height in (ROW, TALL_ROW))
+    panel["height"] = charts.by_width(wide, narrow)
     # Titles begin where the frames do, however long the names beside them are.
     head = {"title": {"text": title, "frame": "group"}} if title else {}
     return {**panel, **head, "resolve": {"axis": {"y": "independent"}}}

@@ -8,6 +8,7 @@ import numpy as np
 import polars
 from markupsafe import Markup
 
+from maidenflight.flights.checkup.result import warning_lines
 from maidenflight.identification.drone_file import Estimate
 from maidenflight.reporting import tables, text
 from maidenflight.reporting.figures import charts, intervals
@@ -35,14 +36,25 @@ _FLOWN = {
 
 def summarize(runs: Runs) -> str:
     """Returns what each run is, a sentence each."""
-    return " ".join(f"{name}: {head.title(run)}." for name, run in runs.items())
+    return " ".join(
+        f"{name}{f' ({_mass(run)})' if _mass(run) else ''}: {head.title(run)}."
+        for name, run in runs.items()
+    )
+
+
+def _mass(run: Run) -> str:
+    """The mass that the drone's values are in proportion to."""
+    return "" if run.drone is None else f"{text.number(1e3 * float(run.drone.parameters.mass))} g"
 
 
 def key_figures(runs: Runs) -> Markup:
-    """Returns the few numbers that matter, a column a run."""
-    rows: dict[str, dict[str, str]] = {}
+    """Returns the few numbers that matter, a column a run, and what makes each drone doubtful."""
+    masses = {name: _mass(run) for name, run in runs.items() if run.drone is not None}
+    rows: dict[str, dict[str, str]] = {"mass": masses} if masses else {}
+    decimals = {parameter: _decimals(runs, parameter) for parameter in head.NAMES}
     for name, run in runs.items():
-        for figure in head.key_figures(run):
+        own = {parameter: each[name] for parameter, each in decimals.items() if name in each}
+        for figure in head.key_figures(run, own):
             label = Markup(figure.label).striptags()
             rows.setdefault(label, {})[name] = f"{figure.value} {figure.unit}".strip()
     table = [{"figure": label} | _fill(runs, values) for label, values in rows.items()]
@@ -50,11 +62,16 @@ def key_figures(runs: Runs) -> Markup:
     if len(runs) == 2:
         columns["difference"] = "Difference"
         table = [row | {"difference": _subtract(*map(row.__getitem__, runs))} for row in table]
-    return _tabulate("figures", table, columns)
+    doubts = {
+        name: warning_lines(run.drone.warnings)
+        for name, run in runs.items()
+        if run.drone is not None and run.drone.warnings
+    }
+    return render("comparison.html", doubts=doubts, table=_tabulate("figures", table, columns))
 
 
 def _subtract(first: str, second: str) -> str:
-    """Returns how much the second figure is above the first, in the digits of both."""
+    """Returns how much the second figure is above the first, in digits that both have."""
     (one, unit), (other, own) = (text_of.partition(" ")[::2] for text_of in (first, second))
     try:
         low, high = (float(number.replace("\N{MINUS SIGN}", "-")) for number in (one, other))
@@ -62,7 +79,7 @@ def _subtract(first: str, second: str) -> str:
         return text.NOTHING
     if unit != own:
         return text.NOTHING
-    digits = max(len(number.partition(".")[2]) for number in (one, other))
+    digits = min(len(number.partition(".")[2]) for number in (one, other))
     return f"{text.signed(f'{high - low:+.{digits}f}')} {unit}".rstrip()
 
 
@@ -76,38 +93,60 @@ def trained(runs: Runs) -> Markup:
 
 
 def parameters(runs: Runs) -> Markup:
-    """Returns intervals of each parameter that two runs or more identified."""
-    identified = {name: run for name, run in runs.items() if run.estimates}
-    names = [
-        parameter
-        for parameter in dict.fromkeys(key for run in identified.values() for key in run.estimates)
-        if sum(parameter in run.estimates for run in identified.values()) > 1
-    ]
-    if not names:
+    """Returns intervals of each parameter that two drones or more were identified by."""
+    drones = {name: run for name, run in runs.items() if run.estimates}
+    if len(drones) < 2:
         return Markup()
+    sought = [[*run.estimates] for run in drones.values()]
+    sought += [[*run.unidentified] for run in drones.values()]
+    names = list(dict.fromkeys(name for some in sought for name in some))
     rows = []
     for parameter in names:
-        estimates = {
-            name: run.estimates[parameter]
-            for name, run in identified.items()
-            if parameter in run.estimates
-        }
-        ends = [end for one in estimates.values() for end in one.interval]
-        scale, digits, unit = text.rounding(parameter, min(ends), max(ends))
+        ends = [end for run in drones.values() for end in _interval(run, parameter) or ()]
+        factor, unit = text.scale(parameter, ends)
+        decimals = _decimals(drones, parameter)
         values = {
-            name: f"{text.fixed(scale * one.value, digits)} "
-            f"[{', '.join(text.fixed(scale * end, digits) for end in one.interval)}]"
-            for name, one in estimates.items()
+            name: _written(run, parameter, factor, decimals.get(name, 0))
+            for name, run in drones.items()
         }
+        estimates = [
+            one.estimates[parameter] for one in drones.values() if parameter in one.estimates
+        ]
         label = f"{text.label(parameter)}{f' [{unit}]' if unit else ''}"
-        rows.append(
-            {"parameter": label, **_fill(runs, values), "apart": _measure_difference(estimates)}
-        )
-    columns = {"parameter": "Parameter", **{name: name for name in identified}}
+        rows.append({"parameter": label, **values, "apart": _measure_difference(estimates)})
+    columns = {"parameter": "Parameter", **{name: name for name in drones}}
     table = _tabulate(
         "parameters", rows, {**columns, "apart": tables.number("Apart [standard errors]", 1)}
     )
-    return render("comparison.html", intervals=_draw(identified, names), table=table)
+    return render("comparison.html", intervals=_draw(drones, names), table=table)
+
+
+def _interval(run: Run, name: str) -> tuple[float, float] | None:
+    """The interval of an estimate, or what is plausible of a parameter that is not identified."""
+    return run.estimates[name].interval if name in run.estimates else run.unidentified.get(name)
+
+
+def _decimals(runs: Runs, name: str) -> dict[str, int]:
+    """Decimals of a parameter by run: one more than its interval justifies, where others have."""
+    known = {run_name: _interval(run, name) for run_name, run in runs.items()}
+    intervals_of = {run_name: ends for run_name, ends in known.items() if ends is not None}
+    factor, _ = text.scale(name, [*intervals_of.values()] or [0.0])
+    own = {
+        run_name: text.places(factor * (high - low))
+        for run_name, (low, high) in intervals_of.items()
+    }
+    return {run_name: min(one + 1, max(own.values())) for run_name, one in own.items()}
+
+
+def _written(run: Run, name: str, factor: float, digits: int) -> str:
+    """What a run says about a parameter."""
+    ends = _interval(run, name)
+    if ends is None:
+        return text.NOTHING
+    interval = f"[{', '.join(text.fixed(factor * end, digits) for end in ends)}]"
+    if name not in run.estimates:
+        return f"not identified, plausible {interval}"
+    return f"{text.fixed(factor * run.estimates[name].value, digits)} {interval}"
 
 
 def tested(runs: Runs) -> Markup:
@@ -152,23 +191,27 @@ def _show_flights(runs: Runs, parts: Mapping[str, polars.DataFrame | None]) -> M
 
 
 def _draw(runs: Runs, names: Sequence[str]) -> Figure:
-    """Draws intervals of all runs as shares of what was plausible about the first run's start."""
+    """Draws intervals of all runs as shares of what was plausible about the start of any run."""
     marks: list[Spec] = []
-    shifts = np.linspace(-0.3, 0.3, len(runs))
+    shifts = intervals.levels(len(runs))
     for row, name in enumerate(names):
-        some = [run.estimates[name] for run in runs.values() if name in run.estimates]
-        low, high = plausible_range(some[0])
+        ranges = [
+            plausible_range(one.estimates[name]) for one in runs.values() if name in one.estimates
+        ]
+        ranges += [one.unidentified[name] for one in runs.values() if name in one.unidentified]
+        low, high = min(low for low, _ in ranges), max(high for _, high in ranges)
         for shift, (run_name, run) in zip(shifts, runs.items(), strict=True):
-            if name not in run.estimates:
+            ends = _interval(run, name)
+            if ends is None:
                 continue
-            one = run.estimates[name]
-            value, start, stop = ((end - low) / (high - low) for end in (one.value, *one.interval))
+            start, stop = ((end - low) / (high - low) for end in ends)
             look = {"row": row, "shift": float(shift), "series": run_name, "name": run_name}
             look["colour"] = charts.paint(_colour(runs, run_name))
-            marks += [
-                {**look, "kind": "bar", "x": start, "x2": stop},
-                {**look, "kind": "value", "x": value},
-            ]
+            kind = "bar" if name in run.estimates else "whisker"
+            marks.append({**look, "kind": kind, "x": start, "x2": stop})
+            if name in run.estimates:
+                value = (run.estimates[name].value - low) / (high - low)
+                marks.append({**look, "kind": "value", "x": value})
     labels = [(text.label(name), "") for name in names]
     legend = [Entry(name, _colour(runs, name), "bar", name) for name in runs]
     panel = intervals.rows(labels, marks, intervals.plausible_axis(), {"name": "run"})
@@ -179,12 +222,15 @@ def _colour(runs: Runs, name: str) -> str:
     return charts.PALETTE[list(runs).index(name) % len(charts.PALETTE)]
 
 
-def _measure_difference(estimates: Mapping[str, Estimate]) -> float:
-    """Largest difference of two estimates in standard errors of the difference."""
-    values = [(one.value, np.ptp(one.interval) / _WIDTH) for one in estimates.values()]
+def _measure_difference(estimates: Sequence[Estimate]) -> float:
+    """Largest difference of two estimates in standard errors of it; NaN of fewer than two."""
+    values = [(one.value, np.ptp(one.interval) / _WIDTH) for one in estimates]
     return max(
-        abs(value - other) / max(float(np.hypot(error, other_error)), 1e-30)
-        for (value, error), (other, other_error) in combinations(values, 2)
+        (
+            abs(value - other) / max(float(np.hypot(error, other_error)), 1e-30)
+            for (value, error), (other, other_error) in combinations(values, 2)
+        ),
+        default=float("nan"),
     )
 
 

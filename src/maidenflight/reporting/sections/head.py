@@ -3,7 +3,7 @@
 A run is called simulated only where all its flights are known to be.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -186,17 +186,22 @@ class KeyFigure(NamedTuple):
     note: str
 
 
-def key_figures(run: Run) -> list[KeyFigure]:
-    """Returns the few numbers that matter."""
-    return [*_of_parameters(run), *_of_training(run), *_of_predictions(run), *_of_flights(run)]
+def key_figures(run: Run, decimals: Mapping[str, int] | None = None) -> list[KeyFigure]:
+    """Returns the few numbers that matter; of parameters with so many decimals, by name."""
+    return [
+        *_of_parameters(run, decimals or {}),
+        *_of_training(run),
+        *_of_predictions(run),
+        *_of_flights(run),
+    ]
 
 
-def _of_parameters(run: Run) -> list[KeyFigure]:
+def _of_parameters(run: Run, decimals: Mapping[str, int]) -> list[KeyFigure]:
     figures = []
     for name in NAMES:
         label = Markup("{} {}").format(text.label(name), text.symbol(name))
         if name in run.estimates:
-            value, low, high = parameters.estimate(run, name)
+            value, low, high = parameters.estimate(run, name, decimals.get(name))
             note = f"95 % interval {low} to {high}"
             figures.append(KeyFigure(value, text.unit(name), label, note))
         elif name in run.unidentified:

@@ -128,10 +128,11 @@ def _delays(run: Run) -> Figure | None:
     return delays.delay_posterior(run.posterior, run.estimates, runs.truth(run))
 
 
-def estimate(run: Run, name: str) -> tuple[str, str, str]:
-    """Returns value and interval with as many decimals as the interval justifies."""
+def estimate(run: Run, name: str, decimals: int | None = None) -> tuple[str, str, str]:
+    """Returns value and interval; by default with as many decimals as the interval justifies."""
     estimate = run.estimates[name]
     scale, digits, _ = text.rounding(name, *estimate.interval)
+    digits = digits if decimals is None else decimals
     value, low, high = (
         text.fixed(scale * one, digits) for one in (estimate.value, *estimate.interval)
     )
