@@ -282,6 +282,20 @@ def test_test_flights_alone_make_a_page(tmp_path):
     )
 
 
+def test_a_log_without_a_state_shows_the_signals_that_it_has() -> None:
+    whole = circling(3.0, "")
+    nowhere = np.full_like(whole.position, np.nan)
+    blind = replace(whole, position=nowhere, velocity=nowhere)
+    content = str(flight_section.recorded(runs.Run(recorded=(blind,))))
+    assert "id=viewer" not in content
+    (drawn,) = re.findall(r'id="signals-1"><script type="application/json">(.*?)</script>', content)
+    titles = [panel["title"] for panel in json.loads(drawn)["panels"]]
+    assert [title.split()[0] for title in titles] == ["roll,", "body", "commands"]
+    assert "hover_command" not in re.findall(r'data-column="(\w+)"', content)
+    both = str(flight_section.recorded(runs.Run(recorded=(whole, blind))))
+    assert both.count('id="signals-') == 1, "the other is in the viewer"
+
+
 def test_real_flights_are_not_called_simulated(tmp_path):
     content = page(flown(simulated=""), tmp_path)
     assert "<span class=badge>real</span>" in content

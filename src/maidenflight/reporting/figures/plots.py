@@ -77,15 +77,15 @@ def plot_flight(flight: Flight) -> Picture:
         "position x, y, z [m]": flight.position,
         "roll, pitch, yaw [deg]": np.degrees(flight.attitude),
         "body rates x, y, z [deg/s]": np.degrees(flight.body_rates),
-        "commands 1 to 4 [full thrust]": flight.command,
+        "commands of motors 1 to 4 [full thrust]": flight.command,
     }
     panels = [
         _lines(title, "time [s]", time, dict(zip("1234", values[rows].T, strict=False)))
         for title, values in signals.items()
         if np.isfinite(values).any()
     ]
-    legend = _legend("x, roll, 1", "y, pitch, 2", "z, yaw, 3", "4")
-    return Picture(Figure(flight.name, panels, legend, columns=2))
+    legend = _legend("x, roll, motor 1", "y, pitch, motor 2", "z, yaw, motor 3", "motor 4")
+    return Picture(Figure(flight.name, panels, legend, least=360))
 
 
 def plot_policy(policy: Policy) -> Picture:

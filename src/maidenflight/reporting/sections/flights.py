@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from math import degrees
 from typing import Any
 
+import numpy as np
 import polars
 from markupsafe import Markup
 
@@ -14,6 +15,7 @@ from maidenflight.reporting import tables, viewer
 from maidenflight.reporting.figures import changes, trims
 from maidenflight.reporting.figures import flight_times as flight_time_figures
 from maidenflight.reporting.figures.charts import Figure
+from maidenflight.reporting.figures.plots import plot_flight
 from maidenflight.reporting.html import render
 from maidenflight.reporting.run import Run, viewable
 from maidenflight.reporting.sections.head import describe_realities
@@ -150,11 +152,21 @@ def recorded(run: Run) -> Markup:
         "recorded.html",
         viewer=_viewer(run) if in_viewer else Markup(),
         trims=figure,
+        signals=_signals(run),
         table=_recorded(run, rows) if rows.height else Markup(),
         refused=run.refused,
         with_drone=run.drone is not None,
         identified=bool(run.estimates),
     )
+
+
+def _signals(run: Run) -> list[tuple[str, Figure]]:
+    """Name and signals of the first flights that the viewer cannot show, which lack a state."""
+    viewed = {id(runs.flights_to_show(run)[place]) for place in viewable(run)}
+    others = [
+        one for one in run.recorded if id(one) not in viewed and np.isfinite(one.command).any()
+    ]
+    return [(one.name, plot_flight(one).figure) for one in others[:12]]
 
 
 def _viewer(run: Run) -> Markup:
@@ -209,7 +221,12 @@ def _recorded(run: Run, rows: polars.DataFrame) -> Markup:
         },
         "battery": tables.number("Battery [V]", 2),
     }
-    columns = {name: column for name, column in columns.items() if name in rows.columns}
+    columns = {
+        name: column
+        for name, column in columns.items()
+        if name in rows.columns
+        and (rows[name].dtype == polars.String or rows[name].is_finite().any())
+    }
     if run.table is None:
         return tables.sortable("flights", rows, columns, viewable(run))
     return tables.sortable("recorded", rows, columns)
