@@ -41,6 +41,7 @@ from maidenflight.reporting import run as runs
 from maidenflight.reporting.page import report, report_comparison
 from maidenflight.reporting.sections import comparison
 from maidenflight.reporting.sections import flights as flight_section
+from maidenflight.reporting.sections import head as head_section
 from maidenflight.reporting.sections.flights import NAMES as STRUCTURES
 from maidenflight.simulator.controllers.interface import INTERFACES
 from maidenflight.simulator.policy_spec import PolicySpec
@@ -651,6 +652,24 @@ def test_box_plots_of_policies_are_grouped_by_the_control_structures_that_their_
     manifest.append(tmp_path / "p", "train", {"policies": files[1:]}, RECORD)
     unknown = flight_section.tested(runs.read_run(tmp_path))
     assert f'"sort":{json.dumps(names, separators=(",", ":"))}' in unknown
+
+
+def test_verdicts_of_a_prediction_stand_at_the_top_those_that_may_fly_first() -> None:
+    verdicts = [
+        {"good": good, "sentence": f"{words}: <policy_{n}>"}
+        for n, (good, words) in enumerate([(False, "Do not fly"), (True, "Fly")])
+    ]
+    run = runs.Run(policies=2, records={"prediction.csv": {"verdicts": verdicts}})
+    head = page_module.to_html(run).partition("<nav")[0]
+    said = re.findall(r'<p class="verdict( good)?">(.*?)</p>', head)
+    assert said == [(" good", "Fly: &lt;policy_1&gt;"), ("", "Do not fly: &lt;policy_0&gt;")]
+
+
+@pytest.mark.parametrize("reached", [True, False])
+def test_a_position_error_is_a_key_figure_of_flights_to_the_time_limit_alone(reached) -> None:
+    table = flown().table.with_columns(end_reason=polars.lit("time limit" if reached else "tilt"))
+    labels = [one.label for one in head_section.key_figures(runs.Run(table=table))]
+    assert any("position error" in label for label in labels) == reached
 
 
 def test_predicted_flights_have_their_own_section(tmp_path):

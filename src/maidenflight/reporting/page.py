@@ -130,6 +130,7 @@ def report_comparison(
         "title": " beside ".join(compared),
         "badge": "",
         "lead": comparison.summarize(compared),
+        "judgements": [],
         "figures": [],
     }
     return results.write(path, _render(content, sections))
@@ -142,6 +143,7 @@ def to_html(run: Run) -> str:
         "title": head.title(run),
         "badge": head.kind(run),
         "lead": head.summarize(run),
+        "judgements": head.judgements(run),
         "figures": head.key_figures(run),
     }
     return _render(content, sections, viewer.viewer_data(run))

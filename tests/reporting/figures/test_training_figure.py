@@ -57,3 +57,11 @@ def test_what_holds_no_training_is_refused():
         learning_curves(training([[1.0]]).drop("survival"))
     with pytest.raises(InputError, match="no rows"):
         learning_curves(training([[1.0]]).clear())
+
+
+@pytest.mark.parametrize("survival", [0.0, 0.3, 1.0])
+def test_the_axis_of_survival_ends_where_shares_do(survival):
+    figure = learning_curves(training([[1.0], [2.0]], survival=polars.lit(survival)))
+    up = figure.panels[1]["layer"][0]["encoding"]["y"]["scale"]["domain"]
+    assert -1.0 < up[0] <= 100 * survival <= up[1] < 101.0
+    assert up[1] - up[0] >= 20.0

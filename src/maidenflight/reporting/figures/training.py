@@ -1,6 +1,7 @@
 """Learning curves of policies that are trained side by side."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import polars
@@ -76,9 +77,7 @@ def panel(scores: polars.DataFrame, score: str, title: str, over: str = "steps")
         ends = {"y": np.nanmin(each), "high": np.nanmax(each)}
         rows += [{"series": "range", "policy": "range", "x": place, **ends}] if several else []
     blue, x = charts.paint("blue"), charts.number("x", _OVER[over][0])
-    low, high = charts.margin(drawn, _LEAST.get(score, 0.0))
-    high = min(high, 100.5) if score == "survival" else high
-    y = charts.number("y", **charts.within(low, high))
+    y = charts.number("y", **charts.within(*_span(score, drawn)))
     tooltip = charts.tooltip({"policy": "", "x": _OVER[over][0], "y": label})
     curves = "datum.series !== 'range'"
     size, opacity = (
@@ -94,6 +93,15 @@ def panel(scores: polars.DataFrame, score: str, title: str, over: str = "steps")
         charts.layer(curves, dot, x=x, y=y, tooltip=tooltip),
     ]
     return charts.panel(charts.rows(rows), layers, title=title, height=180)
+
+
+def _span(score: str, values: Any) -> tuple[float, float]:
+    """The ends of a score's axis; those of a share within 0 to 100 %, and room for a line there."""
+    low, high = charts.margin(values, _LEAST.get(score, 0.0))
+    if score != "survival":
+        return low, high
+    shift = max(0.0, -low) - max(0.0, high - 100.0)
+    return max(low + shift, 0.0) - 0.5, min(high + shift, 100.0) + 0.5
 
 
 def compared_curves(runs: Mapping[str, polars.DataFrame], colours: Mapping[str, str]) -> Figure:
@@ -114,7 +122,7 @@ def compared_curves(runs: Mapping[str, polars.DataFrame], colours: Mapping[str, 
                 {"series": name, "x": place, "y": mean}
                 for place, mean in zip(places[known], means, strict=True)
             ]
-        span = charts.margin([row["y"] for row in rows], _LEAST.get(score, 0.0))
+        span = _span(score, [row["y"] for row in rows])
         x = charts.number("x", _OVER["steps"][0])
         y = charts.number("y", **charts.within(*span))
         layer = charts.layer("", {"type": "line"}, x=x, y=y, color=charts.coloured(colours))

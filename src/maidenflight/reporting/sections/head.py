@@ -140,6 +140,25 @@ def _value(run: Run, name: str) -> str:
     ).rstrip()
 
 
+class Judgement(NamedTuple):
+    """What a prediction says of a policy."""
+
+    is_good: bool
+    sentence: str
+
+
+def judgements(run: Run) -> list[Judgement]:
+    """Returns what the record of a prediction says of its policies, those that may fly first."""
+    lists = [record.get("verdicts") for record in run.records.values()]
+    all_of_them = [
+        Judgement(bool(one.get("good")), str(one.get("sentence", "")))
+        for some in lists
+        for one in (some if isinstance(some, list) else [])
+        if isinstance(one, dict)
+    ]
+    return sorted(all_of_them, key=lambda one: not one.is_good)
+
+
 def _predicted(run: Run) -> list[str]:
     if run.prediction is None:
         return []
@@ -236,11 +255,16 @@ def _of_flights(run: Run) -> list[KeyFigure]:
     text_start = f"{'simulated test' if simulated else 'test'} flights reached {limit:g} s"
     count, longest = f"of {run.table.height}", f"longest allowed {limit:g} s"
     median = f"{np.median(run.table['duration'].to_numpy()):.1f}"
-    error = _centimetres(_mean(run.table["position_error"].to_numpy()))
+    # How far a flight is that a guard soon ends says nothing.
+    error = _mean(reached["position_error"].to_numpy())
     return [
         KeyFigure(f"{reached.height}", count, text_start, describe_realities(run) or "zero-shot"),
         KeyFigure(median, "s", "their median flight time", longest),
-        KeyFigure(error, "cm", "their mean position error", "mean over flights"),
+        *(
+            [KeyFigure(_centimetres(error), "cm", "mean position error of those", "over flights")]
+            if np.isfinite(error)
+            else []
+        ),
     ]
 
 
