@@ -138,7 +138,8 @@ def _axis(marginal: _Marginal, there: bool, left_axis: bool) -> Spec:
         return {"axis": {"labels": False, "ticks": False, "title": None, "grid": False}}
     width = {"minExtent": _AXIS_WIDTH - 34, "maxExtent": _AXIS_WIDTH - 34} if left_axis else {}
     axis = {"tickCount": 3, "labelFontSize": 11, "grid": False, "labelFlush": False, **width}
-    return {"axis": {**axis, "labelBound": True}, "title": [*marginal.label]}
+    # A label at the edge of its cell may reach into the gap beside it.
+    return {"axis": {**axis, "labelBound": 8, "labelOverlap": "greedy"}, "title": [*marginal.label]}
 
 
 def _channel(marginal: _Marginal, there: bool, left_axis: bool) -> Spec:
@@ -177,7 +178,9 @@ def _histogram(marginal: _Marginal, last: bool) -> Spec:
 def _cloud(x: _Marginal, y: _Marginal, correlation: float, first: bool, last: bool) -> Spec:
     across, up = _channel(x, last, False), _channel(y, first, True)
     tooltip = charts.tooltip({each.name: _axis_title(each) for each in (x, y)})
-    dot = {"type": "point", "filled": True, "size": 8, "opacity": 0.55, "clip": True}
+    dot = {"type": "point", "filled": True, "size": 8, "opacity": 1, "clip": True}
+    # In a PDF each mark with an opacity of its own, not of its filling, is a picture.
+    dot["fillOpacity"] = 0.55
     dot["color"] = charts.paint("blue")
     zoom = {"params": [charts.zoom(name=f"zoom_{x.name}_{y.name}")]}
     layers = [{**zoom, **charts.layer("", dot, x=across, y=up, tooltip=tooltip)}]

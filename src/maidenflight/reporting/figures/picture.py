@@ -66,6 +66,14 @@ def svg(figure: Figure, width: int = WIDTH, note: str = "") -> str:
     return _in_light_and_dark(picture, figure.title)
 
 
+def on_paper(svg: str, width_mm: float) -> str:
+    """Returns an SVG file that is so wide on paper [mm]; what it shows stays."""
+    [(width, height)] = re.findall(r'^<svg [^>]*? width="(\d+)" height="(\d+)"', svg)
+    size = [width_mm * 72 / 25.4 * int(side) / int(width) for side in (width, height)]
+    old = f' width="{width}" height="{height}"'
+    return svg.replace(old, f' width="{size[0]:.2f}pt" height="{size[1]:.2f}pt"', 1)
+
+
 def _chosen(part: Any, kind: str) -> Any:
     """A copy of a specification with what `charts.by_width` has for a phone or a wide page."""
     if isinstance(part, list | tuple):
@@ -96,18 +104,33 @@ def _drawn(figure: Figure, words: Sequence[list[str]], columns: int, inner: int)
     spec = {"title": title, "vconcat": parts, "config": look}
     spec |= {"spacing": 14, "resolve": resolve}
     svg = vl_convert.vegalite_to_svg(_plain(spec, columns * inner), vl_version=_VEGA_LITE)
-    return _restore_characters(
-        svg.translate({ord(substitute): lacking for lacking, substitute in _LACKING.items()})
-    )
+    return _restore_characters(svg)
 
 
 def _restore_characters(svg: str) -> str:
-    """The same with letters in their size, and clips that count in a picture, not in a process."""
+    """The same with letters in their size, and clips that count in a picture, not in a process.
+
+    Raised letters that the font lacks are its own, raised and smaller.
+    """
+    svg = svg.translate({ord(other): lacking for lacking, other in _LACKING.items()})
+    svg = re.sub(r">([^<>]+)<", lambda words: f">{_raised(words[1])}<", svg)
     clips = list(dict.fromkeys(re.findall(r'id="(clip\d+)"', svg)))
     numbers = {name: f"clip{number}" for number, name in enumerate(clips, 1)}
     svg = re.sub(r"\bclip\d+\b", lambda name: numbers.get(name[0], name[0]), svg)
     size = r'font-size="([\d.]+)px"'
     return re.sub(size, lambda size: f'font-size="{float(size[1]) / _ROOM:g}px"', svg)
+
+
+def _raised(words: str) -> str:
+    """A text of an SVG in which raised letters are smaller ones of the line, raised."""
+    raised, plain = "".join(_LACKING) + "¹²³", "-0456789123".replace("-", "\N{MINUS SIGN}")
+    letters = str.maketrans(raised, plain)
+
+    def part(found: re.Match[str]) -> str:
+        up = f'<tspan dy="-0.45em" font-size="0.7em">{found[1].translate(letters)}</tspan>'
+        return f'{up}<tspan dy="0.315em">{found[2]}</tspan>' if found[2] else up
+
+    return re.sub(rf"([{raised}]+)([^{raised}]*)", part, words)
 
 
 def _legend(entries: Sequence[Entry], width: float) -> Spec:

@@ -22,7 +22,7 @@ from maidenflight.reporting.figures import charts
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec
 from maidenflight.reporting.figures.corner import corner
 from maidenflight.reporting.figures.identification import estimates
-from maidenflight.reporting.figures.picture import svg
+from maidenflight.reporting.figures.picture import on_paper, svg
 from maidenflight.simulator.physics.sensors import Measurement
 
 _MOST_ROWS = 500
@@ -31,11 +31,14 @@ _OFFSETS = np.linspace(-0.5, 0.5, 21)
 """Distances to the set-point [m]."""
 
 
+_PX_MM = 0.22
+"""Width of a pixel on paper [mm]: letters of axes are then 7.5 pt high, in a PDF of any width."""
 _WRITERS: Mapping[str, Callable[[str], str | bytes]] = {
-    **{".svg": str, ".pdf": vl_convert.svg_to_pdf},
-    ".png": partial(vl_convert.svg_to_png, scale=2),
+    # The converter writes a pixel as a point, and otherwise counts 96 an inch.
+    **{".svg": str, ".pdf": lambda svg: vl_convert.svg_to_pdf(svg.replace('pt"', '"', 2))},
+    ".png": partial(vl_convert.svg_to_png, scale=72 / 96, ppi=300),
 }
-"""What makes a file of an SVG, by its suffix."""
+"""What makes a file of an SVG, by its suffix; a PNG has 300 dots an inch."""
 
 
 class Picture(NamedTuple):
@@ -46,16 +49,27 @@ class Picture(NamedTuple):
     def _repr_svg_(self) -> str:
         return svg(self.figure)
 
-    def save(self, path: StrPath) -> None:
+    def save(self, path: StrPath, width_mm: float | None = None) -> None:
         """Writes the picture as SVG, PDF or PNG, by the path's suffix.
 
+        Args:
+            path: of the file.
+            width_mm: of the picture on paper [mm]. By default that of a column, 88, or of a page,
+                180, where a panel needs more.
+
         Raises:
-            InputError: the suffix is another.
+            InputError: the suffix is another, or the width is not above 0.
         """
         suffix = Path(path).suffix.lower()
         if suffix not in _WRITERS:
             raise InputError(f"{path}: a picture is written as {', '.join(_WRITERS)}. Rename it.")
-        results.write(path, _WRITERS[suffix](svg(self.figure)))
+        least = self.figure.least if self.figure.columns else 0
+        column = 88.0 if least * _PX_MM <= 88.0 else 180.0
+        width = column if width_mm is None else width_mm
+        if not 0 < width < 2000:
+            raise InputError(f"width_mm={width:g}: expected millimetres above 0, such as 88.")
+        drawn = svg(self.figure, max(least, round(width / _PX_MM)))
+        results.write(path, _WRITERS[suffix](on_paper(drawn, width)))
 
 
 def plot_identification(identification: Identification | DroneFile) -> Picture:
