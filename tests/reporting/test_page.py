@@ -42,6 +42,7 @@ from maidenflight.reporting.page import report, report_comparison
 from maidenflight.reporting.sections import comparison
 from maidenflight.reporting.sections import flights as flight_section
 from maidenflight.reporting.sections import head as head_section
+from maidenflight.reporting.sections import parameters as parameter_section
 from maidenflight.reporting.sections.flights import NAMES as STRUCTURES
 from maidenflight.simulator.controllers.interface import INTERFACES
 from maidenflight.simulator.policy_spec import PolicySpec
@@ -513,6 +514,19 @@ def test_a_broken_file_is_named(run, tmp_path, name, content, message):
     (run / name).write_text(content)
     with pytest.raises(InputError, match=message):
         report(run, tmp_path / "page.html")
+
+
+def test_the_sum_of_both_delays_says_which_lag_it_has(run):
+    changed(run, search=Search("likelihood", -15.0, 258, 9))
+    read = runs.read_run(run)
+    assert read.drone is not None
+    lag, late = (read.drone.estimates[name].value for name in NAMES[1:])
+    assert "both ways together" not in str(parameter_section.section(read))
+    ratio = Estimate(1.5, (1.4, 1.6), (1.5,), 0.0)
+    estimates = {**read.drone.estimates, "spin_down_ratio": ratio}
+    own = replace(read, drone=replace(read.drone, estimates=estimates))
+    (told,) = re.findall(r"with the latency is ([\d.]+) ms", str(parameter_section.section(own)))
+    assert 1e3 * (lag + late) < float(told) < 1e3 * (1.5 * lag + late)
 
 
 def test_delays_are_drawn_of_a_posterior_and_not_of_a_replay(run, tmp_path):

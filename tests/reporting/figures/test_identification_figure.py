@@ -51,7 +51,7 @@ def test_intervals_looks_and_gains_lie_where_their_numbers_say():
     figure = identification(found(), crazyflie())
     assert titles(figure) == [
         "",
-        "Motor time constant plus latency",
+        "Motor lag, of both ways together, plus latency",
         "Log-likelihood gain of each group",
     ]
     [bar], [value] = of(figure, kind="bar", row=0), of(figure, kind="value", row=0)
@@ -112,3 +112,24 @@ def test_on_a_phone_numbers_stand_below_names_and_the_plot_keeps_its_place():
     drawn = svg(estimates(found().estimates, {}, {}), 390)
     assert "100%" in drawn
     assert "100.0" not in drawn, "whole percents"
+
+
+def test_what_lies_or_runs_outside_the_frame_is_an_arrow_at_its_edge() -> None:
+    bounds = (0.0, 1.0)
+    figure = estimates(
+        {
+            "drag_x": Estimate(0.5, (-1.0, 3.0), (0.5,), 0.0, plausible=bounds),
+            "drag_y": Estimate(2.0, (0.9, 2.5), (2.0,), 0.0, plausible=bounds),
+            "drag_z": Estimate(0.5, (0.4, 0.6), (0.5,), 0.0, plausible=bounds),
+        },
+        {},
+        {"start": {"drag_z": [-7.0]}},
+    )
+    low, high = figure.panels[0]["layer"][0]["encoding"]["x"]["scale"]["domain"]
+    left, right = of(figure, kind="left"), of(figure, kind="right")
+    assert [(row["row"], row["series"]) for row in left] == [(0, "weak"), (2, "start")]
+    assert {row["row"] for row in right} == {0, 1}
+    assert all(low < row["x"] < low + 0.05 for row in left)
+    assert all(high - 0.05 < row["x"] < high for row in right)
+    assert "lies or runs farther out" in [entry.name for entry in figure.legend]
+    assert "farther" not in svg(identification(found(), crazyflie()))

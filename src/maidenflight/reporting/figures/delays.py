@@ -141,7 +141,7 @@ def legend_of_marks(total: float, truth: bool, remark: str = "") -> list[Entry]:
         *([Entry("truth", "green", "line", "truth")] if truth else []),
         Entry(f"paper's drone{remark}", "purple", "diamond", "paper"),
         Entry(point_label, "orange", "plus", "identified"),
-        Entry(f"{lag} + {late} = {total:.1f} ms", "soft", "dashed", "total"),
+        Entry(f"{lag} of speeding up + {late} = {total:.1f} ms", "soft", "dashed", "total"),
     ]
 
 

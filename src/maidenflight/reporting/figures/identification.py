@@ -12,7 +12,7 @@ from maidenflight.reporting.figures import charts, intervals
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec
 
 _OUTSIDE = -0.25, 1.25
-"""Shares of a plausible range beyond which marks are left out."""
+"""Shares of a plausible range beyond which an arrow at the edge stands for marks."""
 _WEAK = 0.5
 """Share of a plausible range from which on an interval is no finding of the flights."""
 _TOOLTIP = {"name": "", "value": "value", "between": "95 % interval", "source": ""}
@@ -23,6 +23,7 @@ _ENTRIES = {
     "truth": Entry("truth", "green", "tick", "truth"),
     "start": Entry("start", "purple", "tick", "start"),
     "paper": Entry("paper", "purple", "tick", "paper"),
+    "outside": Entry("lies or runs farther out", "soft", "arrow"),
 }
 """The legend, by series."""
 References = Mapping[str, Mapping[str, Sequence[float]]]
@@ -106,9 +107,22 @@ def estimates(
         min(_OUTSIDE[1], max([1.0, *places])) + 0.02,
     ]
     x = intervals.plausible_axis() | {"scale": {"domain": ends, "nice": False}}
-    series_names = {mark["series"] for mark in marks}
+    arrows = [arrow for mark in marks for arrow in _arrows(mark, ends[0], ends[1])]
+    series_names = {mark["series"] for mark in marks} | ({"outside"} if arrows else set())
+    marks += arrows
     legend = [entry for series, entry in _ENTRIES.items() if series in series_names]
     return Figure("Estimates", [intervals.rows(names, marks, x, _TOOLTIP)], legend, columns=1)
+
+
+def _arrows(mark: Spec, low: float, high: float) -> list[Spec]:
+    """Arrows at the edges, which a mark lies beyond or runs over."""
+    room = 0.008 * (high - low)
+    edges = {"left": (low, low + room), "right": (high, high - room)}
+    return [
+        {**mark, "kind": side, "x": inside, "x2": None}
+        for side, (edge, inside) in edges.items()
+        if any((mark[end] - edge) * (edge - inside) > 0 for end in ("x", "x2") if end in mark)
+    ]
 
 
 def _draw_delays(evidence: Sequence[Evidence]) -> Spec:
@@ -122,7 +136,7 @@ def _draw_delays(evidence: Sequence[Evidence]) -> Spec:
         names.append((look.signal, f"{value:.1f} [{low:.1f}, {high:.1f}] ms"))
     room = {"scale": {"zero": False, "nice": False, "padding": 10}}
     x = charts.number("x", "[ms]", **room)
-    return intervals.rows(names, marks, x, title="Motor time constant plus latency")
+    return intervals.rows(names, marks, x, title="Motor lag, of both ways together, plus latency")
 
 
 def _gains(gains: Sequence[GroupGain]) -> Spec:

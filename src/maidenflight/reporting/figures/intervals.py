@@ -17,6 +17,8 @@ _MARKS: dict[str, Spec] = {
     "end": {"type": "tick", "thickness": 1.6, "size": 9},
     "value": {"type": "tick", "thickness": 3, "size": 12},
     "line": {"type": "tick", "thickness": 2, "size": 18},
+    "left": {"type": "point", "shape": "triangle-left", "filled": True, "size": 70},
+    "right": {"type": "point", "shape": "triangle-right", "filled": True, "size": 70},
 }
 """How marks look, by their kind, in the order in which they are drawn."""
 

@@ -22,6 +22,7 @@ from maidenflight.reporting.figures.charts import Figure
 from maidenflight.reporting.html import render
 from maidenflight.reporting.run import Run, true_ends
 from maidenflight.reporting.tables import Cell, Column
+from maidenflight.simulator.physics.dynamics import equivalent_lag
 
 _RANGES = {
     "motor_time_constant": ("speeding up", "slowing down"),
@@ -68,6 +69,7 @@ def section(run: Run) -> Markup:
         gains=_gains(run),
         intervals=_intervals(run),
         delays=_delays(run),
+        together=_both_ways(run),
         calibration=None if run.calibration is None else ranks(summarize(run.calibration)),
         advice=_advice(run),
         truth=_shape_of_truth(run),
@@ -126,6 +128,15 @@ def _delays(run: Run) -> Figure | None:
     if run.objective == "replay" or not set(delays.DELAYS) <= identified:
         return None
     return delays.delay_posterior(run.posterior, run.estimates, runs.truth(run))
+
+
+def _both_ways(run: Run) -> str:
+    """Lag of both ways together plus latency [ms], where each way has a lag of its own."""
+    ratio = run.estimates.get("spin_down_ratio")
+    if ratio is None or not set(delays.DELAYS) <= set(run.estimates):
+        return ""
+    lag, latency = (run.estimates[name].value for name in delays.DELAYS)
+    return f"{1e3 * (float(equivalent_lag(lag, ratio.value)) + latency):.1f}"
 
 
 def estimate(run: Run, name: str, decimals: int | None = None) -> tuple[str, str, str]:
