@@ -134,10 +134,7 @@ def _of_the_drone(run: Run) -> list[str]:
 
 
 def _value(run: Run, name: str) -> str:
-    return (
-        f"{text.label(name)} {text.number(run.estimates[name].value * text.factor(name), 3)} "
-        f"{text.unit(name)}"
-    ).rstrip()
+    return f"{text.label(name)} {parameters.estimate(run, name)[0]} {text.unit(name)}".rstrip()
 
 
 class Judgement(NamedTuple):
