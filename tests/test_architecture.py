@@ -273,18 +273,18 @@ if str(BENCHMARKS) not in sys.path:
 parts: Any = importlib.import_module("parts")
 
 MOST = {
-    "closure of identify": 105,
-    "closure of train": 55,
-    "closure of export": 28,
-    "log to drone.toml: stops": 714,
-    "log to drone.toml: modules": 116,
-    "log to drone.toml: names": 934,
-    "drone to policy: stops": 310,
-    "drone to policy: modules": 67,
-    "drone to policy: names": 468,
-    "policy to flight: stops": 256,
-    "policy to flight: modules": 51,
-    "policy to flight: names": 394,
+    "closure of identify": 106,
+    "closure of train": 56,
+    "closure of export": 29,
+    "log to drone.toml: stops": 716,
+    "log to drone.toml: modules": 117,
+    "log to drone.toml: names": 936,
+    "drone to policy: stops": 322,
+    "drone to policy: modules": 69,
+    "drone to policy: names": 483,
+    "policy to flight: stops": 258,
+    "policy to flight: modules": 52,
+    "policy to flight: names": 396,
     "policy to C: stops": 46,
     "policy to C: modules": 12,
     "policy to C: names": 73,
@@ -293,7 +293,7 @@ MOST = {
     "study to table: names": 123,
     "constants": 732,
     "constants without a source": 583,
-    "lines": 59_031,
+    "lines": 59_385,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
