@@ -279,12 +279,12 @@ MOST = {
     "log to drone.toml: stops": 716,
     "log to drone.toml: modules": 117,
     "log to drone.toml: names": 936,
-    "drone to policy: stops": 322,
-    "drone to policy: modules": 69,
-    "drone to policy: names": 483,
-    "policy to flight: stops": 258,
-    "policy to flight: modules": 52,
-    "policy to flight: names": 396,
+    "drone to policy: stops": 631,
+    "drone to policy: modules": 113,
+    "drone to policy: names": 869,
+    "policy to flight: stops": 267,
+    "policy to flight: modules": 54,
+    "policy to flight: names": 407,
     "policy to C: stops": 46,
     "policy to C: modules": 12,
     "policy to C: names": 73,
@@ -293,7 +293,7 @@ MOST = {
     "study to table: names": 123,
     "constants": 732,
     "constants without a source": 583,
-    "lines": 59_385,
+    "lines": 59_503,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

@@ -120,6 +120,9 @@ class Predict(FliesPolicies):
                 fleet.paths, tasks, rows, means, ends, outlives, strict=True
             )
         ]
+        known = drones.read_file(self.drone)
+        by_firmware = any(one.interface.name != "pwm" for one in fleet.own)
+        loop = [drones.describe_loop(known)] if by_firmware else []
         best = self.choose_best(prediction)
         words, remark = self._mend(best, verdicts[best], randomization) if best else ((), "")
         return self.conclude(
@@ -136,7 +139,8 @@ class Predict(FliesPolicies):
                 *self.describe_other_drones([self.drone]),
                 *comparison.describe_margins(summary),
                 *flight_times.describe_alike(summary, against_best),
-                *drones.doubts(drones.read_file(self.drone)),
+                *loop,
+                *drones.doubts(known),
             ],
             value=prediction,
             verdict=verdicts[best].sentence if best else "",
