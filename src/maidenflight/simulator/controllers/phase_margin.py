@@ -60,16 +60,16 @@ class RateLoop(NamedTuple):
         size = 3 + 2 + self.periods + 1
         closed = np.zeros((size, size))
         # Three of the drone, the integral, the last measurement, then commands, newest first.
-        seen, summed, last, line = 2, 3, 4, 5
+        rate, summed, last, line = 2, 3, 4, 5
         command = np.zeros(size)
-        command[seen] = -kp - ki * PERIOD - kd / PERIOD
+        command[rate] = -kp - ki * PERIOD - kd / PERIOD
         command[summed], command[last] = ki, kd / PERIOD
         closed[:3, :3] = self.step
         newer = np.eye(size)[line + self.periods - 1] if self.periods else command
         older = np.eye(size)[line + self.periods]
         closed[:3] += np.outer(self.newer, newer) + np.outer(self.older, older)
-        closed[summed, summed], closed[summed, seen] = 1.0, -PERIOD
-        closed[last, seen] = 1.0
+        closed[summed, summed], closed[summed, rate] = 1.0, -PERIOD
+        closed[last, rate] = 1.0
         closed[line] = command
         closed[line + 1 :, line:-1] = np.eye(self.periods)
         return bool(np.abs(np.linalg.eigvals(closed)).max() < 1.0)
@@ -118,11 +118,11 @@ def rate_loop(
             [0.0, 1.0 / filtering, -1.0 / filtering],
         ]
     )
-    given = np.array([_DEGREE / (2.0 * speed * full_scale_counts * lag), 0.0, 0.0])
+    drive = np.array([_DEGREE / (2.0 * speed * full_scale_counts * lag), 0.0, 0.0])
 
     def moved_in(seconds: float) -> tuple[np.ndarray, np.ndarray]:
         both = np.zeros((4, 4))
-        both[:3, :3], both[:3, 3] = rates, given
+        both[:3, :3], both[:3, 3] = rates, drive
         moved = scipy.linalg.expm(both * seconds)
         return moved[:3, :3], moved[:3, 3]
 
@@ -142,12 +142,12 @@ def phase_margin(loop: RateLoop) -> Margin:
     # From the integral and the body's inertia on, two integrations: -180 deg.
     phase += 2.0 * np.pi * np.round((-np.pi - phase[0]) / (2.0 * np.pi))
     places = np.flatnonzero((gain[:-1] > 0.0) & (gain[1:] <= 0.0))
-    found = []
+    margins = []
     for place in places:
         share = gain[place] / (gain[place] - gain[place + 1])
         at, about = (np.interp(share, [0, 1], one[place : place + 2]) for one in (frequency, phase))
-        found.append(Margin(float(about + np.pi), float(at)))
-    return min(found)
+        margins.append(Margin(float(about + np.pi), float(at)))
+    return min(margins)
 
 
 def rate_margin(
