@@ -279,12 +279,12 @@ MOST = {
     "log to drone.toml: stops": 716,
     "log to drone.toml: modules": 117,
     "log to drone.toml: names": 936,
-    "drone to policy: stops": 631,
-    "drone to policy: modules": 113,
-    "drone to policy: names": 869,
-    "policy to flight: stops": 267,
+    "drone to policy: stops": 331,
+    "drone to policy: modules": 69,
+    "drone to policy: names": 493,
+    "policy to flight: stops": 268,
     "policy to flight: modules": 54,
-    "policy to flight: names": 407,
+    "policy to flight: names": 410,
     "policy to C: stops": 46,
     "policy to C: modules": 12,
     "policy to C: names": 73,
@@ -292,8 +292,8 @@ MOST = {
     "study to table: modules": 14,
     "study to table: names": 123,
     "constants": 732,
-    "constants without a source": 583,
-    "lines": 59_503,
+    "constants without a source": 578,
+    "lines": 59_772,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

@@ -135,9 +135,31 @@ def fly_all(
         if len(batch) < len(each):
             drones = [drones[place] for place in batch]
             keys = jnp.stack([keys[place] for place in batch])
-        together = _fly_together(reality, pilot, drones, scenario, keys, guard)
-        flights |= zip(batch, together, strict=True)
+        for some in _kinds(pilot, len(batch)):
+            flights |= zip(
+                [batch[place] for place in some],
+                _fly_together(
+                    reality,
+                    [pilot[place] for place in some] if isinstance(pilot, list) else pilot,
+                    [drones[place] for place in some],
+                    scenario,
+                    keys[np.array(some)],
+                    guard,
+                ),
+                strict=True,
+            )
     return [flights[place] for place in range(len(each))]
+
+
+def _kinds(pilots: Any, count: int) -> list[list[int]]:
+    """Places of pilots that one program flies: alike in all but their numbers."""
+    if not isinstance(pilots, list):
+        return [list(range(count))]
+    kinds: dict[Any, list[int]] = {}
+    for place, pilot in enumerate(pilots):
+        shapes = tuple(map(np.shape, jax.tree.leaves(pilot)))
+        kinds.setdefault((jax.tree.structure(pilot), shapes), []).append(place)
+    return list(kinds.values())
 
 
 def _fly_together(

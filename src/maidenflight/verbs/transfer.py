@@ -66,13 +66,13 @@ class Transfer(InRealities):
         logs = logs_output.write_logs(output, {one.name: one for one in evaluation.flights}, record)
         table = run_folder.FLIGHTS.write(output / run_folder.FLIGHTS.name, evaluation.table)
         flights, summary = evaluation.table.to_dicts(), comparison.summarize(evaluation.table)
-        beside = [comparison.summarize(one) for one in rivals]
-        notes += comparison.describe_limit_cycles(polars.concat([summary, *beside]))
+        rival_rows = [comparison.summarize(one) for one in rivals]
+        notes += comparison.describe_limit_cycles(polars.concat([summary, *rival_rows]))
         if rivals or any(one.interface.name != "pwm" for one in own):
             notes += drones.describe_unstable(self.realities, *counts.values())
         notes += comparison.describe_margins(summary) + left_out
         rows = summary.to_dicts()
-        against = [row for one in beside for row in one.to_dicts()]
+        against = [row for one in rival_rows for row in one.to_dicts()]
         return self.conclude(
             {"flights": flights, "summary": rows, "against": against},
             [
