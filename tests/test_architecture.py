@@ -276,12 +276,12 @@ MOST = {
     "closure of identify": 106,
     "closure of train": 56,
     "closure of export": 29,
-    "log to drone.toml: stops": 716,
+    "log to drone.toml: stops": 717,
     "log to drone.toml: modules": 117,
-    "log to drone.toml: names": 936,
-    "drone to policy: stops": 331,
+    "log to drone.toml: names": 939,
+    "drone to policy: stops": 332,
     "drone to policy: modules": 69,
-    "drone to policy: names": 493,
+    "drone to policy: names": 494,
     "policy to flight: stops": 268,
     "policy to flight: modules": 54,
     "policy to flight: names": 410,
@@ -293,7 +293,7 @@ MOST = {
     "study to table: names": 123,
     "constants": 732,
     "constants without a source": 578,
-    "lines": 59_772,
+    "lines": 59_818,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
