@@ -301,10 +301,10 @@ def test_the_page_that_the_help_of_training_names_tells_how_many_updates_are_usu
     assert help_of("updates").usual == f"see docs/{TRAINING_PAGE.name}"
     told = " ".join(TRAINING_PAGE.read_text().split())
     usual = {structure: usual_settings(structure).updates for structure in CONTROLS}
-    assert f"| pwm | {usual['pwm']} |" in told
-    for name in ("attitude_rate", "attitude"):
-        remembering = usual_settings(name, memory=16).updates
-        assert f"| {name} | {usual[name]}; {remembering} with a memory |" in told
+    remembering = usual_settings("attitude", memory=16).updates
+    assert f"| pwm, attitude_rate | {usual['pwm']} |" in told
+    assert f"| attitude | {usual['attitude']}; {remembering} with a memory |" in told
+    assert usual["attitude_rate"] == usual["pwm"]
     long = ("figure_eight", "fast_figure_eight", "tracking")
     for structure, count in usual.items():
         for task, times, word in (

@@ -24,7 +24,6 @@ from maidenflight.training.settings import Settings
 SETTINGS: dict[str, AnalyticGradient] = {
     "pwm": AnalyticGradient(),
     "attitude_rate": AnalyticGradient(
-        updates=600,
         num_envs=160,
         horizon=36,
         failure_penalty=10.0,
@@ -46,7 +45,7 @@ DISTILLED_HIDDEN = (32, 32)
 """Hidden layers of policies by distillation (paper/notes/adaptation.md)."""
 
 REMEMBERING_BY_CONTROL: dict[str, dict[str, int]] = {
-    "attitude_rate": {"updates": 1500, "horizon": 32, "largest_gradient": 0},
+    "attitude_rate": {"horizon": 32, "largest_gradient": 0},
     "attitude": {"updates": 1200, "horizon": 32, "largest_gradient": 0},
 }
 """What further differs for policies with a memory, by control structure: they were measured with

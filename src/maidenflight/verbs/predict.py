@@ -99,7 +99,7 @@ class Predict(FliesPolicies):
             on_policy=lambda done, of: progress.move(done, of, "policies flown"),
         )
         drone = shared.own_files(self.drone)
-        files = [*drone, *shared.own_files(self.conditions), *fleet.paths]
+        files = [*drone, *shared.own_files(self.conditions), *fleet.paths, *self.others.paths]
         record = self.make_record(files, policies=None, randomize=randomization)
         progress.move(0, None, "flying the drone changed, and others beside")
         table, more = self._fly_rivals(tasks, self.longest(tasks[0], self.duration))
