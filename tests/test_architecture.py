@@ -273,12 +273,12 @@ if str(BENCHMARKS) not in sys.path:
 parts: Any = importlib.import_module("parts")
 
 MOST = {
-    "closure of identify": 106,
+    "closure of identify": 108,
     "closure of train": 56,
     "closure of export": 29,
-    "log to drone.toml: stops": 717,
-    "log to drone.toml: modules": 117,
-    "log to drone.toml: names": 939,
+    "log to drone.toml: stops": 736,
+    "log to drone.toml: modules": 120,
+    "log to drone.toml: names": 968,
     "drone to policy: stops": 332,
     "drone to policy: modules": 69,
     "drone to policy: names": 494,
@@ -291,9 +291,9 @@ MOST = {
     "study to table: stops": 75,
     "study to table: modules": 14,
     "study to table: names": 123,
-    "constants": 732,
-    "constants without a source": 578,
-    "lines": 59_818,
+    "constants": 743,
+    "constants without a source": 585,
+    "lines": 60_243,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
