@@ -32,7 +32,7 @@ ORDER = [
 ]
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names.split()}
 FREE = set(
-    "budget cache compiler cores errors inputs manifest names registry results run_folder "
+    "budget cache compiler cores errors events inputs manifest names registry results run_folder "
     "settings".split()
 )
 """May be imported by all, and import no stage."""
@@ -278,10 +278,10 @@ MOST = {
     "closure of export": 28,
     "log to drone.toml: stops": 714,
     "log to drone.toml: modules": 116,
-    "log to drone.toml: names": 934,
-    "drone to policy: stops": 310,
-    "drone to policy: modules": 67,
-    "drone to policy: names": 468,
+    "log to drone.toml: names": 935,
+    "drone to policy: stops": 314,
+    "drone to policy: modules": 68,
+    "drone to policy: names": 472,
     "policy to flight: stops": 256,
     "policy to flight: modules": 51,
     "policy to flight: names": 394,
@@ -291,9 +291,9 @@ MOST = {
     "study to table: stops": 75,
     "study to table: modules": 14,
     "study to table: names": 123,
-    "constants": 732,
+    "constants": 735,
     "constants without a source": 583,
-    "lines": 59_031,
+    "lines": 60_100,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
