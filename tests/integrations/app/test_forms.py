@@ -131,17 +131,26 @@ def test_every_text_is_checked() -> None:
 
 
 def test_the_command_that_comes_next_fills_its_form() -> None:
-    words = ["identify", "flights", "--start", "DRONE", "--over", "latency,inertia_x"]
-    filled = forms.fill_by(words)
-    assert filled["logs"] == ["flights"]
-    assert "start" not in filled
-    assert forms.fill_by(["transfer", "policies", "--drone", "d.toml"]) == {
-        "policies": ["policies"],
-        "drone": ["d.toml"],
-    }
-    assert forms.fill_by(["train", "--no-such-option"]) == {}
+    words = ["flights", "--start", "DRONE", "--over", "latency,inertia_x", "--verbose", "-o", "d"]
+    filled = forms.filled_by(find_verb("identify"), words)
+    assert filled == {"logs": ["flights"], "over": ["latency,inertia_x"], "output": ["d"]}
+    filled = forms.filled_by(find_verb("transfer"), ["a", "b", "--drone", "d.toml", "--overwrite"])
+    assert filled == {"policies": ["a", "b"], "drone": ["d.toml"]}
+    assert forms.filled_by(find_verb("train"), ["--no-such-option"]) == {}
 
 
 def test_the_page_is_a_command_of_the_list() -> None:
     assert cli.commands.get_command(click.Context(cli.commands), "app") is not None
     assert not {"app", "fly"} & set(FORMS)
+
+
+def test_a_form_holds_again_what_became_words() -> None:
+    filled = {"policies": ["a", "b"], "trials": "2", "reality": ["near:1", "far:2"], "against": []}
+    transfer = find_verb("transfer")
+    words = forms.words_of(transfer, filled, lambda _: None)
+    again = {"policies": ["a", "b"], "trials": ["2"], "reality": ["near:1", "far:2"]}
+    assert forms.filled_by(transfer, words) == again
+    validate = find_verb("validate")
+    filled = {"drone": "--d", "logs": "e", "disturbances": True, "seed": "3"}
+    words = forms.words_of(validate, filled, lambda _: None)
+    assert forms.filled_by(validate, words) == {"drone": ["--d"], "logs": ["e"], "seed": ["3"]}

@@ -14,20 +14,14 @@ from maidenflight.errors import InputError, WriteError
 
 LOGS = "logs"
 """Where logs go that are dropped."""
-LARGEST = 2**30
-"""Bytes of a log at most, and with `MOST` what the page may fill a disk with; ours."""
-MOST = 1000
-"""Logs at most; ours."""
+LARGEST, MOST = 2**30, 1000
+"""Bytes of a log, and logs, at most; ours."""
 _JOINTS = re.compile(r"[:@+=,|;\s]")
 """What texts of settings join names and paths by."""
 
 
 def confine(folder: Path, text: str) -> Path:
-    """Returns the place in a folder that a text names.
-
-    Raises:
-        InputError: it, or a part of it, may name something outside.
-    """
+    """Returns the place in a folder that a text names; InputError where a part may be outside."""
     home = folder.resolve()
     for part in (*_JOINTS.split(text), text):
         # A name that cannot be printed may end where the system reads a zero.
@@ -38,11 +32,7 @@ def confine(folder: Path, text: str) -> Path:
 
 
 def find_file(folder: Path, name: str) -> Path:
-    """Returns a file to download.
-
-    Raises:
-        InputError: it is none, is hidden, or lies outside.
-    """
+    """Returns a file to download; InputError where it is none, hidden or outside."""
     place = confine(folder, name)
     if not place.is_file() or re.search(r"(^|/)\.", name):
         raise InputError(f"{name}: no such file in this run folder.")
@@ -50,11 +40,7 @@ def find_file(folder: Path, name: str) -> Path:
 
 
 def clean(name: str) -> str:
-    """Returns a file's name as it is written: letters, digits and few signs.
-
-    Raises:
-        InputError: nothing of it is left.
-    """
+    """Returns a name with letters, digits and few signs; InputError where nothing is left."""
     plain = re.sub(r"[^\w. ()-]", "_", re.split(r"[/\\]", name)[-1]).strip(". ").lstrip("-")
     plain = plain if len(plain) < 80 else plain[:60] + plain[-12:]  # systems take 255 bytes
     if not plain.strip("_"):
@@ -72,10 +58,7 @@ def find_logs(folder: Path) -> list[str]:
 async def receive(folder: Path, name: str, content: AsyncIterator[bytes], size: int) -> str:
     """Writes a log that is dropped, of `size` bytes as it says; one that is there stays.
 
-    Returns its name there.
-
-    Raises:
-        InputError: it is too large, or one too many, or cannot be written.
+    Returns its name; InputError where it is too large, one too many, or cannot be written.
     """
     plain, place = clean(name), confine(folder, LOGS)
     too_large = InputError(f"{plain}: larger than {LARGEST // 2**20} MiB, which no log is.")
@@ -114,22 +97,14 @@ def _keep(temporary: str, wished: Path, digest: str) -> str:
 
 
 def remove_log(folder: Path, name: str) -> None:
-    """Removes a log that was dropped.
-
-    Raises:
-        InputError: there is no such log.
-    """
+    """Removes a log that was dropped; InputError where there is none of this name."""
     if name not in find_logs(folder):
         raise InputError(f"{name}: no such log here.")
     (confine(folder, LOGS) / name).unlink()
 
 
 def pack(folder: Path, names: list[str]) -> bytes:
-    """Returns a zip file of files, and of those in folders.
-
-    Raises:
-        InputError: there are none, or one lies outside.
-    """
+    """Returns a zip file of files and folders; InputError where none is there or one outside."""
     packed, home = io.BytesIO(), folder.resolve()
     places = [confine(folder, name) for name in names]
     inner = [one for place in places for one in (place, *place.rglob("*")) if one.is_file()]

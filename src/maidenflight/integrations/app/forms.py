@@ -1,12 +1,11 @@
 """Forms derived from the settings of verbs, and the words of a command from what they hold."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
-import click
-
-from maidenflight.cli.command import VerbCommand
 from maidenflight.errors import InputError
 from maidenflight.registry import VERBS
 from maidenflight.settings import Setting, flag, path
@@ -24,6 +23,7 @@ def verbs() -> dict[str, type[Verb]]:
     return {name: find_verb(name) for name in names if name not in _APART}
 
 
+@cache
 def fields(verb: type[Verb]) -> dict[str, Setting]:
     """Returns the fields of a verb's form by name, with those that every command has.
 
@@ -49,15 +49,9 @@ def kind_of(setting: Setting) -> str:
 def words_of(
     verb: type[Verb], filled: Mapping[str, Any], check: Callable[[str], object]
 ) -> list[str]:
-    """Returns the words of the command for what a form holds.
+    """Returns the words of the command for what a form holds: a flag, a text or a list by field.
 
-    Args:
-        verb: of the form.
-        filled: true or false, a text, or a list of texts by field; an empty one is left out.
-        check: called with each text.
-
-    Raises:
-        InputError: there is no such field, or a text names Python code.
+    `check` is called with each text. InputError where there is no such field, or one names code.
     """
     known, arguments, options = fields(verb), list[str](), list[str]()
     for name, value in filled.items():
@@ -80,17 +74,20 @@ def words_of(
     return [*options, "--", *arguments]
 
 
-def fill_by(words: Sequence[str]) -> dict[str, list[str]]:
+def filled_by(verb: type[Verb], words: Iterable[str]) -> dict[str, list[str]]:
     """Returns what fields hold by the words of a command; one in capitals only the user knows."""
-    command = VerbCommand(find_verb(words[0]))
-    try:
-        context = command.make_context(words[0], [*words[1:]], resilient_parsing=True)
-    except click.ClickException:
-        return {}
-    filled = {}
-    for name, value in context.params.items():
-        several = value if isinstance(value, list | tuple) else [value]
-        texts = [str(one) for one in several if one is not None and not str(one).isupper()]
-        if texts and not isinstance(value, bool | dict):
-            filled[name.rstrip("_")] = texts
+    known, filled, left = fields(verb), dict[str, list[str]](), deque(words)
+    places, ended = [name for name, one in known.items() if one.argument], False
+    while left:
+        word, name, text = left.popleft(), places[0] if places else "", ""
+        if word == "--" or (word.startswith("-") and not ended):
+            ended = word == "--"
+            option, mark, text = word.replace("-o", "--output", word == "-o").partition("=")
+            name = option.removeprefix("--").replace("-", "_")
+            takes = name in known and kind_of(known[name]) != "flag" and not mark and left
+            text = left.popleft() if takes else text
+        else:
+            text, places = word, places[1:] or places
+        if name in known and text and not text.isupper():
+            filled.setdefault(name, []).append(text)
     return filled

@@ -52,6 +52,7 @@ class Page:
             Route("/state", self._tell_state),
             Route("/run/{verb}", self._run, methods=["POST"]),
             Route("/cancel/{verb}", self._cancel, methods=["POST"]),
+            Route("/resume/{verb}", self._resume, methods=["POST"]),
             Route("/preview", self._fly, methods=["POST"]),
             Route("/view/{verb}", self._view),
             Route("/logs/{name:path}", self._receive, methods=["PUT"]),
@@ -76,26 +77,22 @@ class Page:
             return Manifest(self.folder), str(error)
 
     async def _show(self, request: Request) -> Response:
-        content = {
-            **{"folder": self.folder.name or str(self.folder), "version": __version__},
-            **{"verbs": self.verbs, "flow": forms.FLOW},
-            **{"fields_of": forms.fields, "kind_of": forms.kind_of, "needed": REQUIRED},
-            "files": steps.find_files(self.folder, self._read()[0]),
-        }
-        return HTMLResponse(views.render("page.html", **content))
+        about: Any = {"folder": self.folder.name or str(self.folder), "version": __version__}
+        about |= {"forms": forms, "needed": REQUIRED, "verbs": self.verbs}
+        names = steps.find_files(self.folder, self._read()[0])
+        return HTMLResponse(views.render("page.html", files=names, **about))
 
     async def _send_asset(self, request: Request) -> Response:
         name = request.path_params["name"]
         text = await run_in_threadpool(views.asset, name)
         kind = "text/css" if name.endswith(".css") else "text/javascript"
-        keep = {"cache-control": "private, max-age=86400"}
-        return Response(text, media_type=kind, headers=keep)
+        return Response(text, 200, {"cache-control": "private, max-age=86400"}, kind)
 
     async def _tell_state(self, request: Request) -> Response:
         run, problem = self._read()
         state = {name: self._state_of(run, name) for name in self.verbs}
-        logs = files.find_logs(self.folder)
-        return JSONResponse({"problem": problem, "logs": logs, "steps": state})
+        about = {"problem": problem, "logs": files.find_logs(self.folder)}
+        return JSONResponse({**about, "steps": state})
 
     def _state_of(self, run: Manifest, name: str) -> dict[str, Any]:
         job, flight = self.jobs.get(name), self.jobs.get(views.PREVIEW)
@@ -145,6 +142,14 @@ class Page:
         if job := self.jobs.get(request.path_params["verb"]):
             job.interrupt()
         return JSONResponse({})
+
+    async def _resume(self, request: Request) -> Response:
+        """Goes on with what was cancelled, by the same words, whatever the form holds by now."""
+        name = request.path_params["verb"]
+        if name not in self.jobs:
+            raise InputError(f"{name}: nothing to resume.")
+        words = [one for one in self.jobs[name].words if one not in ("--overwrite", "--resume")]
+        return await self._start(name, name, ["--resume", *words])
 
     async def _fly(self, request: Request) -> Response:
         """Flies the policy that is in training as it is by now, behind the training."""

@@ -47,17 +47,16 @@ def find_logs(run: Manifest) -> str:
 
 
 def suggest(run: Manifest, verb: type[Verb], jobs: Iterable[Job]) -> dict[str, list[str]]:
-    """Returns what fields of a form begin with: what the verbs before it wrote, and said of it."""
-    known = forms.fields(verb)
-    filled = {
-        name: [place]
-        for name, setting in known.items()
-        if setting.argument and (place := _find_place(run, name, setting))
-    }
-    for job in jobs:
-        if job.state == "done" and job.next[:1] == [verb.name]:
-            next_words = forms.fill_by(job.next).items()
-            filled |= {name: texts for name, texts in next_words if name in known}
+    """Returns what a form begins with: what verbs before it wrote and said, and what it ran by."""
+    filled = {}
+    for name, setting in forms.fields(verb).items():
+        if setting.argument and (place := _find_place(run, name, setting)):
+            filled[name] = [place]
+    for job in sorted(jobs, key=lambda job: job.verb == verb.name):
+        if job.verb == verb.name:
+            filled |= forms.filled_by(verb, job.words)
+        elif job.state == "done" and job.next[:1] == [verb.name]:
+            filled |= forms.filled_by(verb, job.next[1:])
     return filled
 
 

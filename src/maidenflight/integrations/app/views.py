@@ -54,27 +54,16 @@ _ASSETS: dict[str, Callable[[], list[Markup]]] = {
 
 @cache
 def asset(name: str) -> str:
-    """Returns a script or style sheet of the page.
-
-    Raises:
-        InputError: there is none of this name.
-    """
+    """Returns a script or style sheet of the page; InputError where there is none so named."""
     if name not in _ASSETS:
         raise InputError(f"{name}: no part of the page.")
     return "\n".join(_ASSETS[name]())
 
 
 def view(run: Manifest, name: str, job: Job | None, flights: Path) -> str:
-    """Returns the page of a step's results.
+    """Returns the page of a verb's results, or of `flights` of a policy in training.
 
-    Args:
-        run: of the folder.
-        name: a verb's, or `PREVIEW`.
-        job: its command; of a training that runs, scores so far are shown.
-        flights: those of `PREVIEW`.
-
-    Raises:
-        InputError: there is nothing to show, or a file is broken.
+    Of a training that runs, its scores so far. InputError where nothing is there, or is broken.
     """
     import polars
 

@@ -1,7 +1,7 @@
 "use strict";
 /* The page of a run folder: forms start steps, and how far each is, is asked for again and again. */
 
-const FAST = 500, SLOW = 2000; // milliseconds between two questions, while something runs and else
+const FAST = 700, SLOW = 2000; // milliseconds between two questions, while something runs and else
 const touched = new WeakSet(), WORDS = {cancelled: "stopped"};
 const part = (section, name) => section.querySelector(`.${name}`);
 const stepOf = name => document.querySelector(`section[data-verb="${CSS.escape(name)}"]`);
@@ -37,14 +37,14 @@ function complain(section, error = "") {
   form.elements[name].setAttribute("aria-invalid", "true");
 }
 
-async function run(section, more = {}) {
+async function run(section) {
   const form = section.querySelector("form"), invalid = [...form.elements].find(field => field.willValidate && !field.validity.valid);
   complain(section);
   if (invalid) {
     unfold(invalid);
     return invalid.reportValidity();
   }
-  const body = JSON.stringify({...filledOf(form), ...more});
+  const body = JSON.stringify(filledOf(form));
   complain(section, (await ask(`run/${section.dataset.verb}`, {method: "POST", body})).error);
   await look();
 }
@@ -136,7 +136,7 @@ addEventListener("drop", event => { event.preventDefault(); drop.classList.remov
 for (const section of document.querySelectorAll("section.step")) {
   section.addEventListener("submit", event => { event.preventDefault(); run(section); });
   section.addEventListener("input", event => touched.add(event.target));
-  part(section, "resume").onclick = () => run(section, {resume: true, overwrite: false});
+  part(section, "resume").onclick = async () => complain(section, await change(`resume/${section.dataset.verb}`, "POST"));
   part(section, "cancel").onclick = () => change(`cancel/${section.dataset.verb}`, "POST");
   for (const fly of section.querySelectorAll(".fly")) fly.onclick = async () => complain(section, await change("preview", "POST"));
   for (const frame of section.querySelectorAll("iframe")) frame.addEventListener("load", fit);
