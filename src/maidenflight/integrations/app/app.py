@@ -50,6 +50,8 @@ class App(Verb):
         """Refuses a folder that is not there, and a door without a lock."""
         if not self.folder.is_dir():
             raise InputError(f"{self.folder}: no such folder. Make it, or give another one.")
+        if self.host in ("0.0.0.0", "::"):
+            raise InputError(f"--host {self.host}: give the address that others know this one by.")
         if self.host not in _LOOPBACK and self.password_file is None:
             raise InputError(
                 f"--host {self.host}: others could read {self.folder} and run commands here. Add "
@@ -59,14 +61,12 @@ class App(Verb):
     def _password(self) -> str | None:
         if self.password_file is None:
             return None
-        try:
+        with suppress(OSError, ValueError):
             password = self.password_file.read_text(encoding="utf-8").partition("\n")[0].strip()
-        except (OSError, ValueError) as error:
-            raise InputError(f"{self.password_file}: cannot be read ({error}).") from error
-        if len(password) < _SHORTEST:
-            expected = f"expected a password of {_SHORTEST} characters or more on its first line"
-            raise InputError(f"{self.password_file}: {len(password)} characters; {expected}.")
-        return password
+            if len(password) >= _SHORTEST:
+                return password
+        expected = f"a file that can be read, with {_SHORTEST} characters or more on its first line"
+        raise InputError(f"{self.password_file}: no password. Expected {expected}.")
 
     def compute(self, output: Path | None, progress: Progress) -> Result:
         """Serves the page until Ctrl-C."""

@@ -1,6 +1,5 @@
-"""Who gets in: a token in the path, this machine's names, no other pages, and a password.
+"""Who gets in: by a token in the path, this machine's names, no other pages, and a password.
 
-A page of another site knows no token. A name that it rebinds to this machine is none of `hosts`.
 Sources: the Fetch standard (Origin, Sec-Fetch-Site); RFC 7617 (Basic authentication).
 """
 
@@ -79,10 +78,8 @@ class Guard:
 
     async def __call__(self, scope: "Scope", receive: "Receive", send: "Send") -> None:
         """Passes a request on without its token, or answers why not."""
-        if scope["type"] == "lifespan":
-            await self._app(scope, receive, send)
         if scope["type"] != "http":
-            return
+            return await self._app(scope, receive, send)
 
         async def send_guarded(message: "Message") -> None:
             if message["type"] == "http.response.start":

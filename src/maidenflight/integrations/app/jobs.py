@@ -85,9 +85,9 @@ class Job:
         await asyncio.gather(_listen(out, self.hear), _listen(err, errors.append))
         code, self.seconds = await self.process.wait(), time.monotonic() - self.began
         own = [line for line in errors if line.startswith("maidenflight: ")]
-        text = "\n".join(own[-1:] or errors).removeprefix("maidenflight: ")
-        self.error = text or f"it ended with code {code} and no word."
         interrupted = code in (CODE, -signal.SIGINT)
+        others = ["before it had begun."] if interrupted else [*errors, f"It ended with {code}."]
+        self.error = "\n".join(own[-1:] or others).removeprefix("maidenflight: ")
         self.state = "done" if code == 0 else "cancelled" if interrupted else "failed"
 
 

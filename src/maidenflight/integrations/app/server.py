@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import uvicorn
+from markupsafe import Markup
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
@@ -33,6 +34,7 @@ _OF_REPORT = (
     "style-src 'unsafe-inline'; img-src data:"
 )
 """What the report may do: it has its scripts in itself, and no way to the page."""
+_LOG = Markup('<li>{0} <button type=button name="{0}" aria-label="Remove {0}">&times;</button>')
 
 
 class Page:
@@ -40,7 +42,7 @@ class Page:
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.jobs, self.verbs = folder.resolve(), dict[str, jobs.Job](), forms.verbs()
-        self._following = set[asyncio.Task[None]]()
+        self._following, self._starting = set[asyncio.Task[None]](), asyncio.Lock()
         self._scratch = tempfile.TemporaryDirectory(prefix="maidenflight-")
         self._flights = Path(self._scratch.name, run_folder.TRANSFER)
 
@@ -91,8 +93,8 @@ class Page:
     async def _tell_state(self, request: Request) -> Response:
         run, problem = self._read()
         state = {name: self._state_of(run, name) for name in self.verbs}
-        about = {"problem": problem, "logs": files.find_logs(self.folder)}
-        return JSONResponse({**about, "steps": state})
+        logs = "".join(_LOG.format(name) for name in files.find_logs(self.folder))
+        return JSONResponse({"problem": problem, "logs": logs, "steps": state})
 
     def _state_of(self, run: Manifest, name: str) -> dict[str, Any]:
         job, flight = self.jobs.get(name), self.jobs.get(views.PREVIEW)
@@ -130,9 +132,10 @@ class Page:
         return await self._start(name, name, words)
 
     async def _start(self, key: str, verb: str, words: list[str], behind: bool = False) -> Response:
-        if key in self.jobs and self.jobs[key].running:
-            raise InputError(f"{verb} is running, perhaps from another window. Cancel it first.")
-        self.jobs[key] = await jobs.start(self.folder, verb, words, behind)
+        async with self._starting:  # of two windows one is the first
+            if key in self.jobs and self.jobs[key].running:
+                raise InputError(f"{verb} is running, maybe of another window. Cancel it first.")
+            self.jobs[key] = await jobs.start(self.folder, verb, words, behind)
         task = asyncio.create_task(self.jobs[key].follow())
         self._following.add(task)
         task.add_done_callback(self._following.discard)

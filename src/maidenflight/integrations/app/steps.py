@@ -75,6 +75,6 @@ def _find_place(run: Manifest, name: str, setting: Setting) -> str:
 
 def find_files(folder: Path, run: Manifest) -> list[str]:
     """Lists names that a field may hold: outputs, tables of settings and logs."""
-    tables = [path.name for path in sorted(folder.glob("*.toml"))]
     logs = [f"{files.LOGS}/{name}" for name in files.find_logs(folder)]
+    tables = [path.name for path in sorted(folder.glob("*.toml"))]
     return list(dict.fromkeys([*(entry.output for entry in run.entries), *tables, *logs]))

@@ -25,8 +25,7 @@ SECTIONS = {
     **{"transfer": "flights", "predict": "predicted", "sweep": "study"},
 }
 """Sections of the report by the verb whose results they show."""
-PREVIEW = "preview"
-"""Name of the flight of a policy in training."""
+PREVIEW = "preview"  # the flight of a policy in training
 _OWN = "maidenflight.integrations.app"
 _one_at_a_time = threading.Lock()
 

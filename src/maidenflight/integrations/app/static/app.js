@@ -2,9 +2,8 @@
 /* The page of a run folder: forms start steps, and how far each is, is asked for again and again. */
 
 const FAST = 700, SLOW = 2000; // milliseconds between two questions, while something runs and else
-const touched = new WeakSet(), WORDS = {cancelled: "stopped"};
-const part = (section, name) => section.querySelector(`.${name}`);
-const stepOf = name => document.querySelector(`section[data-verb="${CSS.escape(name)}"]`);
+const touched = new WeakSet(), here = document.getElementById("logs-here"), drop = document.getElementById("drop"), choose = document.getElementById("choose");
+const part = (section, name) => section.querySelector(`.${name}`), stepOf = name => document.querySelector(`section[data-verb="${CSS.escape(name)}"]`);
 
 async function ask(address, options = {}) {
   try {
@@ -23,9 +22,7 @@ function filledOf(form) {
   return filled;
 }
 
-function unfold(field) {
-  for (let folded = field.closest("details"); folded; folded = folded.parentElement.closest("details")) folded.open = true;
-}
+const unfold = field => { for (let one = field.closest("details"); one; one = one.parentElement.closest("details")) one.open = true; };
 
 /* Says what is wrong, and marks the field that an error names. */
 function complain(section, error = "") {
@@ -40,12 +37,8 @@ function complain(section, error = "") {
 async function run(section) {
   const form = section.querySelector("form"), invalid = [...form.elements].find(field => field.willValidate && !field.validity.valid);
   complain(section);
-  if (invalid) {
-    unfold(invalid);
-    return invalid.reportValidity();
-  }
-  const body = JSON.stringify(filledOf(form));
-  complain(section, (await ask(`run/${section.dataset.verb}`, {method: "POST", body})).error);
+  if (invalid) return unfold(invalid) || invalid.reportValidity();
+  complain(section, (await ask(`run/${section.dataset.verb}`, {method: "POST", body: JSON.stringify(filledOf(form))})).error);
   await look();
 }
 
@@ -72,7 +65,7 @@ function update(name, step) {
     if (focused) job.querySelector(`[href="${CSS.escape(focused)}"]`)?.focus();
   }
   section.dataset.state = step.state;
-  part(section, "state").textContent = WORDS[step.state] ?? step.state;
+  part(section, "state").textContent = step.state === "cancelled" ? "stopped" : step.state;
   for (const [button, hidden] of Object.entries({go: runs, cancel: !runs, resume: !step.resumes})) part(section, button).hidden = hidden;
   part(section, "cancel").disabled = step.state === "stopping";
   document.querySelector(`nav a[href="#${CSS.escape(name)}"]`)?.setAttribute("data-state", step.state);
@@ -88,28 +81,14 @@ function update(name, step) {
   return runs || (fly && step.flies);
 }
 
-function list(logs) {
-  const place = document.getElementById("logs-here"), text = JSON.stringify(logs);
-  if (place.made === text) return;
-  place.made = text;
-  place.replaceChildren(...logs.map(name => {
-    const line = document.createElement("li"), button = Object.assign(document.createElement("button"), {type: "button", textContent: "×", title: `Remove ${name}`, ariaLabel: `Remove ${name}`});
-    button.onclick = () => change(`logs/${encodeURIComponent(name)}`, "DELETE");
-    line.append(name, " ", button);
-    return line;
-  }));
-}
-
-let again, looking = false;
+let again, turns = 0;
 async function look() {
-  if (looking) return;
-  looking = true;
   clearTimeout(again);
-  const {steps = {}, logs, problem, error} = await ask("state");
+  const turn = ++turns, {steps = {}, logs, problem, error} = await ask("state");
+  if (turn !== turns) return; // asked again since
   document.getElementById("problem").textContent = error ?? problem;
   const busy = Object.entries(steps).map(([name, step]) => update(name, step)).some(Boolean);
-  if (logs) list(logs);
-  looking = false;
+  if (logs !== undefined && here.made !== logs) here.innerHTML = here.made = logs;
   again = setTimeout(look, busy ? FAST : SLOW);
 }
 
@@ -127,8 +106,8 @@ async function send(files) {
   if (wrong.length < files.length) await run(stepOf("log"));
 }
 
-const drop = document.getElementById("drop"), choose = document.getElementById("choose");
 choose.onchange = async () => { await send([...choose.files]); choose.value = ""; };
+here.onclick = ({target}) => target.name && change(`logs/${encodeURIComponent(target.name)}`, "DELETE");
 addEventListener("dragover", event => { event.preventDefault(); drop.classList.add("over"); });
 addEventListener("dragleave", () => drop.classList.remove("over"));
 addEventListener("drop", event => { event.preventDefault(); drop.classList.remove("over"); send([...event.dataTransfer.files]); });
