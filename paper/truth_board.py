@@ -33,15 +33,16 @@ from maidenflight.identification.likelihood.measured import measure
 from maidenflight.identification.outcome.estimates import Identification
 from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.identification.outcome.problem import Problem
-from maidenflight.identification.signals.lag import LAG, SLOWING_DOWN, mean_lag
+from maidenflight.identification.signals.lag import LAG, SLOWING_DOWN
 from maidenflight.identification.signals.thrust_law import thrust_law
 from maidenflight.identification.start import read_start
 from maidenflight.parameters import Parameters, arm_length, component, crazyflie
 from maidenflight.parameters import replace as changed
+from maidenflight.simulator.physics.dynamics import equivalent_lag
 
 PAGE = Path(__file__).parent / "notes" / "truth-board.md"
 TOTAL = "lag + latency"
-"""Of the mean lag, speeding up and slowing down."""
+"""Of the equivalent lag, speeding up and slowing down."""
 PER_SQUARE = "thrust by squared speed [N s2]"
 """Of a rotor, where speeds were measured: what the identified curve gives, over them."""
 FORCES = {
@@ -304,7 +305,7 @@ def rows_of(
         if quantity == TOTAL:
             samples = identification.posterior
             ratio = samples.get(SLOWING_DOWN, float(identification.parameters.spin_down_ratio))
-            draws = mean_lag(samples[LAG], ratio) + samples["latency"]
+            draws = equivalent_lag(samples[LAG], ratio) + samples["latency"]
         elif quantity == PER_SQUARE:
             draws = per_square(flights, identification)
         elif quantity in FORCES:

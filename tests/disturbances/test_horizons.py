@@ -12,7 +12,7 @@ from made_flights import calm
 from maidenflight.disturbances import fitting, horizons
 from maidenflight.disturbances.fitting import DisturbanceModel, filter_flights, start_processes
 from maidenflight.disturbances.kalman import gains
-from maidenflight.disturbances.motion import Slow, advance, hover, regulator
+from maidenflight.disturbances.motion import advance, hover, regulator
 from maidenflight.disturbances.rows import STRETCH, hover_speed, stretches
 from maidenflight.errors import InputError
 from maidenflight.flights.log import flight_of
@@ -30,8 +30,7 @@ def planted():
     generator = np.random.default_rng(0)
     with jax.enable_x64(True):
         motion, speed = hover(DRONE)
-        slow = Slow(jnp.zeros(3), jnp.asarray(TORQUE), jnp.zeros(3), jnp.zeros(3))
-        motion = motion._replace(slow=slow)
+        motion = motion._replace(slow=motion.slow._replace(trim=jnp.asarray(TORQUE)))
         processes = start_processes()._replace(trim_time=np.full(3, 1e9))
         inertia = np.asarray(DRONE.inertia, float)
         levers = np.stack(

@@ -7,10 +7,12 @@ import pytest
 
 from maidenflight.disturbances.fitting import start_processes
 from maidenflight.disturbances.motion import (
+    SIZE,
     Motion,
     Slow,
     advance,
     angular_acceleration,
+    as_logged,
     difference,
     hover,
     linearise,
@@ -35,17 +37,17 @@ def double():
 def any_motion(seed=0):
     generator = np.random.default_rng(seed)
     quaternion = np.array([0.1, -0.2, 0.3, 0.9])
-    position, velocity, rates, *slow = generator.normal(0.0, 1.0, (7, 3))
+    position, velocity, rates, *slow = generator.normal(0.0, 1.0, (8, 3))
     motion = Motion(position, velocity, quaternion / np.linalg.norm(quaternion), rates, Slow(*slow))
     return jax.tree.map(jnp.asarray, motion)
 
 
 def test_an_error_moves_a_motion_to_another_and_is_their_difference():
-    motion, error = any_motion(), np.random.default_rng(1).normal(0.0, 0.3, 24)
+    motion, error = any_motion(), np.random.default_rng(1).normal(0.0, 0.3, SIZE)
     moved = move(motion, jnp.asarray(error))
     assert np.allclose(difference(motion, moved), error[:12], atol=1e-12)
     assert np.allclose(np.linalg.norm(moved.quaternion), 1.0)
-    assert np.allclose(moved.slow.demand - motion.slow.demand, error[21:])
+    assert np.allclose(moved.slow.demand - motion.slow.demand, error[21:24])
 
 
 @pytest.mark.parametrize("angle", [1e-9, 0.3, 3.0, -3.0])
@@ -61,7 +63,7 @@ def test_a_drone_that_hovers_stays_where_it_is():
 
 
 def test_without_disturbances_it_moves_by_physics():
-    motion = any_motion()._replace(slow=Slow(*[jnp.zeros(3)] * 4))
+    motion = any_motion()._replace(slow=Slow(*[jnp.zeros(3)] * 5))
     speed, drone = jnp.array([0.6, 0.8, 0.7, 0.75]), replace(DRONE, time_step=np.array(PERIOD))
     expected = dynamics.midpoint(motion.with_rotors(speed), speed, drone)
     later = advance(motion, speed, drone, PROCESSES, PERIOD)
@@ -71,8 +73,8 @@ def test_without_disturbances_it_moves_by_physics():
 
 def test_slow_torques_turn_and_forces_push_and_both_decay():
     still, speed = hover(DRONE)
-    slow = Slow(
-        jnp.array([1.0, 0, 0]), jnp.array([0, 2.0, 0]), jnp.array([0, 0, 3.0]), jnp.zeros(3)
+    slow = still.slow._replace(
+        gust=jnp.array([1.0, 0, 0]), trim=jnp.array([0, 2.0, 0]), push=jnp.array([0, 0, 3.0])
     )
     later = advance(still._replace(slow=slow), speed, DRONE, PROCESSES, PERIOD)
     assert np.allclose(later.body_rates, [0.01, 0.02, 0.0], atol=1e-5)
@@ -81,11 +83,20 @@ def test_slow_torques_turn_and_forces_push_and_both_decay():
     assert np.allclose(later.slow.push[2], 3.0 * np.exp(-PERIOD / 1.0))
 
 
+def test_a_logged_velocity_is_off_in_the_bodys_axes_and_moves_nothing():
+    motion, (still, speed) = any_motion(), hover(DRONE)
+    off = difference(motion, as_logged(motion))
+    assert np.allclose(off, np.concatenate([np.zeros(3), motion.slow.drift, np.zeros(6)]))
+    drifting = still._replace(slow=still.slow._replace(drift=jnp.ones(3)))
+    later = advance(drifting, speed, DRONE, PROCESSES, PERIOD)
+    assert np.allclose(difference(still, later), 0.0, atol=1e-6)
+
+
 def test_a_regulator_levels_and_damps():
     still, speed = hover(DRONE)
     level = regulator(still, PROCESSES)
     assert np.allclose(level, angular_acceleration(still, speed, DRONE), atol=1e-5)
-    tilted = move(still, jnp.zeros(24).at[6].set(0.1).at[10].set(0.2))
+    tilted = move(still, jnp.zeros(SIZE).at[6].set(0.1).at[10].set(0.2))
     roll, pitch, yaw = regulator(tilted, PROCESSES)
     assert -2.6 < roll < -2.4
     assert -1.1 < pitch < -0.9
@@ -95,7 +106,7 @@ def test_a_regulator_levels_and_damps():
 def test_errors_grow_as_the_physics_does():
     still, speed = hover(DRONE)
     growth, _ = linearise(DRONE, PROCESSES, PERIOD)
-    error = jnp.zeros(24).at[7].set(1e-4).at[3].set(1e-4).at[14].set(1e-3)
+    error = jnp.zeros(SIZE).at[7].set(1e-4).at[3].set(1e-4).at[14].set(1e-3)
     moved = difference(
         advance(still, speed, DRONE, PROCESSES, PERIOD),
         advance(move(still, error), speed, DRONE, PROCESSES, PERIOD),

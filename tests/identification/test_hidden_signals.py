@@ -12,8 +12,8 @@ from maidenflight.flights.log import Flight
 from maidenflight.flights.rotors import rotors
 from maidenflight.identification.identify import identify
 from maidenflight.identification.methods import Likelihood
-from maidenflight.identification.signals.lag import mean_lag
 from maidenflight.parameters import component, crazyflie, replace
+from maidenflight.simulator.physics.dynamics import equivalent_lag
 from maidenflight.simulator.realities.virtual_drone import virtual_drone
 
 pytestmark = pytest.mark.slow
@@ -54,9 +54,9 @@ def judged(flights: list[Flight]) -> dict[str, tuple[float, float]]:
     found = identify(flights, Likelihood(trials=1), start=START, key=jax.random.key(0))
     samples = dict(found.posterior)
     ratio = samples.get("spin_down_ratio", float(found.parameters.spin_down_ratio))
-    draws = {"lag": mean_lag(samples["motor_time_constant"], ratio) + samples["latency"]}
+    draws = {"lag": equivalent_lag(samples["motor_time_constant"], ratio) + samples["latency"]}
     truth: Mapping[str, float] = {
-        "lag": mean_lag(float(TRUTH.motor_time_constant), float(TRUTH.spin_down_ratio))
+        "lag": equivalent_lag(float(TRUTH.motor_time_constant), float(TRUTH.spin_down_ratio))
         + float(TRUTH.latency)
     }
     names = ("thrust_to_weight", "inertia_x", "inertia_y", "spin_down_ratio")

@@ -172,7 +172,11 @@ def test_few_samples_of_commands_are_doubted(flights):
 
 
 @pytest.mark.parametrize(
-    ("settings", "module"), [(Replay(), "replay.replay"), (Likelihood(), "likelihood.with_state")]
+    ("settings", "module"),
+    [
+        (Replay(), "replay.replay.identified"),
+        (Likelihood(), "likelihood.with_state.find"),
+    ],
 )
 def test_logs_too_slow_for_the_lag_are_refused_before_the_fit(
     flights, settings, module, monkeypatch
@@ -183,7 +187,7 @@ def test_logs_too_slow_for_the_lag_are_refused_before_the_fit(
     def fit(*_):
         raise Reached
 
-    monkeypatch.setattr(f"maidenflight.identification.{module}.identified", fit)
+    monkeypatch.setattr(f"maidenflight.identification.{module}", fit)
     for rate in (100, 50, 40):
         with pytest.raises(Reached):
             identify([dataclasses.replace(flights[0], period=1 / rate)], settings)

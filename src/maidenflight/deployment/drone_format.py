@@ -95,8 +95,8 @@ class DroneFormat(NamedTuple):
 def simplest(drone: Parameters) -> Parameters:
     """Returns the drone with what every rigid body with four rotors has.
 
-    Thrust is quadratic in the rotor speed, and speeds lag by the mean of both ways. There is no
-    latency, drag or trim. What cancels over four rotors stays.
+    Thrust is quadratic in the rotor speed, and speeds lag by the equivalent of both ways. There is
+    no latency, drag or trim. What cancels over four rotors stays.
     """
     turning = float(np.sum(np.asarray(drone.rotor_direction)))
     offset = 0.0 if turning else drone.torque_offset
@@ -110,14 +110,11 @@ def simplest(drone: Parameters) -> Parameters:
         torque_offset=offset,
         flapping_moment=np.zeros(2, np.float32),
         rotor_thrust=np.ones(4, np.float32),
-        motor_time_constant=mean_lag(drone),
+        motor_time_constant=np.float32(
+            dynamics.equivalent_lag(drone.motor_time_constant, drone.spin_down_ratio)
+        ),
         spin_down_ratio=np.float32(1.0),
     )
-
-
-def mean_lag(drone: Parameters) -> np.float32:
-    """Returns the mean of the rotors' lags up and down [s]."""
-    return np.float32(drone.motor_time_constant * (1.0 + drone.spin_down_ratio) / 2.0)
 
 
 def losses(drone: Parameters, nearest: Parameters) -> list[str]:

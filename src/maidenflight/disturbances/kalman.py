@@ -26,6 +26,7 @@ from maidenflight.disturbances.motion import (
     Slow,
     advance,
     angular_acceleration,
+    as_logged,
     difference,
     linearise,
     move,
@@ -51,13 +52,13 @@ QUANTITY = np.repeat(np.arange(4), 3)
 class Gains(NamedTuple):
     """What follows from the model alone, for any flight."""
 
-    filtering: Float[Array, "GAINS 24 15"]
+    filtering: Float[Array, "GAINS 27 15"]
     """By rows since a flight began."""
-    covariance: Float[Array, "24 24"]
+    covariance: Float[Array, "27 27"]
     """Of what is filtered, after `GAINS` rows."""
     surprise: Float[Array, "15"]
     """Variance of what a row surprises with, after `GAINS` rows."""
-    ahead: Float[Array, "H 24 3"]
+    ahead: Float[Array, "H 27 3"]
     """Of the regulator's answer to inputs, by rows since a window began."""
     variance: Float[Array, "H 12"]
     """Of predictions of the log, squared scale, body axes."""
@@ -74,7 +75,8 @@ def gains(drone: Parameters, processes: Processes, period: float | Array, length
     """
     growth, answer = linearise(drone, processes, period)
     noise, start, errors = _covariances(processes, period)
-    measured = jnp.concatenate([jnp.eye(MEASURED, SIZE), answer])
+    logged = jnp.eye(MEASURED, SIZE).at[3:6, -3:].set(jnp.eye(3))
+    measured = jnp.concatenate([logged, answer])
 
     def correct(covariance: Array, slope: Array, error: Array) -> tuple[Array, Array]:
         along = slope @ covariance
@@ -94,7 +96,10 @@ def gains(drone: Parameters, processes: Processes, period: float | Array, length
         # The filter has used the first row's answer already.
         gain, after = correct(covariance, answer, errors[MEASURED:])
         later = grow(jnp.where(is_first, covariance, after))
-        return later, (jnp.where(is_first, 0.0, gain), jnp.diagonal(later)[:MEASURED])
+        return later, (
+            jnp.where(is_first, 0.0, gain),
+            jnp.diagonal(logged @ later @ logged.T),
+        )
 
     _, (filtering, after) = lax.scan(filter_row, start, None, length=GAINS)
     _, (ahead, variance) = lax.scan(predict_row, after[-1], jnp.arange(length) == 0)
@@ -142,7 +147,7 @@ def filter_rows(
 
     def follow(stretch: Rows) -> tuple[Motion, Array]:
         none = jnp.zeros((len(stretch.position), 3))
-        logged = Motion(*stretch[:4], Slow(none, none, none, none))
+        logged = Motion(*stretch[:4], Slow(*[none] * 5))
 
         def correct(
             before: tuple[Motion, Array], now: tuple[Motion, Array, Array]
@@ -150,7 +155,7 @@ def filter_rows(
             (motion, unrest), (row, speed, number) = before, now
             gain = every.filtering[jnp.minimum(number, GAINS - 1)]
             left = _unexplained(motion, speed, drone, processes)
-            new = jnp.concatenate([difference(motion, row), left])
+            new = jnp.concatenate([difference(as_logged(motion), row), left])
             after = move(motion, gain @ new)
             excess = jnp.mean((new**2 / every.surprise).reshape(5, 3), axis=1) - unrest
             unrest = unrest + share * excess
@@ -185,7 +190,7 @@ def predict_rows(
     speeds: Float[Array, "C N 4"],
     first: Motion,
     starts: tuple[Int[Any, "W"], Int[Any, "W"]],
-    ahead: Float[Array, "H 24 3"],
+    ahead: Float[Array, "H 27 3"],
     period: float,
 ) -> Float[Array, "H W 12"]:
     """Returns by how much predictions miss the log, in the body's axes.
@@ -210,7 +215,7 @@ def predict_rows(
 
         later = jax.vmap(step)(motion, speeds[stretch, row + number])
         logged = logged_motion(rows, (stretch, row + number + 1), later.slow)
-        return later, jax.vmap(difference)(later, logged)
+        return later, jax.vmap(difference)(jax.vmap(as_logged)(later), logged)
 
     return lax.scan(predict, first, (jnp.arange(len(ahead)), ahead))[1]
 

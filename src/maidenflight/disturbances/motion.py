@@ -19,7 +19,7 @@ from maidenflight.parameters import Parameters
 from maidenflight.simulator.physics import dynamics, rotations
 from maidenflight.simulator.physics.dynamics import State
 
-SIZE = 24
+SIZE = 27
 """Entries of an error: position, velocity, attitude, body rates, then those of `Slow`."""
 MEASURED = 12
 """Of which a log measures the first."""
@@ -36,6 +36,8 @@ class Slow(NamedTuple):
     """Force over mass along body x, y, z, of air, wind and battery [m/s2]."""
     demand: Float[Any, "3"]
     """Angular acceleration that the regulator wants for its set-points [rad/s2]."""
+    drift: Float[Any, "3"]
+    """By which the logged velocity is off, body axes, as an estimator's is [m/s]."""
 
 
 class Processes(NamedTuple):
@@ -51,6 +53,8 @@ class Processes(NamedTuple):
     push_time: Float[Any, "3"]
     demand_size: Float[Any, "3"]
     demand_time: Float[Any, "3"]
+    drift_size: Float[Any, "3"]
+    drift_time: Float[Any, "3"]
     rate_gain: Float[Any, "3"]
     """Angular acceleration by which the regulator answers a body rate [1/s]."""
     tilt_gain: Float[Any, "2"]
@@ -131,13 +135,13 @@ def advance(
 def times(processes: Processes) -> tuple[Array, ...]:
     """Returns the correlation times of `Slow` [s]."""
     one = processes
-    return one.gust_time, one.trim_time, one.push_time, one.demand_time
+    return one.gust_time, one.trim_time, one.push_time, one.demand_time, one.drift_time
 
 
 def sizes(processes: Processes) -> tuple[Array, ...]:
     """Returns the standard deviations of `Slow`."""
     one = processes
-    return one.gust_size, one.trim_size, one.push_size, one.demand_size
+    return one.gust_size, one.trim_size, one.push_size, one.demand_size, one.drift_size
 
 
 def angular_acceleration(
@@ -166,7 +170,7 @@ def regulator(motion: Motion, processes: Processes) -> Float[Array, "3"]:
     return motion.slow.demand - processes.rate_gain * motion.body_rates - levelled
 
 
-def move(motion: Motion, error: Float[Array, "24"]) -> Motion:
+def move(motion: Motion, error: Float[Array, "27"]) -> Motion:
     """Returns a motion that is off by an error in its body's axes."""
     rotation = rotations.to_matrix(motion.quaternion)
     return Motion(
@@ -174,8 +178,14 @@ def move(motion: Motion, error: Float[Array, "24"]) -> Motion:
         motion.velocity + rotation @ error[3:6],
         _product(motion.quaternion, _turn(error[6:9])),
         motion.body_rates + error[9:12],
-        Slow(*(one + by for one, by in zip(motion.slow, error[12:].reshape(4, 3), strict=True))),
+        Slow(*(one + by for one, by in zip(motion.slow, error[12:].reshape(5, 3), strict=True))),
     )
+
+
+def as_logged(motion: Motion) -> Motion:
+    """Returns a motion with the velocity that its log holds."""
+    rotation = rotations.to_matrix(motion.quaternion)
+    return motion._replace(velocity=motion.velocity + rotation @ motion.slow.drift)
 
 
 def difference(motion: Motion, other: Motion) -> Float[Array, "12"]:
@@ -196,7 +206,7 @@ def hover(drone: Parameters) -> tuple[Motion, Float[Array, "4"]]:
     """Returns a drone at rest, and its rotors' speeds."""
     still = dynamics.at_hover(jnp.zeros(3), drone)
     position, velocity, quaternion, rates = (jnp.asarray(one, float) for one in still[:4])
-    slow = Slow(*[jnp.zeros(3)] * 4)
+    slow = Slow(*[jnp.zeros(3)] * 5)
     return Motion(position, velocity, quaternion, rates, slow), jnp.asarray(still[4], float)
 
 
@@ -219,7 +229,7 @@ def _product(one: Float[Array, "4"], other: Float[Array, "4"]) -> Float[Array, "
 
 def linearise(
     drone: Parameters, processes: Processes, period: Float[Array, ""] | float
-) -> tuple[Float[Array, "24 24"], Float[Array, "3 24"]]:
+) -> tuple[Float[Array, "27 27"], Float[Array, "3 27"]]:
     """Returns how an error grows in a period, and what it changes of the regulator's answer.
 
     About hover; in the body's axes an error grows alike wherever the drone is, to first order in

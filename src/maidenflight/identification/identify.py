@@ -14,15 +14,25 @@ from jaxtyping import Array
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight, flights_of
 from maidenflight.identification.likelihood import with_state, without_state
+from maidenflight.identification.likelihood.estimator import Found
 from maidenflight.identification.methods import Likelihood, Replay
 from maidenflight.identification.outcome.battery_laws import average_laws
-from maidenflight.identification.outcome.estimates import Identification, note_worse_than_start
+from maidenflight.identification.outcome.estimates import (
+    Identification,
+    evaluations_table,
+    note_gains_lost,
+    note_worse_than_start,
+    notes_on,
+)
+from maidenflight.identification.outcome.narrowing import advise
 from maidenflight.identification.outcome.plausible import ExpectedInterval
 from maidenflight.identification.outcome.problem import AUTO, Problem
 from maidenflight.identification.outcome.progress import Progress
+from maidenflight.identification.posterior import Posterior
 from maidenflight.identification.replay import replay
+from maidenflight.identification.signals import lag
 from maidenflight.inputs import PATHS, StrPath
-from maidenflight.parameters import Parameters, read_drone
+from maidenflight.parameters import Parameters, check, read_drone
 
 
 def identify(
@@ -78,14 +88,46 @@ def identify(
     problem = Problem.of(flights, _drone(start), over, bounds, key, on_progress)
     if isinstance(settings, Replay):
         result = replay.identified(problem, settings)
-    elif stateless:
-        result = without_state.identified(problem, settings)
     else:
-        result = with_state.identified(problem, settings)
+        find = without_state.find if stateless else with_state.find
+        result = _result(problem, find(problem, settings))
     result = average_laws(result, flights, problem.generator)
     worse = note_worse_than_start(result.value, result.start_value, result.objective)
     notes = (*worse, *left_out, *result.notes)
     return dataclasses.replace(result, notes=notes, seconds=time.perf_counter() - began)
+
+
+def _result(problem: Problem, found: Found) -> Identification:
+    """Puts together what likelihoods found, whatever they are of."""
+    joint, motors, unidentifiable = found.joint, found.signals.motors, found.unidentifiable
+    delays = lag.delay_evidence(motors, joint.draws, unidentifiable, joint.drone)
+    gains = tuple(gain for one in found.answers for gain in one.gains)
+    segments = found.answers[0].best.model.segments
+    return Identification(
+        parameters=check(joint.drone, "identified parameters"),
+        estimates=joint.estimates,
+        unidentified=unidentifiable,
+        expected=found.expected,
+        objective="likelihood",
+        value=sum(one.best.value for one in found.answers),
+        start_value=found.start_value,
+        source=problem.source,
+        windows=found.windows,
+        evaluations=sum(len(values) for _, values in joint.runs),
+        search=evaluations_table(joint.box, joint.runs),
+        posterior=Posterior(joint.draws),
+        advice=advise(joint.estimates, unidentifiable, joint.draws, motors),
+        gains=gains,
+        noise=found.noise,
+        notes=(
+            *notes_on(joint.estimates, segments, problem.by_battery_law),
+            *note_gains_lost(gains),
+            *found.notes,
+            *joint.notes,
+            *lag.notes(delays, motors),
+        ),
+        evidence=(*delays, *found.evidence),
+    )
 
 
 def of_one_kind(flights: Iterable[Flight] | StrPath) -> tuple[list[Flight], list[str]]:

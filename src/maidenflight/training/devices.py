@@ -115,7 +115,7 @@ def learning(update: Callable[..., Any], sharding: Any) -> Wrapped:
     """
 
     @partial(jax.jit, static_argnums=0)
-    def learn(
+    def update_learners(
         env: Any, settings: Any, boxes: Any, learners: Any, keys: Array, first: Any, end: Any
     ) -> Any:
         def all_of(boxes: Any, learners: Any, keys: Array) -> Any:
@@ -140,4 +140,4 @@ def learning(update: Callable[..., Any], sharding: Any) -> Wrapped:
             check_vma=False,
         )(boxes, learners, keys)
 
-    return learn
+    return update_learners

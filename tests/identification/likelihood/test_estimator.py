@@ -16,7 +16,7 @@ from maidenflight.identification.likelihood.estimator import (
 )
 from maidenflight.identification.likelihood.laplace import Others
 from maidenflight.identification.likelihood.observation import NoiseModel, ObservationModel
-from maidenflight.identification.likelihood.selection import Parts
+from maidenflight.identification.likelihood.selection import SMALLEST_GAIN, Parts
 from maidenflight.identification.methods import Likelihood
 from maidenflight.identification.outcome.problem import Problem
 from maidenflight.identification.outcome.progress import Reporter
@@ -116,6 +116,17 @@ def test_doubt_widens_and_what_is_lost_keeps_the_start() -> None:
     assert lost.best.drone.drag[0] == START.drag[0]
     assert lost.unidentifiable == {"drag_x": (0.0, 2.0)}
     assert np.ptp(lost.samples["drag_x"]) > 1.9
+
+
+def test_a_parameter_is_surely_needed_where_the_starts_value_costs_likelihood() -> None:
+    found = answer(NAMES[:2])
+    _, _, curvatures = found.best.model.derivatives(found.best.drone, NAMES[:2])
+    variance = np.linalg.inv(curvatures.sum(axis=0))[1, 1]
+    value, off = component(found.best.drone, "drag_y"), np.sqrt(2 * SMALLEST_GAIN * variance)
+    for change, needed in ((1.1 * off, {"drag_y"}), (0.9 * off, set())):
+        start = replace(START, drag_y=np.float32(value - change))
+        assert found.surely_needed(["drag_y"], start) == needed
+        assert found.surely_needed([], start) == set()
 
 
 @pytest.mark.parametrize("fitted", [("drag_x",), ("drag_x", "drag_y")])

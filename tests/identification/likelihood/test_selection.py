@@ -11,13 +11,11 @@ import pytest
 from hypothesis import given
 
 import planted
-from maidenflight.identification.drone_file import GroupGain
 from maidenflight.identification.identify import identify
-from maidenflight.identification.likelihood import selection, with_state
+from maidenflight.identification.likelihood import selection
 from maidenflight.identification.likelihood.observation import BY_MOMENT
 from maidenflight.identification.likelihood.selection import FIRST, GROUPS, Parts
 from maidenflight.identification.methods import Likelihood
-from maidenflight.identification.outcome.estimates import SURE_NATS
 from maidenflight.identification.outcome.progress import CHOICE, INTERVALS, STAGES
 from maidenflight.identification.search.gauss_newton import NormalEquations
 from maidenflight.parameters import COMPONENTS, component, replace
@@ -304,13 +302,3 @@ def test_drag_is_looked_for_only_where_the_drone_moves():
     every = GROUPS | selection.OF_HELD_COMMANDS
     assert selection.groups([moving], has_measured_lag=False) == every
     assert selection.groups([moving], has_measured_lag=True) == selection.WITH_KNOWN_LAG
-
-
-def test_a_group_that_flights_surely_need_stays_however_wide_it_is():
-    gains = [
-        GroupGain("drag", 2 * SURE_NATS, 0.01, True),
-        GroupGain("rotor_momentum", 2 * SURE_NATS, 0.2, False),
-        GroupGain("inertia", 0.5 * SURE_NATS, 0.01, True),
-    ]
-    groups = {"drag": ("drag_x", "drag_y"), "inertia": ("inertia_x",), "rotor_momentum": ("x",)}
-    assert with_state._surely_needed(gains, groups) == {"drag_x", "drag_y"}

@@ -14,6 +14,7 @@ from maidenflight.identification.likelihood.speed_errors import motors_of_speeds
 from maidenflight.identification.outcome.problem import Problem
 from maidenflight.identification.signals.motor_response import MotorResponse
 from maidenflight.parameters import crazyflie, replace
+from maidenflight.simulator.physics.dynamics import equivalent_lag
 
 PERIOD, ROWS, FULL = 0.002, 10_000, 3000.0
 
@@ -62,12 +63,12 @@ def medians(found: MotorResponse) -> list[float]:
 @pytest.mark.parametrize(("lag", "ratio"), [(0.0125, 2.0), (0.06, 1.5)])
 def test_lag_both_ways_and_latency_come_back(lag: float, ratio: float) -> None:
     found = seen(flown(lag, ratio, noise=20.0))
-    mean, found_ratio, latency = medians(found)
-    assert [mean, found_ratio] == pytest.approx([lag * (1 + ratio) / 2, ratio], rel=0.04)
+    seen_lag, found_ratio, latency = medians(found)
+    assert [seen_lag, found_ratio] == pytest.approx([equivalent_lag(lag, ratio), ratio], rel=0.04)
     assert latency == pytest.approx(0.004, abs=4e-4)
     assert [one.signal for one in found.evidence] == ["rotor speed"]
     low, high = found.evidence[0].interval
-    assert low < lag * (1 + ratio) / 2 + 0.004 < high
+    assert low < equivalent_lag(lag, ratio) + 0.004 < high
 
 
 def test_noise_of_the_reading_widens_intervals_up_to_what_motors_are_unlike() -> None:

@@ -18,7 +18,7 @@ from maidenflight.identification.outcome.bounds import (
     at_bounds,
     bound_reached,
     cut_off,
-    mean_lag_estimates,
+    equivalent_lag_estimates,
     must_lie_within_bounds,
     widened,
 )
@@ -32,6 +32,7 @@ from maidenflight.identification.search.box import (
 from maidenflight.identification.signals.motor_response import LAG_BOUNDS
 from maidenflight.identification.unknowns import is_logarithmic
 from maidenflight.parameters import COMPONENTS, QUANTITIES, crazyflie
+from maidenflight.simulator.physics.dynamics import equivalent_lag
 from maidenflight.simulator.policy_spec import PolicySpec
 
 SEARCHED = [
@@ -122,15 +123,14 @@ def test_an_interval_that_is_cut_off_at_a_bound_is_said_once():
 def test_a_lag_that_is_seen_has_the_bounds_of_what_was_tried():
     searched = {"motor_time_constant": estimate(0.2495, (0.003, 0.5))}
     assert at_bounds(searched) == {}
-    seen = mean_lag_estimates(searched)
+    seen = equivalent_lag_estimates(searched)
     assert seen["motor_time_constant"].bounds == LAG_BOUNDS
     assert "--ignore" not in at_bounds(seen)["motor_time_constant"]
     both = searched | {"spin_down_ratio": estimate(3.0, (0.2, 5.0))}
-    assert mean_lag_estimates(both)["motor_time_constant"].bounds == (
-        LAG_BOUNDS[0] / 2,
-        LAG_BOUNDS[1] / 2,
-    )
-    asked = mean_lag_estimates({"motor_time_constant": estimate(0.06, (0.05, 0.06))})
+    narrower = np.array(LAG_BOUNDS) / equivalent_lag(1.0, 3.0)
+    bounds = equivalent_lag_estimates(both)["motor_time_constant"].bounds
+    np.testing.assert_allclose(bounds, narrower)
+    asked = equivalent_lag_estimates({"motor_time_constant": estimate(0.06, (0.05, 0.06))})
     assert "--bounds" in at_bounds(asked)["motor_time_constant"]
 
 

@@ -36,6 +36,31 @@ torque = jax.jit(dynamics.torque)
 HOVER_FORCES = jnp.full(4, float(PAPER.mass * PAPER.gravity) / 4)
 
 
+@given(st.floats(0.01, 0.2), st.floats(0.2, 5.0))
+def test_equivalent_lag_does_not_depend_on_what_is_called_up(lag, ratio):
+    other = dynamics.equivalent_lag(lag * ratio, 1 / ratio)
+    assert dynamics.equivalent_lag(lag, ratio) == pytest.approx(other, rel=1e-9)
+    assert dynamics.equivalent_lag(lag, 1.0) == pytest.approx(lag, rel=1e-12)
+
+
+@pytest.mark.parametrize("ratio", [0.4, 1.6, 2.5])
+def test_two_lags_answer_noise_as_the_equivalent_one(ratio):
+    """The gain by instruments, of motors that follow the two lags in small steps."""
+    up, step, generator = 0.05, 2e-3, np.random.default_rng(0)
+    command, speed = np.zeros(300), np.zeros(300)
+    sums = np.zeros(2)
+    for row in range(2500):
+        command += -step / 0.03 * command + np.sqrt(step) * generator.standard_normal(300)
+        change = command - speed
+        rate = change / np.where(change > 0, up, up * ratio)
+        if row > 500:
+            sums += np.cov(np.stack([change, rate, command]))[2, :2]
+        speed = speed + step * rate
+    found = sums[0] / sums[1]
+    assert found == pytest.approx(dynamics.equivalent_lag(up, ratio), rel=0.015)
+    assert abs(found / (up * (1 + ratio) / 2) - 1) > 0.015
+
+
 @jax.jit
 def further_torque(state, change, parameters, forces=HOVER_FORCES):
     return dynamics.further_torque(state, forces, change, parameters)

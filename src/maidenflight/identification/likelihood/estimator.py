@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.identification.drone_file import Estimate, GroupGain
+from maidenflight.identification.evidence import Evidence
 from maidenflight.identification.likelihood import selection
 from maidenflight.identification.likelihood.fit import Fit, box_of, fit
 from maidenflight.identification.likelihood.laplace import (
@@ -21,13 +22,14 @@ from maidenflight.identification.likelihood.laplace import (
     Posterior,
     posterior,
 )
-from maidenflight.identification.likelihood.observation import MOTORS, ObservationModel
+from maidenflight.identification.likelihood.measured import Measured
+from maidenflight.identification.likelihood.observation import BY_MOMENT, MOTORS, ObservationModel
 from maidenflight.identification.likelihood.selection import Parts
 from maidenflight.identification.methods import Likelihood
 from maidenflight.identification.outcome.about_z import AboutZ, with_inertia_z
 from maidenflight.identification.outcome.bounds import all_reached
 from maidenflight.identification.outcome.estimates import estimates_of
-from maidenflight.identification.outcome.plausible import Ranges
+from maidenflight.identification.outcome.plausible import ExpectedInterval, Ranges
 from maidenflight.identification.outcome.problem import Problem, require_identifiable
 from maidenflight.identification.outcome.progress import FITTING, INTERVALS
 from maidenflight.identification.search.box import Box
@@ -49,11 +51,6 @@ Ways = Mapping[str, tuple[ObservationModel, Sequence[str]]]
 """Other ways of fitting: the model and its parameters, by name."""
 
 
-def no_doubt(fit_result: Fit, others: Mapping[str, Fit]) -> Float[np.ndarray, "d d"]:
-    """Returns the covariance of a fit that nothing contradicts."""
-    return np.zeros((len(fit_result.box.names),) * 2)
-
-
 @dataclass(frozen=True)
 class Question:
     """Parameters to estimate, and what is known besides."""
@@ -73,7 +70,9 @@ class Question:
     """From the drone found, parameters that are not fitted and have samples of their own."""
     ways: Callable[[tuple[str, ...]], Ways] = lambda names: {}
     """Other ways of fitting some parameters."""
-    doubt: Callable[[Fit, Mapping[str, Fit]], Float[np.ndarray, "d d"]] = no_doubt
+    doubt: Callable[[Fit, Mapping[str, Fit]], Float[np.ndarray, "d d"]] = lambda fit, others: (
+        np.zeros((len(fit.box.names),) * 2)
+    )
     """From the fit and those in other ways, the covariance in the unit cube of what they show."""
     at_least_laplace: bool = False
     """Whether no variance is below that of a model which is right."""
@@ -128,8 +127,9 @@ class Answer:
     def surely_needed(self, names: Collection[str], start: Parameters) -> set[str]:
         """Returns those of some parameters whose start's value costs `SMALLEST_GAIN`.
 
-        The others follow. Not those of motors, which what else the model lacks moves, nor those at
-        a search bound.
+        The others follow. They stay however wide they are: the start's value would be wrong, and so
+        would all others beside it. Not those of motors, which what else the model lacks moves, nor
+        those that no likelihood tells, nor those at a search bound.
         """
         best, error = self.best, self.posterior.error
         _, _, curvatures = best.model.derivatives(best.drone, best.box.names)
@@ -137,7 +137,7 @@ class Answer:
         needed = set()
         for name, variance in zip(best.box.names, variances, strict=True):
             moved = float(component(start, name)) - float(component(best.drone, name))
-            judged = name in names and name not in MOTORS and np.isfinite(error[name])
+            judged = name in set(names) - {*MOTORS, *BY_MOMENT} and np.isfinite(error[name])
             if judged and 0.5 * moved**2 / variance > selection.SMALLEST_GAIN:
                 needed.add(name)
         return needed
@@ -195,6 +195,29 @@ def join(
     ends = interval(np.clip(samples, 0.0, 1.0))
     estimates = estimates_of(box, optimum, optima, ends, deviations)
     return Joint(drone, draws, estimates, box, runs, notes)
+
+
+@dataclass(frozen=True)
+class Found:
+    """What the likelihoods of some flights found, of which a result is put together."""
+
+    answers: tuple[Answer, ...]
+    signals: Measured
+    """What signals showed by themselves."""
+    joint: Joint
+    unidentifiable: Ranges
+    """Plausible range of each parameter that the flights cannot tell."""
+    evidence: Sequence[Evidence]
+    """What each signal says by itself of each parameter."""
+    start_value: float
+    """Minus the mean log likelihood of a row under the start."""
+    windows: int
+    notes: tuple[str, ...]
+    """What makes these flights doubtful."""
+    expected: Mapping[str, ExpectedInterval] = field(default_factory=dict)
+    """What flights could tell, before anything was fitted."""
+    noise: Mapping[str, float] = field(default_factory=dict)
+    """Of sensors and motors, as fields of `parameters`."""
 
 
 def _in_box(fit: Fit, box: Box) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]:

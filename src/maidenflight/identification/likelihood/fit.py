@@ -119,7 +119,7 @@ def _with_measured_delays(
 ) -> Parameters:
     """The drone with the medians of what is seen.
 
-    The lag that is seen is the mean of motors that speed up and slow down.
+    The lag that is seen is the equivalent one of motors that speed up and slow down.
     """
     if not measured_delays:
         return drone

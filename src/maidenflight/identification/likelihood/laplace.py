@@ -128,7 +128,7 @@ def posterior(
     if hover.place is not None:
         spread[hover.place] = hover.spread
     places = [place for place in range(len(names)) if place != hover.place]
-    along = hover.along @ _fixed_mean_lag(
+    along = hover.along @ _fixed_equivalent_lag(
         [names[place] for place in places], fit, measured, slope[places]
     )
     curvature = curvatures.sum(axis=0) * np.outer(slope, slope)
@@ -205,7 +205,7 @@ def _balance(
     return _Hover(place, along, generator.normal(0.0, error, (RESAMPLES, 1)), spread)
 
 
-def _fixed_mean_lag(
+def _fixed_equivalent_lag(
     names: Sequence[str],
     fit: Fit,
     measured_delays: Mapping[str, Float[np.ndarray, "N"]],
@@ -213,8 +213,8 @@ def _fixed_mean_lag(
 ) -> Float[np.ndarray, "n n"]:
     """How parameters move in the unit cube where the ratio of slowing down moves.
 
-    The lag that is seen is the mean of speeding up and slowing down. With another ratio it stays
-    the same, and that of speeding up does not.
+    The lag that is seen is the equivalent one of speeding up and slowing down. With another ratio
+    it stays the same, and that of speeding up does not.
     """
     unit_steps = np.eye(len(names))
     if LAG in measured_delays and LAG in names and SLOWING_DOWN in names:

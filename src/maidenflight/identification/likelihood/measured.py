@@ -1,7 +1,7 @@
 """What signals show of some parameters by themselves, of logs with and without a state.
 
 Measured rotor speeds show the motors' lag both ways, their latency and, with the body rates, the
-inertia. Without them commands and gyro show the mean lag, and inertia over thrust.
+inertia. Without them commands and gyro show the equivalent lag, and inertia over thrust.
 """
 
 from collections.abc import Callable, Mapping
@@ -39,7 +39,7 @@ class Measured:
 
     @property
     def delays(self) -> Samples:
-        """Samples of the mean lag, the latency and, where speeds show it, the ratio of lags."""
+        """Samples of equivalent lag, latency and, where speeds show it, the ratio of lags."""
         if self.motors is None:
             return {}
         ratio = self.motors.spin_down_ratio

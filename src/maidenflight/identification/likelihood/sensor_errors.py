@@ -30,6 +30,8 @@ from maidenflight.identification.likelihood.sensor_signals import Rotors, Sensor
 from maidenflight.identification.unknowns import UNKNOWNS
 from maidenflight.parameters import Parameters, component, replace
 
+EVALUATIONS = 20
+"""Of a sensor's likelihood at most."""
 _MEMORY = 0.25
 """Time that the noise model of a sensor's signal looks back [s]."""
 

@@ -15,11 +15,11 @@ from scipy.ndimage import uniform_filter1d
 from maidenflight.flights.log import Flight
 from maidenflight.identification.evidence import DELAY, of_samples
 from maidenflight.identification.likelihood.fit import fit
-from maidenflight.identification.likelihood.sensor_errors import SensorErrors
+from maidenflight.identification.likelihood.sensor_errors import EVALUATIONS, SensorErrors
 from maidenflight.identification.likelihood.sensor_signals import Rotors, Sensor
 from maidenflight.identification.outcome.problem import Problem
-from maidenflight.identification.signals.flight_signals import means
-from maidenflight.identification.signals.lag import DELAYS, SLOWING_DOWN, mean_lag
+from maidenflight.identification.signals.flight_signals import is_zero_order_hold, means
+from maidenflight.identification.signals.lag import DELAYS, SLOWING_DOWN, slope_by_ratio
 from maidenflight.identification.signals.motor_response import (
     LATENCY_OF_SPEEDS,
     LIKE,
@@ -32,6 +32,7 @@ from maidenflight.identification.signals.motor_response import (
 from maidenflight.identification.uncertainty import RESAMPLES
 from maidenflight.parameters import Parameters, component
 from maidenflight.parameters import replace as with_values
+from maidenflight.simulator.physics.dynamics import equivalent_lag
 
 NAMES = (*DELAYS, SLOWING_DOWN)
 """What the speeds show."""
@@ -41,8 +42,11 @@ _EXPLAINED = 0.7
 """Share of the speeds' variance that commands must explain, or the reading is broken."""
 _SLOW = 1.0
 """Time over which means are taken of what is slow [s]."""
-_EVALUATIONS = 20
-"""Of the likelihood at most."""
+_SAMPLED = np.array([10.0, 0.0, 1 / np.sqrt(12)])
+"""Standard errors of the logarithms of lag and ratio, and of the latency [s], for each second of a
+row, where a log samples a faster loop's commands: their noise is taken for steps that last a row.
+Lags of 25 to 80 ms are 7 to 15 % off at 100 Hz, 0.3 to 3 % at 250 Hz, latencies a tenth to a fifth
+of a row (`python paper/log_rates.py --speeds`)."""
 
 
 def mean_speed(flight: Flight, rows: int, step: float) -> Float[np.ndarray, "M 4"]:
@@ -98,7 +102,7 @@ def motors_of_speeds(problem: Problem) -> MotorResponse | None:
     start = with_values(problem.start, **{name: np.float32(one) for name, one in _START.items()})
     problem = replace(problem, start=start, flights=flights, bounds={})
     model = SpeedErrors.of(flights)
-    optimum = fit(problem, _EVALUATIONS, [model], NAMES, start, {})
+    optimum = fit(problem, EVALUATIONS, [model], NAMES, start, {})
     explained = model.explained(optimum.drone)
     if explained < _EXPLAINED:
         return None
@@ -106,6 +110,8 @@ def motors_of_speeds(problem: Problem) -> MotorResponse | None:
     # No motor is quite of first order; what speeds leave unexplained bounds what that can do.
     left = float(np.sqrt(1.0 - explained))
     least = np.array([min(LIKE, left), min(OWN, left), LATENCY_OF_SPEEDS])
+    if not is_zero_order_hold(flights):
+        least = np.hypot(least, flights[0].period * _SAMPLED)
     joined = [random_effects(*columns) for columns in zip(values.T, variances.T, strict=True)]
     means, errors = np.array(joined).T
     generator = problem.generator.spawn(1)[0]
@@ -126,17 +132,21 @@ def motors_of_speeds(problem: Problem) -> MotorResponse | None:
 def _by_segment(
     drone: Parameters, model: SpeedErrors
 ) -> tuple[Float[np.ndarray, "S 3"], Float[np.ndarray, "S 3"]]:
-    """Logarithms of mean lag and ratio, and latency [s], by segment: one step of it. Variances."""
+    """Logarithms of equivalent lag and ratio, and latency [s], by segment, and variances.
+
+    One step of each segment's own.
+    """
     _, scores, curvatures = model.derivatives(drone, NAMES)
     lag, latency, ratio = (float(component(drone, name)) for name in NAMES)
     # Of the three by lag speeding up, latency and ratio.
-    slope = np.array([[1 / lag, 0.0, 1 / (1 + ratio)], [0.0, 0.0, 1 / ratio], [0.0, 1.0, 0.0]])
+    growth = -slope_by_ratio(drone) / lag
+    slope = np.array([[1 / lag, 0.0, growth], [0.0, 0.0, 1 / ratio], [0.0, 1.0, 0.0]])
     # A segment in which nothing happens is as uncertain as these.
     scale = 1 / np.array([lag, 0.1 * lag, ratio])
     scaled = curvatures * model.rows / np.outer(scale, scale)
     inverses = np.linalg.inv(scaled + np.eye(3)) / np.outer(scale, scale)
     steps = -np.einsum("ij,sjk,sk->si", slope, inverses, scores * model.rows)
-    here = np.array([np.log(mean_lag(lag, ratio)), np.log(ratio), latency])
+    here = np.array([np.log(equivalent_lag(lag, ratio)), np.log(ratio), latency])
     return here + steps, np.einsum("ij,sjk,ik->si", slope, inverses, slope)
 
 

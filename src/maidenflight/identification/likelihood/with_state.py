@@ -1,7 +1,7 @@
 """Identification of flights with a state: the drone under which the next rows are most likely.
 
-`identified` finds it and the noise of its sensors and motors, `expected_intervals` what the flights
-can tell of it.
+`find` finds it and the noise of its sensors and motors, `expected_intervals` what the flights can
+tell of it.
 """
 
 import itertools
@@ -12,12 +12,12 @@ from functools import partial
 import numpy as np
 
 from maidenflight.flights.log import Flight
-from maidenflight.identification.drone_file import GroupGain
 from maidenflight.identification.evidence import Evidence, of_samples
 from maidenflight.identification.likelihood import information, other_ways, selection
 from maidenflight.identification.likelihood.compiling import start_compiling
 from maidenflight.identification.likelihood.estimator import (
     Answer,
+    Found,
     Models,
     Question,
     answer_question,
@@ -37,17 +37,11 @@ from maidenflight.identification.likelihood.one_step import LENGTH, OneStep, one
 from maidenflight.identification.likelihood.one_step_errors import ORDER
 from maidenflight.identification.likelihood.selection import Parts
 from maidenflight.identification.methods import Likelihood
-from maidenflight.identification.outcome.bounds import mean_lag_estimates
+from maidenflight.identification.outcome.bounds import equivalent_lag_estimates
 from maidenflight.identification.outcome.ensembles import flight_to_flight_sd
 from maidenflight.identification.outcome.estimates import (
-    SURE_NATS,
-    Identification,
-    evaluations_table,
     note_doubts,
-    note_gains_lost,
-    notes_on,
 )
-from maidenflight.identification.outcome.narrowing import advise
 from maidenflight.identification.outcome.plausible import (
     HOVERING,
     VARIANCE_SHARE,
@@ -58,15 +52,13 @@ from maidenflight.identification.outcome.plausible import (
 )
 from maidenflight.identification.outcome.problem import Problem, require_identifiable
 from maidenflight.identification.outcome.progress import EXPECTING, MOTOR_LAG
-from maidenflight.identification.posterior import Posterior
-from maidenflight.identification.signals import lag
 from maidenflight.identification.signals.flight_signals import stride, undo_filter_delay
 from maidenflight.identification.signals.lag import DELAYS, LAG
 from maidenflight.identification.signals.motor_response import is_clear
-from maidenflight.parameters import Parameters, check, replace
+from maidenflight.parameters import Parameters, replace
 
 
-def identified(problem: Problem, settings: Likelihood) -> Identification:
+def find(problem: Problem, settings: Likelihood) -> Found:
     """Finds the drone and the noise under which the flights are most likely.
 
     Raises:
@@ -74,7 +66,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     """
     if problem.over is not None:
         box_of(problem, problem.over)
-    start, model = problem.start, one_step_objective(problem.flights, settings)
+    model = one_step_objective(problem.flights, settings)
     # To look at the motors takes one core.
     threads = start_compiling(problem.flights[0], settings.lead_in)
     signals = _by_signals(problem)
@@ -86,76 +78,67 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         problem = replace_(problem, flights=[undo_filter_delay(one) for one in problem.flights])
         model = one_step_objective(problem.flights, settings)
     flights, measured = problem.flights, _measured(problem, model, signals)
+    answer, expected = _answer(problem, settings, model, measured)
+    unidentifiable = dict(answer.unidentifiable)
+    if motors and motors.usual_latency and "latency" in answer.samples:
+        # It belongs to the lag that is told, so that the drone has it, and not the start's.
+        unidentifiable["latency"] = motors.usual_latency
+    # Who names parameters knows the others.
+    joint = join(problem, [answer], unidentifiable, follows_about_z=problem.over is None)
+    drone = replace(joint.drone, turn_drift=np.float32(drift_by_turns(flights)))
+    products = model.products_about_means(answer.best.drone)
+    noise = noise_levels(products, drone, stride(flights[0]) * flights[0].period)
+    noise = correct_walks(noise, flights)
+    drone = replace(drone, **{name: np.float32(value) for name, value in noise.items()})
+    estimates = {**joint.estimates, **flight_to_flight_sd(joint.estimates, flights, drone)}
+    if motors and LAG in estimates:
+        estimates = equivalent_lag_estimates(estimates)
+    return Found(
+        (answer,),
+        signals,
+        replace_(joint, drone=drone, estimates=estimates),
+        unidentifiable,
+        _evidence(model, answer, signals),
+        # A likelihood of one row ahead may fall by the thrust and torques that carry and trim the
+        # flights, where rows sample a faster loop: the start has them too.
+        start_value=model(balance(model, problem.start, box_of(problem, BALANCED))),
+        windows=int(model.rows) // (LENGTH - ORDER),
+        notes=(
+            *note_doubts(noise, flights),
+            *map(str, differences(flights, model, answer.best.drone, motors)),
+        ),
+        expected=expected,
+        noise=noise,
+    )
+
+
+def _answer(
+    problem: Problem, settings: Likelihood, model: OneStep, measured: Samples
+) -> tuple[Answer, dict[str, ExpectedInterval]]:
+    """Asks again until flights tell all that is asked, and nothing besides; and what they could."""
     expected = _expected_intervals(problem, model, measured)
     problem.reporter.expected(expected)
     unidentifiable = {name: one.prior for name, one in expected.items() if not one.identifiable}
-    decided = set[str]()
+    decided, groups = set[str](), _groups(problem, measured)
     while True:
         question = _question(problem, settings, model, measured, unidentifiable)
-        fit_result = answer_question(problem, settings, question)
-        draws = fit_result.samples
-        searched = [
-            name for name in fit_result.best.box.names if name in expected and name not in measured
-        ]
-        groups = _groups(problem, measured)
-        needed = _surely_needed(fit_result.gains, groups)
-        wide = _too_wide(draws, [name for name in searched if name not in needed], expected, groups)
-        identifiable = _find_identifiable(
-            problem, model, measured, fit_result.best.drone, unidentifiable.keys() - decided
-        )
+        answer = answer_question(problem, settings, question)
+        searched = [name for name in answer.best.box.names if name in expected]
+        needed = answer.surely_needed(searched, problem.start) | measured.keys()
+        judged = [name for name in searched if name not in needed]
+        wide = _too_wide(answer.samples, judged, expected, groups)
+        # About a start that is far away noise seems large, and hides what flights tell.
+        names = unidentifiable.keys() - decided
+        about = _expected_intervals(problem, model, measured, answer.best.drone) if names else {}
+        identifiable = {name: about[name] for name in names if about[name].identifiable}
         decided |= {*wide, *identifiable}
         if not wide and not identifiable:
-            break
+            return replace_(answer, unidentifiable=unidentifiable), expected
         unidentifiable |= {name: expected[name].prior for name in wide}
         expected |= identifiable
         unidentifiable = {
             name: one for name, one in unidentifiable.items() if name not in identifiable
         }
-    # Who names parameters knows the others.
-    follows = problem.over is None
-    joint = join(problem, [fit_result], unidentifiable, follows_about_z=follows)
-    drone = replace(joint.drone, turn_drift=np.float32(drift_by_turns(flights)))
-    left = model.products_about_means(fit_result.best.drone)
-    noise = noise_levels(left, drone, stride(flights[0]) * flights[0].period)
-    noise = correct_walks(noise, flights)
-    drone = replace(drone, **{name: np.float32(value) for name, value in noise.items()})
-    estimates = {**joint.estimates, **flight_to_flight_sd(joint.estimates, flights, drone)}
-    if motors and LAG in estimates:
-        estimates = mean_lag_estimates(estimates)
-    if motors and motors.usual_latency and "latency" in estimates:
-        # It belongs to the lag that is told, so that the drone has it, and not the start's.
-        del estimates["latency"]
-        unidentifiable["latency"] = motors.usual_latency
-    delay_evidence = lag.delay_evidence(motors, joint.draws, unidentifiable, drone)
-    evidence = _evidence(model, fit_result, signals)
-    return Identification(
-        parameters=check(drone, "identified parameters"),
-        estimates=estimates,
-        unidentified=unidentifiable,
-        expected=expected,
-        objective="likelihood",
-        value=fit_result.best.value,
-        # A likelihood of one row ahead may fall by the thrust and torques that carry and trim the
-        # flights, where rows sample a faster loop: the start has them too.
-        start_value=model(balance(model, start, box_of(problem, BALANCED))),
-        source=problem.source,
-        windows=int(model.rows) // (LENGTH - ORDER),
-        evaluations=sum(len(values) for _, values in joint.runs),
-        search=evaluations_table(joint.box, joint.runs),
-        posterior=Posterior(joint.draws),
-        advice=advise(estimates, unidentifiable, joint.draws, motors),
-        gains=fit_result.gains,
-        noise=noise,
-        notes=(
-            *notes_on(estimates, model.segments, problem.by_battery_law),
-            *note_gains_lost(fit_result.gains),
-            *note_doubts(noise, flights),
-            *joint.notes,
-            *map(str, differences(flights, model, fit_result.best.drone, motors)),
-            *lag.notes(delay_evidence, motors),
-        ),
-        evidence=(*delay_evidence, *evidence),
-    )
 
 
 def expected_intervals(problem: Problem, settings: Likelihood) -> dict[str, ExpectedInterval]:
@@ -169,21 +152,6 @@ def expected_intervals(problem: Problem, settings: Likelihood) -> dict[str, Expe
         problem = replace_(problem, flights=[undo_filter_delay(one) for one in problem.flights])
     model = one_step_objective(problem.flights, settings)
     return _expected_intervals(problem, model, _measured(problem, model, signals), is_truth=True)
-
-
-def _find_identifiable(
-    problem: Problem,
-    model: OneStep,
-    measured: Samples,
-    drone: Parameters,
-    names: Collection[str],
-) -> dict[str, ExpectedInterval]:
-    """Those of some parameters of which flights say something about the drone found.
-
-    About a start that is far away noise seems large, and hides them.
-    """
-    expected = _expected_intervals(problem, model, measured, drone) if names else {}
-    return {name: one for name, one in expected.items() if one.identifiable and name in names}
 
 
 def _expected_intervals(
@@ -232,16 +200,6 @@ def _groups(problem: Problem, measured: Collection[str]) -> Mapping[str, Sequenc
     return {group: names for group, names in left.items() if names}
 
 
-def _surely_needed(gains: Sequence[GroupGain], groups: Mapping[str, Sequence[str]]) -> set[str]:
-    """Parameters without which held-out flights are surely less likely, however wide they are."""
-    return {
-        name
-        for one in gains
-        if one.is_in_model and one.log_likelihood_gain > SURE_NATS
-        for name in groups.get(one.group, ())
-    }
-
-
 def _too_wide(
     draws: Mapping[str, np.ndarray],
     names: Sequence[str],
@@ -252,7 +210,7 @@ def _too_wide(
 
     None at all if they tell all of them. Others may be wide only because of this one. A group is
     there because held-out flights gain by it; without it the others would be biased, so that its
-    parameters go only where they are as wide as before, and the gain is not `SURE_NATS`.
+    parameters go only where they are as wide as before.
     """
     added = {name for group in groups.values() for name in group}
     share = {

@@ -17,6 +17,7 @@ from maidenflight.errors import InputError
 from maidenflight.identification.likelihood import other_ways
 from maidenflight.identification.likelihood.estimator import (
     Answer,
+    Found,
     Models,
     Question,
     answer_question,
@@ -32,15 +33,8 @@ from maidenflight.identification.likelihood.measured import (
     measure,
 )
 from maidenflight.identification.likelihood.observation import MOTORS
-from maidenflight.identification.likelihood.sensor_errors import SensorErrors
+from maidenflight.identification.likelihood.sensor_errors import EVALUATIONS, SensorErrors
 from maidenflight.identification.methods import Likelihood
-from maidenflight.identification.outcome.estimates import (
-    Identification,
-    evaluations_table,
-    note_gains_lost,
-    notes_on,
-)
-from maidenflight.identification.outcome.narrowing import advise
 from maidenflight.identification.outcome.plausible import (
     HOVERING,
     Ranges,
@@ -49,11 +43,9 @@ from maidenflight.identification.outcome.plausible import (
     unchanged,
 )
 from maidenflight.identification.outcome.problem import Problem
-from maidenflight.identification.posterior import Posterior
-from maidenflight.identification.signals import lag
 from maidenflight.identification.signals.lag import DELAYS, LAG, SLOWING_DOWN
 from maidenflight.identification.signals.thrust_law import note_unexplained, thrust_law
-from maidenflight.parameters import Parameters, check, component, replace
+from maidenflight.parameters import Parameters, component, replace
 
 FORCE = ("thrust_to_weight", "thrust_linear", *DELAYS, "drag_z")
 """Parameters of the accelerometer."""
@@ -91,11 +83,9 @@ BOUNDS: Mapping[str, tuple[float, float]] = {
     "latency": (0.0, 0.02),
 }
 """Search bounds where they are not those of a log with a state."""
-_MOST = 20
-"""Evaluations of a search at most."""
 
 
-def identified(problem: Problem, settings: Likelihood) -> Identification:
+def find(problem: Problem, settings: Likelihood) -> Found:
     """Finds the drone under which what accelerometer and gyro measured is most likely.
 
     Args:
@@ -109,47 +99,27 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     law = thrust_law(problem.flights, float(problem.start.motor_time_constant))
     flights, bounds = law.read(problem.flights), {**BOUNDS, **problem.bounds}
     problem = replace_(problem, flights=flights, bounds=bounds)
-    settings = replace_(settings, evaluations=min(settings.evaluations, _MOST))
+    settings = replace_(settings, evaluations=min(settings.evaluations, EVALUATIONS))
     signals = measure(problem)
-    motors = signals.motors
     force = _force(problem, settings, signals, law.limit)
     torque = _torque(problem, settings, force, law.limit, signals)
-    answer = [one for one in (force, torque) if one is not None]
-    unidentifiable = {name: ends for one in answer for name, ends in one.unidentifiable.items()}
-    joint = join(problem, answer, unidentifiable)
-    segments = answer[0].best.model.segments
-    delay_evidence = lag.delay_evidence(
-        motors, answer[0].samples, answer[0].unidentifiable, joint.drone
-    )
-    gains = tuple(gain for one in answer for gain in one.gains)
+    answers = tuple(one for one in (force, torque) if one is not None)
+    unidentifiable = {name: ends for one in answers for name, ends in one.unidentifiable.items()}
+    joint = join(problem, answers, unidentifiable)
     evidence = signals.evidence(float(joint.drone.thrust_to_weight))
     for sensor, one, more in (("accelerometer", force, DELAYS), ("gyro", torque, INERTIA)):
         if one is not None:
             names = tuple(dict.fromkeys([*one.best.box.names, *more]))
             evidence += one.best.model.evidence(sensor, one.best.drone, names)
-    return Identification(
-        parameters=check(joint.drone, "identified parameters"),
-        estimates=joint.estimates,
-        unidentified=unidentifiable,
-        objective="likelihood",
-        value=sum(one.best.value for one in answer),
-        start_value=sum(one.best.model(problem.start) for one in answer),
-        source=problem.source,
-        windows=segments,
-        evaluations=sum(len(values) for _, values in joint.runs),
-        search=evaluations_table(joint.box, joint.runs),
-        posterior=Posterior(joint.draws),
-        advice=advise(joint.estimates, unidentifiable, joint.draws, motors),
-        gains=gains,
-        notes=(
-            *law.notes(),
-            *note_unexplained(flights, law, joint.drone),
-            *notes_on(joint.estimates, segments, problem.by_battery_law),
-            *note_gains_lost(gains),
-            *joint.notes,
-            *lag.notes(delay_evidence, motors),
-        ),
-        evidence=(*delay_evidence, *evidence),
+    return Found(
+        answers,
+        signals,
+        joint,
+        unidentifiable,
+        evidence,
+        start_value=sum(one.best.model(problem.start) for one in answers),
+        windows=answers[0].best.model.segments,
+        notes=(*law.notes(), *note_unexplained(flights, law, joint.drone)),
     )
 
 
@@ -215,7 +185,7 @@ def _force_given_lag(
             return _without(problem, settings, model, answer, removed_ranges)
     samples = signals.motor_samples(problem.generator)
     middle = {name: np.float32(np.median(draws)) for name, draws in samples.items()}
-    # The lag is the mean of both ways where nothing tells their ratio.
+    # The lag is that of both ways where nothing tells their ratio.
     drone = replace(start, **{SLOWING_DOWN: np.float32(1.0), **middle})
     rest = tuple(name for name in names if name not in DELAYS)
     again = _ask_sensor(problem, settings, model, rest, {}, drone, samples)
@@ -230,10 +200,9 @@ def _without(
     answer: Answer,
     removed_ranges: Ranges,
 ) -> Answer:
-    """Leaves parameters out, and fits the others again: thrust hovers with what is left.
+    """Leaves parameters out but those surely needed, and fits the others again.
 
-    Those stay without which the flights are surely less likely, however wide they are: the start's
-    value would be wrong, and so would all others beside it.
+    Thrust hovers with what is left.
     """
     if removed_ranges:
         needed = answer.surely_needed(removed_ranges, problem.start)

@@ -163,7 +163,7 @@ def must_lie_within_bounds(drone: DroneFile) -> None:
         )
 
 
-def mean_lag_estimates(estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
+def equivalent_lag_estimates(estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
     """Estimates whose lag was not searched for but seen, with the bounds within which it is."""
     lag = estimates["motor_time_constant"]
     lags = _measured_lags(estimates)
@@ -172,7 +172,7 @@ def mean_lag_estimates(estimates: Mapping[str, Estimate]) -> dict[str, Estimate]
 
 
 def _measured_lags(estimates: Mapping[str, Estimate]) -> tuple[float, float]:
-    """Lags of speeding up that are told where the mean of speeding up and slowing down is seen."""
+    """Lags of speeding up that are told where the equivalent lag of both ways is seen."""
     ratio = estimates.get(SLOWING_DOWN)
     value = 1.0 if ratio is None else ratio.value
     return speeding_up(LAG_BOUNDS[0], value), speeding_up(LAG_BOUNDS[1], value)

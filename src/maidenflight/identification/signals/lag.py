@@ -8,29 +8,27 @@ import numpy as np
 from maidenflight.identification.evidence import DELAY, Evidence, of_samples
 from maidenflight.identification.signals.motor_response import MotorResponse
 from maidenflight.parameters import Parameters
+from maidenflight.simulator.physics.dynamics import equivalent_lag
 
 LAG = "motor_time_constant"
-"""The parameter that accelerometer or rotor speed show by themselves: the mean of motors that speed
-up and slow down."""
+"""The parameter that gyro or rotor speed show by themselves: the equivalent lag of motors that
+speed up and slow down."""
 DELAYS = (LAG, "latency")
 """The parameters that delay what commands do."""
 SLOWING_DOWN = "spin_down_ratio"
 """Lag slowing down over that speeding up."""
 
 
-def mean_lag(speeding_up: Any, ratio: Any) -> Any:
-    """Returns the mean of the lags speeding up and slowing down [s], which signals show."""
-    return speeding_up * (1 + ratio) / 2
-
-
-def speeding_up(mean: Any, ratio: Any) -> Any:
-    """Returns the lag speeding up [s] of motors of a mean lag."""
-    return 2 * mean / (1 + ratio)
+def speeding_up(equivalent: Any, ratio: Any) -> Any:
+    """Returns the lag speeding up [s] of motors of an equivalent lag."""
+    return equivalent / equivalent_lag(1.0, ratio)
 
 
 def slope_by_ratio(drone: Parameters) -> float:
-    """Returns the change of the lag speeding up by the ratio [s], the mean lag fixed."""
-    return -float(drone.motor_time_constant) / (1 + float(drone.spin_down_ratio))
+    """Returns the change of the lag speeding up by the ratio [s], the equivalent lag fixed."""
+    lag, ratio = float(drone.motor_time_constant), float(drone.spin_down_ratio)
+    less, more = equivalent_lag(1.0, ratio * np.array([0.999, 1.001]))
+    return -lag * float(np.log(more / less)) / (0.002 * ratio)
 
 
 def delay_evidence(
@@ -43,7 +41,7 @@ def delay_evidence(
 
     Nothing where neither delay is identified.
 
-    Signals show the mean lag of speeding up and slowing down, and so is that which is taken.
+    Signals show the equivalent lag of speeding up and slowing down, and so is that which is taken.
 
     Args:
         motors: what logs show of the motors.
@@ -54,7 +52,7 @@ def delay_evidence(
     if not set(DELAYS) <= set(draws):
         return ()
     ratio = draws.get(SLOWING_DOWN, float(drone.spin_down_ratio))
-    total = mean_lag(draws[LAG], ratio) + draws["latency"]
+    total = equivalent_lag(draws[LAG], ratio) + draws["latency"]
     origin = "plausible" if LAG in unidentifiable else "all together" if motors else "likelihood"
     return (
         *(motors.evidence if motors else ()),

@@ -34,9 +34,10 @@ LAG_BOUNDS = (0.01, 0.25)
 USUAL, USUAL_DEVIATION = 0.002, 0.0014
 """Latency of commands on board and its standard deviation [s]: within a period of loop and of ESC,
 2 ms +- 1 ms, and as much again for the gyro's own filter (`other_ways.FILTER`)."""
-DELAY_ERROR = 3e-4
+DELAY_ERROR = 3.6e-4
 """Standard error with which any lag and latency are known [s]: a gyro's filter of 2.8 ms, which
-passes for latency, makes a lag of 30 ms 0.3 ms longer."""
+passes for latency, makes a lag of 30 ms 0.3 ms longer, and motors that slow down 2.4 times as
+slowly answer 0.2 ms before one of their equivalent lag (paper/notes/identification.md)."""
 _UNKNOWN_FILTER = GYRO_DELAY / np.sqrt(3.0)
 """Standard error of a gyro's delay that no log tells [s]: from none to twice a Crazyflie's."""
 _UNUSUAL = 0.03
