@@ -13,14 +13,14 @@ from maidenflight.verb import Verb, find_verb
 
 FLOW = ("log", "identify", "validate", "train", "transfer", "predict", "export", "drone", "report")
 """Verbs that lead from logs to the drone; others are below them."""
-_APART = ("app", "fly")
+_EXCLUDED = ("app", "fly")
 """The page itself, and what asks for a hand at the keyboard while a real drone flies."""
 
 
 def verbs() -> dict[str, type[Verb]]:
     """Returns the verbs with a form, those of the flow first; packages may add some."""
     names = [*FLOW, *(name for name in VERBS if name not in FLOW)]
-    return {name: find_verb(name) for name in names if name not in _APART}
+    return {name: find_verb(name) for name in names if name not in _EXCLUDED}
 
 
 @cache

@@ -63,10 +63,10 @@ class Access:
         """Returns whether a request has the password, if there is one."""
         kind, _, code = request.headers.get("authorization", "").partition(" ")
         try:
-            given = base64.b64decode(code, validate=True).partition(b":")[2]
+            password = base64.b64decode(code, validate=True).partition(b":")[2]
         except ValueError:
             return False
-        right = hmac.compare_digest(given, (self.password or "").encode())
+        right = hmac.compare_digest(password, (self.password or "").encode())
         return self.password is None or (kind.lower() == "basic" and right)
 
 
