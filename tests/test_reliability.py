@@ -30,6 +30,7 @@ from maidenflight.verb import find_verb
 SOURCE = Path(maidenflight.__file__).parent
 FREE = {
     "results.py": "the one that writes",
+    "integrations/app/folder.py": "a log that is dropped, named when all of it is there",
     "integrations/radio/row_files.py": "packets of a real flight are appended as they come",
     "integrations/monitoring/loggers.py": "event files, written by their own packages",
     "training/checkpoint.py": "an archive in memory",

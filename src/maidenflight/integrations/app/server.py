@@ -21,7 +21,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Response
 from starlette.routing import Route
 
-from maidenflight import __version__, manifest, run_folder
+from maidenflight import __version__, manifest, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.integrations.app import folder as files
 from maidenflight.integrations.app import forms, jobs, steps, views
@@ -159,7 +159,7 @@ class Page:
         training, policy = self.jobs.get("train"), self._flights.with_name("policy_1.json")
         if training is None or not training.policy:
             raise InputError("No policy is in training.")
-        policy.write_text(training.policy, encoding="utf-8")
+        results.write(policy, training.policy)
         drones = [word for word in training.words if word.startswith("--drone=")]
         words = [*(drones or [f"--drone={run_folder.DRONE}"]), "--trials=1", "--duration=10"]
         words += ["--overwrite", f"--output={self._flights}", "--", str(policy)]
