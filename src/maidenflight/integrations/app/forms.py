@@ -71,7 +71,7 @@ def words_of(
             check(text)
             arguments += [text] if setting.argument else []
             options += [] if setting.argument else [f"{option}={text}"]
-    return [*options, "--", *arguments]
+    return [*options, *(["--", *arguments] if arguments else [])]
 
 
 def filled_by(verb: type[Verb], words: Iterable[str]) -> dict[str, list[str]]:

@@ -99,19 +99,19 @@ class Page:
     def _state_of(self, run: Manifest, name: str) -> dict[str, Any]:
         job, flight = self.jobs.get(name), self.jobs.get(views.PREVIEW)
         step, running = steps.read_step(run, name, job), bool(job and job.running)
-        live = str(job.scores[-1]["update"]) if job and job.scores and running else ""
+        learns = bool(job and job.scores and job.state != "done")
+        live = str(job.scores[-1]["update"]) if job and learns else ""
         is_there = name in views.SECTIONS and (step.entries or (name == "log" and job))
         ended = f"{step.stamp}-{job.began if job else ''}" if is_there and not running else ""
-        resumes = "resume" in self.verbs[name].settings()
         return {
             "state": job.state if job else "done" if step.names else "",
             "html": views.render("job.html", job=job, step=step, name=name, now=time.monotonic()),
             "view": f"view/{name}?{live or ended}" if live or ended else "",
-            "live": bool(live),
+            "live": learns,
             "flight": f"view/preview?{flight.began}" if flight and not flight.running else "",
             "flies": bool(flight and flight.running),
             "policy": bool(running and job and job.policy),
-            "resumes": resumes and job is not None and job.state == "cancelled",
+            "resumes": bool(job and job.state == "cancelled" and "--resume" in job.error),
             "filled": steps.suggest(run, self.verbs[name], self.jobs.values()),
         }
 

@@ -71,7 +71,7 @@ def view(run: Manifest, name: str, job: Job | None, flights: Path) -> str:
 
     entries = steps.read_step(run, name).entries
     with _one_at_a_time:
-        if job is not None and job.running and job.scores:
+        if job is not None and job.scores and job.state != "done":
             return _draw(name, Run(training=polars.DataFrame(job.scores)))
         if name == "report":
             return page.to_html(read_run(run.folder))
