@@ -116,7 +116,8 @@ def test_a_log_becomes_a_policy_in_c(browser: Any, tmp_path: Path, shared_data: 
             other.click("#train .cancel")
             page.wait_for_selector("#train[data-state=cancelled]", timeout=LONG)
             assert "training.npz" in page.inner_text("#train .job")
-            assert page.is_visible("#train iframe.shown"), "what was learned stays in view"
+            page.wait_for_selector("#train iframe.shown", timeout=LONG)  # what was learned stays
+            assert page.is_visible("#train .resume")
         assert page.input_value("#train-updates") == "50", "what ran stays in the form"
         page.click("#train .resume")
         page.wait_for_selector("#train[data-state=running]")

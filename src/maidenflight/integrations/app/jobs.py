@@ -108,7 +108,8 @@ async def start(folder: Path, verb: str, words: Sequence[str], behind: bool = Fa
         *(["nice", "-n", "19"] if behind and os.name == "posix" else []),
         # Without -P Python would import a module of that folder in place of its own.
         *(sys.executable, "-P", "-m", "maidenflight", verb, *words),
-        env={**os.environ, events.VARIABLE: "1", "PYTHONUTF8": "1"},
+        # Without columns an error stays on one line.
+        env={**os.environ, events.VARIABLE: "1", "PYTHONUTF8": "1", "COLUMNS": ""},
         **{"cwd": folder, "stdin": asyncio.subprocess.DEVNULL, "stdout": pipe, "stderr": pipe},
         **{"limit": 2**24, "start_new_session": True},
     )
