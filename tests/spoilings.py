@@ -156,6 +156,7 @@ _GYRO = frozenset({"body_rate", "motor order", "accelerometer axes"})
 _FORCE, _AXES = frozenset({"accelerometer"}), frozenset({"accelerometer axes"})
 _DELAY, _LATE = frozenset({"command delay"}), frozenset({"gyro delay", "command delay"})
 _CLOCK = frozenset({"clock", "body_rate scale"})
+_TENTH = frozenset({"clock"})
 _CURVE = frozenset({"thrust curve", "thrust to weight"})
 _SCALE, _SPEEDS = frozenset({"thrust to weight"}), frozenset({"rotor speeds"})
 _TILT, _MOVE = frozenset({"tilt", "body_rate"}), frozenset({"velocity"})
@@ -218,11 +219,15 @@ SPOILINGS: Mapping[str, Spoiling] = {
         lambda flight: replace(flight, period=1.25 * flight.period), _CLOCK, "state", True
     ),
     "time times 1.1": Spoiling(
-        lambda flight: replace(flight, period=1.1 * flight.period), _CLOCK, "state", True
+        lambda flight: replace(flight, period=1.1 * flight.period), _TENTH, "state", True
+    ),
+    "time times 0.9": Spoiling(
+        lambda flight: replace(flight, period=0.9 * flight.period), _TENTH, "state", True
     ),
     "time times 0.8": Spoiling(
         lambda flight: replace(flight, period=0.8 * flight.period), _CLOCK, "state", True
     ),
+    "commands 20 ms late": Spoiling(partial(_shift, "command", 0.02), _DELAY),
     "commands 50 ms late": Spoiling(partial(_shift, "command", 0.05), _DELAY),
     "commands 100 ms late": Spoiling(partial(_shift, "command", 0.1), _DELAY),
     "commands 50 ms early": Spoiling(partial(_shift, "command", -0.05), _DELAY),

@@ -273,12 +273,12 @@ if str(BENCHMARKS) not in sys.path:
 parts: Any = importlib.import_module("parts")
 
 MOST = {
-    "closure of identify": 105,
+    "closure of identify": 107,
     "closure of train": 55,
     "closure of export": 28,
-    "log to drone.toml: stops": 715,
-    "log to drone.toml: modules": 116,
-    "log to drone.toml: names": 938,
+    "log to drone.toml: stops": 734,
+    "log to drone.toml: modules": 119,
+    "log to drone.toml: names": 967,
     "drone to policy: stops": 315,
     "drone to policy: modules": 68,
     "drone to policy: names": 473,
@@ -291,9 +291,9 @@ MOST = {
     "study to table: stops": 75,
     "study to table: modules": 14,
     "study to table: names": 123,
-    "constants": 734,
-    "constants without a source": 582,
-    "lines": 60_073,
+    "constants": 745,
+    "constants without a source": 590,
+    "lines": 60_500,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

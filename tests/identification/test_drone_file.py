@@ -25,6 +25,7 @@ from maidenflight.identification.drone_file import (
 )
 from maidenflight.identification.posterior import Posterior
 from maidenflight.parameters import QUANTITIES, crazyflie
+from maidenflight.reporting.figures.plots import Picture
 from maidenflight.reporting.page import report
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.verbs.train import Train
@@ -32,7 +33,9 @@ from maidenflight.verbs.train import Train
 WHOLE = DroneFile(
     crazyflie(),
     {
-        "latency": Estimate(0.018, (0.01, 0.02), (0.018, 0.019), 0.002, None, (0.0, 0.05)),
+        "latency": Estimate(
+            0.018, (0.01, 0.02), (0.018, 0.019), 0.002, None, (0.0, 0.05), (0.0, 0.03)
+        ),
         "torque_bias_x": Estimate(1e-5, (0.0, 2e-5), (1e-5,), 3e-6, (-1e-5, 3e-5)),
     },
     Posterior(
@@ -291,3 +294,12 @@ def test_a_body_that_cannot_be_is_refused(
     path = DroneFile(drone).write(tmp_path / "mine.toml")
     with pytest.raises(InputError, match=named):
         drone_file.read(path)
+
+
+def test_a_drone_file_shows_itself_and_draws_drones_to_train_over():
+    drones = WHOLE.ensemble
+    np.testing.assert_allclose(drones.drones.latency, [0.018, 0.019], rtol=1e-6)
+    assert np.asarray(drones.drones.mass).tolist() == [float(crazyflie().mass)] * 2
+    assert isinstance(WHOLE.plot(), Picture)
+    with pytest.raises(InputError):
+        _ = DroneFile(crazyflie()).ensemble

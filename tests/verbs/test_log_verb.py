@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from commands import Command
-from made_flights import driven
+from made_flights import driven, sensed
 from maidenflight import manifest, results
 from maidenflight.flights import log
 from maidenflight.flights.reading import read_flights
@@ -87,3 +87,15 @@ def test_tables_of_other_columns_are_read_by_a_map_that_is_written(
     told = json.loads(out)
     assert told["written"] == [str(tmp_path / "mine.columns.toml")]
     assert told["logs"][0]["rate"] == 100.0
+
+
+def test_a_signal_that_is_not_used_is_named_with_the_reason(
+    tmp_path: Path, command: Command
+) -> None:
+    dead = np.zeros((600, 3), np.float32)
+    log.write(tmp_path / "dead.csv", replace(sensed(), accelerometer=dead, rotor_speed=None))
+    _, out, _ = command(f"log {tmp_path}/dead.csv")
+    lines = {one.partition(" (")[0]: one for one in out.splitlines() if one.startswith("not used")}
+    assert set(lines) == {"not used: accelerometer", "not used: rotor speed"}
+    assert "never change" in lines["not used: accelerometer"]
+    assert "not logged" in lines["not used: rotor speed"]

@@ -116,6 +116,11 @@ def fly_all(
     """
     each = list(pilots) if isinstance(pilots, Sequence) else [pilots] * len(keys)
     if not isinstance(reality, VirtualDrone):
+        if scenario.during is not None or scenario.drones is not None:
+            raise InputError(
+                f"{reality.name}: other drones, and what changes of one in flight, fly as virtual "
+                "drones only. Name one of these."
+            )
         return [
             fly(reality, pilot, scenario, key, guard) for pilot, key in zip(each, keys, strict=True)
         ]

@@ -1,14 +1,12 @@
 """The drone file: parameters, and how they were identified, as a TOML file.
 
-`DroneFile` holds all that such a file says. `read` is the one reader and `DroneFile.write` the one
-writer; a damaged file is refused with its name, what is wrong, and what to do.
+`DroneFile` holds, reads and writes all that such a file says; a damaged one is refused.
 
 ```toml
 format = 7
 [motors] # [body], [sensors], [battery], [simulation]: the parameters
 
-[identification] # how they were found, if they were
-objective = "likelihood"
+[identification] # how they were found, if they were: objective, ...
 [identification.source] # the flights
 [identification.estimates.latency] # value, interval, search bounds, ...
 [identification.unidentified] # plausible range of what the flights cannot tell
@@ -35,6 +33,7 @@ from maidenflight.flights.log import SUBSAMPLED, ZERO_ORDER_HOLD
 from maidenflight.identification.posterior import Posterior
 from maidenflight.inputs import Fields, StrPath
 from maidenflight.parameters import COMPONENTS, DRONES, Parameters
+from maidenflight.registry import PLOTS
 from maidenflight.simulator.physics.battery import COUNTS, MOST_COUNTS
 
 CLOSED_LOOP = "closed_loop"
@@ -46,6 +45,7 @@ SAVED = 200
 """Samples of the posterior that a file holds."""
 _MOST_SECONDS = 1e9
 """What no time of flight comes near [s]."""
+_ENDS = "valley", "bounds", "plausible"
 _CURE = "Identify again."
 """What to do where a file is damaged."""
 
@@ -59,7 +59,7 @@ class Estimate:
     interval: tuple[float, float]
     """95 % interval, from how segments of flight differ."""
     trials: tuple[float, ...]
-    """Best value of each trial of the optimiser; how they differ shows how well it optimises."""
+    """Best value of each trial: how they differ shows how well the optimiser does."""
     between_sd: float
     """Standard deviation beyond noise: how much the drone itself, or what the model lacks, varies.
     Between flights, each counted alike, for thrust and constant torques where there are enough of
@@ -69,6 +69,8 @@ class Estimate:
     is at most 1 % above its lowest; `None` for a likelihood."""
     bounds: tuple[float, float] | None = None
     """What it was searched within."""
+    plausible: tuple[float, float] | None = None
+    """What was plausible about the start, before the flights."""
 
     @property
     def trial_mean(self) -> float:
@@ -172,6 +174,15 @@ class DroneFile:
         """Firmware counts of u = 1 in the drone's flights; 60000 of a drone without any."""
         return COUNTS if self.source is None else self.source.full_scale_counts
 
+    @property
+    def ensemble(self) -> Any:
+        """The posterior samples as drones to train over."""
+        return self.posterior.ensemble(self.parameters)
+
+    def plot(self) -> Any:
+        """Returns a picture of the estimates and their intervals, which a notebook shows."""
+        return PLOTS["identification"](self)
+
     def to_toml(self, name: str) -> str:
         """Returns the TOML text of a drone of that name, the same for the same content."""
         extra: dict[str, Any] = {}
@@ -264,11 +275,7 @@ TRIANGLE = 1.2
 def _check_body(drone: Parameters, place: str) -> None:
     """Refuses masses, inertias and places of rotors that cannot be of one body.
 
-    Raises:
-        InputError: which do not fit each other, and which unit may be wrong.
-
-    Source: Goldstein, Classical mechanics, sec. 5.3 (moments of inertia obey the triangle
-    inequality).
+    Source: Goldstein, Classical mechanics, sec. 5.3 (inertia obeys the triangle inequality).
     """
     inertia, mass = np.asarray(drone.inertia, float), float(drone.mass)
     arm = float(np.linalg.norm(np.asarray(parameters.rotors(drone), float)[:, :2], axis=1).mean())
@@ -308,14 +315,9 @@ def _estimate(estimates: Fields, name: str) -> Estimate:
     table = estimates.table(name)
     if name not in COMPONENTS:
         raise table.refused(name, "a parameter of a drone as its title")
-    result = Estimate(
-        table.number("value"),
-        table.ends("interval"),
-        table.numbers("trials"),
-        table.number("between_sd", 0.0),
-        table.ends("valley") if "valley" in table.content else None,
-        table.ends("bounds") if "bounds" in table.content else None,
-    )
+    known = {key: table.ends(key) for key in _ENDS if key in table.content}
+    numbers = table.numbers("trials"), table.number("between_sd", 0.0)
+    result = Estimate(table.number("value"), table.ends("interval"), *numbers, **known)
     table.end()
     return result
 

@@ -25,12 +25,13 @@ from maidenflight.identification.outcome.estimates import (
     notes_on,
 )
 from maidenflight.identification.outcome.narrowing import advise
-from maidenflight.identification.outcome.plausible import ExpectedInterval
+from maidenflight.identification.outcome.plausible import ExpectedInterval, prior_ranges
 from maidenflight.identification.outcome.problem import AUTO, Problem
 from maidenflight.identification.outcome.progress import Progress
 from maidenflight.identification.posterior import Posterior
 from maidenflight.identification.replay import replay
 from maidenflight.identification.signals import lag
+from maidenflight.identification.signals.alignment import align_commands
 from maidenflight.inputs import PATHS, StrPath
 from maidenflight.parameters import Parameters, check, read_drone
 
@@ -86,15 +87,26 @@ def identify(
             "compared with. Use Likelihood (--objective likelihood)."
         )
     problem = Problem.of(flights, _drone(start), over, bounds, key, on_progress)
+    flights, late = align_commands(problem.flights, problem.start)
+    problem = dataclasses.replace(problem, flights=flights)
     if isinstance(settings, Replay):
         result = replay.identified(problem, settings)
     else:
         find = without_state.find if stateless else with_state.find
         result = _result(problem, find(problem, settings))
     result = average_laws(result, flights, problem.generator)
+    searched = {name: one.bounds or one.interval for name, one in result.estimates.items()}
+    plausible = prior_ranges(problem.start, searched)
+    estimates = {
+        name: dataclasses.replace(one, plausible=plausible[name])
+        for name, one in result.estimates.items()
+    }
     worse = note_worse_than_start(result.value, result.start_value, result.objective)
     notes = (*worse, *left_out, *result.notes)
-    return dataclasses.replace(result, notes=notes, seconds=time.perf_counter() - began)
+    seconds = time.perf_counter() - began
+    return dataclasses.replace(
+        result, estimates=estimates, notes=notes, warnings=tuple(late), seconds=seconds
+    )
 
 
 def _result(problem: Problem, found: Found) -> Identification:

@@ -14,8 +14,9 @@ from maidenflight import results
 from maidenflight.errors import InputError
 from maidenflight.identification.uncertainty import interval
 from maidenflight.inputs import StrPath
-from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, component
+from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, component, replace
 from maidenflight.registry import PLOTS
+from maidenflight.simulator.randomization import Ensemble
 
 
 class Posterior(Mapping[str, Float[np.ndarray, "N"]]):
@@ -57,6 +58,23 @@ class Posterior(Mapping[str, Float[np.ndarray, "N"]]):
             for one in self.summary().iter_rows(named=True)
         )
         return "\n".join([head, *rows])
+
+    def ensemble(self, drone: Parameters) -> Ensemble:
+        """Returns the samples as drones to train over.
+
+        Args:
+            drone: of the other parameters.
+
+        Raises:
+            InputError: there are no samples.
+        """
+        if not self.size:
+            raise InputError("no posterior samples to draw drones from. Identify from flights.")
+        stacked = jax.tree.map(
+            lambda leaf: np.broadcast_to(leaf, (self.size, *np.shape(leaf))), drone
+        )
+        values = {name: one.astype(np.float32) for name, one in self.items()}
+        return Ensemble(replace(stacked, **values))
 
     @property
     def size(self) -> int:

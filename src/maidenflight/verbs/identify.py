@@ -168,7 +168,9 @@ class Identify(Verb):
             *note_start_at_bounds(self.first, identification.estimates),
         ]
         identification = dataclasses.replace(
-            identification, notes=(*identification.notes, *notes), warnings=flights.warnings
+            identification,
+            notes=(*identification.notes, *notes),
+            warnings=(*flights.warnings, *identification.warnings),
         )
         identification.write(output, record)
         _, evaluations, picture = self.places(output)
@@ -195,7 +197,7 @@ class Identify(Verb):
                 }
                 for name, one in identification.estimates.items()
             ],
-            notes=(*warning_lines(flights.warnings), *identification.notes),
+            notes=(*warning_lines(identification.warnings), *identification.notes),
             next=("validate", output, "OTHER_LOGS"),
             next_remark="flights that it was not identified from",
             value=identification,

@@ -165,13 +165,17 @@ def _tabulate_checks(flights: "Flights") -> list[Table | str]:
 
 def _describe_unused(logs: list[Row], notes: Sequence[str]) -> list[str]:
     """Returns which signals no log gives, each with the note that says why, if one does."""
+    from maidenflight.flights.log import OPTIONAL
+
     signals = {name for one in logs for name in one["signals"]}
     reasons = []
     for signal in (*_STATE, "accelerometer", "rotor_speed", "battery"):
         if signal in signals:
             continue
         words = signal.replace("_", " ")
-        note = next((one for one in notes if words in one.partition(": ")[2]), "")
+        names = (words, *OPTIONAL.get(signal, ())[:1])
+        about = (one for one in notes if any(name in one.partition(": ")[2] for name in names))
+        note = next(about, "")
         reasons.append(f"{words} ({note.partition(': ')[2] or 'not logged'})")
     return [f"not used: {one}" for one in reasons]
 

@@ -163,6 +163,14 @@ SPOILINGS: Mapping[str, tuple[Callable[[Flight], Flight], str, str]] = {
     "velocity in feet": (partial(scaled, velocity=3.28), "velocity scale", "velocity in ft"),
     "time": (partial(faster, 1.25), "clock", "time is 1.2"),
     "commands late": (partial(shifted, "command", 0.05), "command delay", "are late by about 5"),
+    "commands a little late": (partial(shifted, "command", 0.02), "command delay", "motion begins"),
+    "time, velocity by the same": (
+        lambda flight: replace(
+            faster(1.1, flight), velocity=np.gradient(flight.position, 0.011, axis=0).astype(FLOAT)
+        ),
+        "clock",
+        "gravity against the bends of the path",
+    ),
     "commands early": (partial(shifted, "command", -0.05), "command delay", "are early by about"),
     "force negated": (partial(scaled, accelerometer=-1.0), "accelerometer", "opposite sign"),
     "force in g": (partial(scaled, accelerometer=1 / 9.81), "accelerometer", "like g; expected"),
@@ -214,9 +222,9 @@ SIDES: Mapping[str, tuple[Callable[[float, Flight], Flight], Sequence[float], Se
     "body_rate scale": (lambda by, one: scaled(one, body_rates=by), (0.87, 1.15), (0.8, 1.3)),
     "velocity scale": (lambda by, one: scaled(one, velocity=by), (0.8, 1.25), (0.66, 1.5)),
     "gyro delay": (partial(shifted, "body_rates"), (-0.008, 0.01), (0.03,)),
-    "clock": (faster, (0.92, 1.04), (0.8, 1.1, 1.25)),
+    "clock": (faster, (0.96, 1.02), (0.8, 0.9, 1.1, 1.25)),
     "accelerometer": (lambda by, one: scaled(one, accelerometer=by), (0.92, 1.08), (0.8, 1.3)),
-    "command delay": (partial(shifted, "command"), (0.0, 0.02), (-0.05, 0.06)),
+    "command delay": (partial(shifted, "command"), (-0.02, 0.005), (0.02, -0.05, 0.06)),
     "thrust curve": (
         lambda power, one: replace(one, command=one.command ** FLOAT(power)),
         (0.9, 1.3),

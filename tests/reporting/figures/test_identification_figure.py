@@ -16,8 +16,8 @@ def found(**changes):
     values = {
         "parameters": crazyflie(),
         "estimates": {
-            "thrust_to_weight": Estimate(1.7, (1.6, 1.9), (1.7,), 0.0),
-            "latency": Estimate(0.01, (0.008, 0.012), (0.01,), 0.0),
+            "thrust_to_weight": Estimate(1.7, (1.6, 1.9), (1.7,), 0.0, plausible=(1.4, 2.2)),
+            "latency": Estimate(0.01, (0.008, 0.012), (0.01,), 0.0, plausible=(0.0, 0.03)),
         },
         "unidentified": {"drag_z": (0.0, 0.5)},
         "expected": {},
@@ -81,12 +81,11 @@ def test_nothing_that_was_identified_makes_an_empty_picture():
 
 
 def test_what_is_known_besides_is_marked_on_the_same_scale():
-    known = {"latency": Estimate(0.01, (0.008, 0.012), (0.01,), 0.0)}
+    known = {"latency": Estimate(0.01, (0.008, 0.012), (0.01,), 0.0, plausible=(0.0, 0.03))}
     figure = estimates(
         known,
         {"drag_z": (0.0, 0.5)},
         {"truth": {"latency": [0.01, 0.014]}, "paper": {"latency": [0.018]}},
-        crazyflie(),
     )
     [value] = of(figure, kind="value")
     first, last = of(figure, series="truth")
@@ -104,12 +103,12 @@ def test_what_is_known_besides_is_marked_on_the_same_scale():
 
 
 def test_on_a_phone_numbers_stand_below_names_and_the_plot_keeps_its_place():
-    [panel] = estimates(found().estimates, {}, {}, crazyflie()).panels
+    [panel] = estimates(found().estimates, {}, {}).panels
     left, right = (layer["encoding"]["y"]["axis"] for layer in panel["layer"][:2])
     assert right["wide"]["orient"] == "right"
     assert right["narrow"] is None
     assert left["labelExpr"]["narrow"] != left["labelExpr"]["wide"]
     assert panel["height"]["narrow"] > panel["height"]["wide"]
-    drawn = svg(estimates(found().estimates, {}, {}, crazyflie()), 390)
+    drawn = svg(estimates(found().estimates, {}, {}), 390)
     assert "100%" in drawn
     assert "100.0" not in drawn, "whole percents"

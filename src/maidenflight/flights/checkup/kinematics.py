@@ -17,9 +17,10 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from maidenflight.flights.checkup import relations
+from maidenflight.flights.checkup.clock import check_clock, push_of_tilt, time_by_gravity
 from maidenflight.flights.checkup.relations import Match, Measure, Samples, span_mean
 from maidenflight.flights.checkup.result import FAILS, PASSES, WARNS, CheckResult, unknown
-from maidenflight.flights.log import GRAVITY, Flight
+from maidenflight.flights.log import Flight
 
 LEAST_RATE, LEAST_SPEED, LEAST_PUSH = 0.03, 0.012, 0.25
 """Standard deviations below which an axis is too quiet to judge [rad/s, m/s, m/s2]."""
@@ -36,10 +37,8 @@ _FROM_WORLD = "turned from world to body axes"
 NEAR = 6.0
 """Or so many times more closely, where it matches to `CLOSE`."""
 CLOSE = 0.97
-SCALES = {"body_rate": 1.2, "velocity": 1.3, "time": 1.14}
+SCALES = {"body_rate": 1.2, "velocity": 1.3}
 """Factors beyond which a scale is wrong."""
-_SLOW_CLOCK = 1.06, 1.04
-"""Scales of body rates and velocity that no sound log has both; measured, 1.02 and 1.31 alone."""
 CERTAIN = {"body_rate": 1.4, "velocity": 1.9}
 """Those beyond which the log is refused for it, not only warned of."""
 LATEST_S, FAR_S = 0.018, 0.045
@@ -117,10 +116,7 @@ def push(
     Of a drone that keeps its height; `change` is how roll, pitch and yaw are read.
     """
     roll, pitch, yaw = change(piece.attitude.astype(np.float64).T)
-    forward, left = np.tan(pitch), -np.tan(roll) / np.cos(pitch)
-    along_x = np.cos(yaw) * forward - np.sin(yaw) * left
-    along_y = np.sin(yaw) * forward + np.cos(yaw) * left
-    pushed = GRAVITY * np.stack([along_x, along_y], axis=1)
+    pushed = push_of_tilt(roll, pitch, yaw)
     gained = (piece.velocity[rows:, :2] - piece.velocity[:-rows, :2]).astype(np.float64)
     return gained / (rows * piece.period), span_mean(pushed, rows)
 
@@ -178,7 +174,14 @@ def check_state(pieces: Sequence[Flight]) -> list[CheckResult]:
     if dead := _dead_axis(turned):
         cause = f"body_rate never changes in {dead} although the attitude does."
         frames[0] = CheckResult("body_rate", FAILS, cause, 0.0, remedy="Log all axes.")
-    return [*frames, frame, *_check_scales(scale), _check_gyro_delay(pieces)]
+    turned_by, moved_by = (
+        None if one is None else float(np.sqrt(one.prod())) for one in scale.values()
+    )
+    # Gravity is a clock where the tilt is right.
+    is_read = all(one.verdict == PASSES for one in frames)
+    clock = check_clock(turned_by, moved_by, time_by_gravity(pieces) if is_read else None)
+    scales = [_check_scale(name, one) for name, one in scale.items()]
+    return [*frames, frame, clock, *scales, _check_gyro_delay(pieces)]
 
 
 def _check_frame(pieces: Sequence[Flight]) -> CheckResult:
@@ -288,34 +291,6 @@ def _scale(
     middle = float(np.median(np.sqrt(bounds.prod(axis=1))))
     width = float(np.max(np.sqrt(bounds[:, 1] / bounds[:, 0])))
     return np.array([middle / width, middle * width])
-
-
-def _check_scales(scales: Mapping[str, Float[np.ndarray, "2"] | None]) -> list[CheckResult]:
-    """Checks scales of body rates and velocity, and of time, which scales both."""
-    measured_scales = {name: one for name, one in scales.items() if one is not None}
-    if len(measured_scales) == 2:
-        turns, moves = (float(np.sqrt(one.prod())) for one in measured_scales.values())
-        both = float(np.sqrt(turns * moves))
-        same = abs(np.log(turns)) > np.log(1.06) and abs(np.log(moves)) > np.log(1.04)
-        same &= (turns > 1) == (moves > 1) and abs(np.log(turns / moves)) < np.log(1.45)
-        limit = SCALES["time"]
-        threshold = f"{1 / limit:.2f} .. {limit:.2f}"
-        slow = turns > _SLOW_CLOCK[0] and moves > _SLOW_CLOCK[1] and same
-        if slow or (same and abs(np.log(both)) > np.log(limit)):
-            sentence = (
-                f"time is {both:.3g} times what it should be, as body rates against attitude "
-                f"({turns:.2f}) and velocity against position ({moves:.2f}) show alike."
-            )
-            remedy = "Convert the column of time."
-            verdict = FAILS if abs(np.log(both)) > np.log(limit) else WARNS
-            return [CheckResult("clock", verdict, sentence, both, threshold, remedy)]
-        text = "body rates and velocity keep time"
-        clock = CheckResult("clock", PASSES, text, both, threshold)
-        if abs(np.log(both)) > np.log(limit):
-            clock = unknown("clock", "scales of body rates and velocity have to be mended first")
-    else:
-        clock = unknown("clock", "the state moves too little to show a wrong clock")
-    return [clock, *(_check_scale(name, one) for name, one in scales.items())]
 
 
 def _check_scale(name: str, bounds: Float[np.ndarray, "2"] | None) -> CheckResult:

@@ -7,22 +7,25 @@ opposite sense, and so makes a mirrored drone look like one whose commands come 
 
 from collections.abc import Sequence
 from itertools import permutations
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from maidenflight.flights.checkup.delays import EARLIEST_S, LATEST_S, check_delay
 from maidenflight.flights.checkup.in_flight import belongs, load_factor
 from maidenflight.flights.checkup.relations import block_mean
 from maidenflight.flights.checkup.response import (
     DELAYS_S,
+    FEWEST,
     FORCE,
     LAGS_S,
     QUICK,
     SLOW,
+    Fit,
     Responses,
     Spectra,
     gain_error,
+    place_of_largest,
     responses,
     spectra,
 )
@@ -33,20 +36,14 @@ from maidenflight.simulator.physics.geometry import TORQUES
 ORDER = "motor order"
 ORDERS = tuple(permutations(range(4)))
 """Orders of the motors; the first is the one of our format."""
-EARLIEST_S, LATEST_S = -0.015, 0.045
-"""Delay of the drone's answer behind its commands that real drones have; 0 to 0.02 s were seen."""
-LONGEST_S = 0.1
-"""A longer one is no way to the motors but another clock, and refused [s]."""
-USUAL_S = 0.012
-"""The usual one [s]."""
 DRIVEN, DRIVEN_LONG = 0.75, 0.55
 """Correlations of roll and pitch, summed, below which commands do not drive the motion, and
 of long flights: 0.9 to 1.95 in 96 logs; with the commands of another time of the flight at most
 0.69 and 0.42."""
 CLEARLY = {QUICK: 1.0, SLOW: 1.4}
 """Those from which another order of the motors is named; in slow motion chance reaches 0.95."""
-FEWEST, MANY = 3.5, 12.0
-"""Segments of flight from which that is judged, and from which it is long."""
+MANY = 12.0
+"""Segments from which a flight is long."""
 BETTER = 0.06
 """By which another order must correlate better to be named; the next best one of sound logs is
 worse by 0.18 and more."""
@@ -65,23 +62,9 @@ FORCE_EXPLAINED = 0.6
 """Correlation of the force along z with the commands from which the curve is judged."""
 THRUST_TO_WEIGHT = (1.02, 16.0)
 """Ratio of full thrust to weight that a quadrotor can have."""
-LATE_GYRO_S = 0.04
-"""By which the gyro may follow commands later than the accelerometer does [s]."""
 _POSSIBLE = np.abs(DELAYS_S - (EARLIEST_S + LATEST_S) / 2) < (LATEST_S - EARLIEST_S) / 2 + 1e-6
 """Delays that motors can have."""
 _OUR_ORDER = "front right, back right, back left, front left"
-
-
-class Fit(NamedTuple):
-    """Which order of the motors roll and pitch follow best."""
-
-    order: tuple[int, ...]
-    score: float
-    """Correlations of roll and pitch, summed."""
-    lag: float
-    """[s]."""
-    delay: float
-    """[s]."""
 
 
 def check_motors(pieces: Sequence[Flight], yaw_is_right: bool = False) -> list[CheckResult]:
@@ -112,7 +95,9 @@ def check_motors(pieces: Sequence[Flight], yaw_is_right: bool = False) -> list[C
         return results
     if motion.band == QUICK:
         logged = fits[ORDERS[0]]
-        results += [_check_delay(logged, answer), _check_yaw(motion, logged, yaw_is_right)]
+        is_driven = logged.score >= (DRIVEN if answer.segments >= FEWEST else 2 * DRIVEN)
+        results.append(check_delay(pieces, logged, answer, is_driven))
+        results.append(_check_yaw(motion, logged, yaw_is_right))
         if pieces[0].accelerometer is not None:
             results.append(_check_curve(pieces, answer, logged))
     return [*results, _check_thrust(pieces, results[-1])]
@@ -130,15 +115,10 @@ def best_fits(answer: Responses) -> dict[tuple[int, ...], Fit]:
         scores = roll + pitch
         if order != ORDERS[0]:
             scores = np.where(_POSSIBLE, scores, -2.0)
-        lag, delay = _place_of_largest(scores)
+        lag, delay = place_of_largest(scores)
         score = float(scores[lag, delay])
         fits[order] = Fit(order, score, float(LAGS_S[lag]), float(DELAYS_S[delay]))
     return fits
-
-
-def _place_of_largest(scores: Float[np.ndarray, "T D"]) -> tuple[int, int]:
-    lag, delay = np.unravel_index(int(np.argmax(scores)), scores.shape)
-    return int(lag), int(delay)
 
 
 def _check_drive(
@@ -267,46 +247,10 @@ def _check_yaw(motion: Spectra, logged: Fit, yaw_is_right: bool) -> CheckResult:
     return unknown(name, "yaw follows its command too little to show its sign", along)
 
 
-def _check_delay(logged: Fit, answer: Responses) -> CheckResult:
-    name = "command delay"
-    late = 1e3 * logged.delay
-    threshold = f"{1e3 * EARLIEST_S:.0f} .. {1e3 * LATEST_S:.0f} ms"
-    if logged.score < DRIVEN or (answer.segments < FEWEST and logged.score < 2 * DRIVEN):
-        return unknown(name, "too little shows when commands act", late)
-    text = f"motion follows commands by {late:.0f} ms and a lag of {1e3 * logged.lag:.0f} ms"
-    force = answer.correlation(FORCE, np.ones(4))
-    lag, delay = _place_of_largest(force)
-    force_is_clear = float(force[lag, delay]) > 0.8 and answer.segments >= FEWEST
-    difference = logged.lag + logged.delay - float(LAGS_S[lag] + DELAYS_S[delay])
-    if force_is_clear and difference > LATE_GYRO_S:
-        sentence = (
-            f"{text}, the accelerometer {1e3 * difference:.0f} ms before the gyro: body rates are "
-            f"late by about {1e3 * difference:.0f} ms."
-        )
-        remedy = "Shift them, or log them with less filtering."
-        return CheckResult(name, FAILS, sentence, late, threshold, remedy)
-    if EARLIEST_S < logged.delay < LATEST_S:
-        return CheckResult(name, PASSES, text, late, threshold)
-    off = 1e3 * (logged.delay - USUAL_S)
-    side = "early" if off > 0 else "late"
-    sentence = (
-        f"commands are {side} by about {abs(off):.0f} ms: {text}; expected {threshold}. They have "
-        "another clock than gyro and accelerometer, or a long way to the motors."
-    )
-    # The force follows the same commands: it has to be off on the same side.
-    felt = float(DELAYS_S[delay])
-    alone = force_is_clear and (felt < LATEST_S / 2 if off > 0 else felt > 0.0)
-    if alone:
-        return unknown(name, f"{text}, but the force along z by {1e3 * felt:.0f} ms", late)
-    possible = EARLIEST_S < logged.delay < LONGEST_S
-    verdict = WARNS if possible else FAILS
-    return CheckResult(name, verdict, sentence, late, threshold, "Shift them.")
-
-
 def _check_curve(pieces: Sequence[Flight], answer: Responses, logged: Fit) -> CheckResult:
     name = CURVE_NAME
     matches = answer.correlation(FORCE, np.ones(4))[:, _POSSIBLE]
-    lag, delay = _place_of_largest(matches)
+    lag, delay = place_of_largest(matches)
     match = float(matches[lag, delay])
     command = np.concatenate([piece.mean_command for piece in pieces]).mean(dtype=np.float64)
     force = np.concatenate([np.asarray(piece.accelerometer)[:, 2] for piece in pieces])

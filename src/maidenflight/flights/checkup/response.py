@@ -9,6 +9,7 @@ Source: measured on 93 logs of ten sources; paper/notes/checkup.md has the figur
 """
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from jaxtyping import Complex, Float
 
 from maidenflight.flights.checkup.relations import block_mean
 from maidenflight.flights.log import Flight
+from maidenflight.simulator.physics.geometry import TORQUES
 
 LAGS_S = np.array([0.012, 0.02, 0.03, 0.045, 0.065, 0.09, 0.13])
 """Time constants of motors that are tried [s]."""
@@ -25,7 +27,13 @@ FORCE = 3
 """Channel of the specific force along z; 0, 1 and 2 are angular acceleration."""
 FORCE_BELOW_HZ = 8.0
 """Above it a load on a cable and vibration make the force [Hz]; below it all counts by power."""
+FEWEST = 3.5
+"""Segments of flight from which that is judged."""
 _RATE_HZ = 200.0
+_FINE_LAGS_S, _FINE_DELAYS_S = np.geomspace(0.008, 0.2, 24), np.arange(-0.06, 0.1001, 0.002)
+"""Lags and delays that are tried for one order of the motors [s]."""
+_PARTS = 8
+"""Parts of a flight of which each is left out once; chosen."""
 
 
 class Band(NamedTuple):
@@ -66,9 +74,14 @@ class Spectra(NamedTuple):
         """Returns how much frequencies count in a channel."""
         if channel == FORCE:
             return (self.frequency < FORCE_BELOW_HZ).astype(float)
-        own = np.maximum(self.channels[:, channel], 1e-30)
-        smooth = np.convolve(np.pad(own, 2, "edge"), np.ones(5) / 5, "valid")
-        return np.maximum(smooth, 1e-9 * smooth.max()) ** (self.band.exponent - 1)
+        return _weight(self.channels[:, channel], self.band)
+
+
+def _weight(power: Float[np.ndarray, "F"], band: Band) -> Float[np.ndarray, "F"]:
+    """Returns how much frequencies of a signal count, by its power."""
+    own = np.maximum(power, 1e-30)
+    smooth = np.convolve(np.pad(own, 2, "edge"), np.ones(5) / 5, "valid")
+    return np.maximum(smooth, 1e-9 * smooth.max()) ** (band.exponent - 1)
 
 
 class Responses(NamedTuple):
@@ -88,6 +101,24 @@ class Responses(NamedTuple):
         power = np.einsum("u,tuv,v->t", pattern, self.power[channel], pattern)
         size = np.sqrt(np.maximum(power * self.channels[channel], 1e-30))
         return self.products[channel] @ pattern / size[:, None]
+
+
+class Fit(NamedTuple):
+    """Which order of the motors roll and pitch follow best."""
+
+    order: tuple[int, ...]
+    score: float
+    """Correlations of roll and pitch, summed."""
+    lag: float
+    """[s]."""
+    delay: float
+    """[s]."""
+
+
+def place_of_largest(scores: Float[np.ndarray, "T D"]) -> tuple[int, int]:
+    """Returns where the largest score is, by lag and delay."""
+    lag, delay = np.unravel_index(int(np.argmax(scores)), scores.shape)
+    return int(lag), int(delay)
 
 
 def spectra(pieces: Sequence[Flight], band: Band = QUICK, speeds: bool = False) -> Spectra | None:
@@ -200,3 +231,64 @@ def responses(motion: Spectra) -> Responses:
         power.append(np.einsum("tf,fuv->tuv", np.abs(lag) ** 2, shared, optimize=True).real)
         channels.append(float((own * weight).sum()))
     return Responses(np.array(products), np.array(power), np.array(channels), motion.segments)
+
+
+class Delay(NamedTuple):
+    """How late roll and pitch follow the torques of the commands."""
+
+    value: float
+    """[s]; less than zero where motion begins before its command."""
+    error: float
+    """Its standard error [s]."""
+
+
+def measure_delay(pieces: Sequence[Flight]) -> Delay | None:
+    """Measures how late roll and pitch follow the commands; None of too short a flight.
+
+    Its error is that of a jackknife over parts of the flight.
+
+    Source: Efron and Tibshirani 1993, An introduction to the bootstrap, sec. 11.5.
+    """
+    each, frequency = [], np.zeros(0)
+    for frequency, transform, late in _transforms(pieces, QUICK, False):
+        turn = 2j * np.pi * frequency[:, None]
+        torque = transform[:, 4:] @ TORQUES[:, :2] * np.exp(-turn * late)
+        motion = transform[:, :2] * turn
+        each.append([np.abs(torque) ** 2, np.abs(motion) ** 2, torque.conj() * motion])
+    if len(each) < _PARTS // 2:
+        return None
+    parts = np.array([sum(map(np.array, part)) for part in _in_parts(each)])
+    whole = parts.sum(axis=0)
+    weight = np.stack([_weight(power.real, QUICK) for power in whole[1].T], axis=1)
+    others = np.array([_best_delay(frequency, (whole - part) * weight) for part in parts])
+    scatter = ((others - others.mean()) ** 2).sum()
+    error = float(np.sqrt(scatter * (len(others) - 1) / len(others)))
+    return Delay(_best_delay(frequency, whole * weight), error)
+
+
+def _in_parts(each: list[list[np.ndarray]]) -> Iterator[list[list[np.ndarray]]]:
+    """Yields up to `_PARTS` parts of segments, one after another."""
+    ends = np.unique(np.linspace(0, len(each), _PARTS + 1).astype(int))
+    yield from (each[begin:end] for begin, end in pairwise(ends))
+
+
+def _best_delay(frequency: Float[np.ndarray, "F"], sums: Complex[np.ndarray, "3 F 2"]) -> float:
+    """Returns the delay at which both axes follow their torques best, at whatever lag [s].
+
+    Args:
+        frequency: [Hz].
+        sums: power of torques and of motion, and their cross spectra.
+    """
+    turn = 2j * np.pi * frequency
+    lag = 1 / (1 + turn * _FINE_LAGS_S[:, None])
+    torque, motion, across = sums
+    size = np.sqrt(np.maximum(np.abs(lag) ** 2 @ torque.real * motion.real.sum(axis=0), 1e-30))
+    late = np.exp(turn * _FINE_DELAYS_S[:, None])
+    answers = (across[:, None] * lag.conj().T[:, :, None]).reshape(len(turn), -1)
+    products = (late @ answers).real.reshape(len(late), *size.shape)
+    match = (products / size).sum(axis=2).max(axis=1)
+    best = int(np.clip(np.argmax(match), 1, len(match) - 2))
+    before, at, after = match[best - 1 : best + 2]
+    bent = before - 2 * at + after
+    inside = np.clip((before - after) / 2 / bent, -1.0, 1.0) if bent else 0.0
+    return float(_FINE_DELAYS_S[best] + inside * (_FINE_DELAYS_S[1] - _FINE_DELAYS_S[0]))

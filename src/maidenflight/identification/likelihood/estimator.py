@@ -26,7 +26,7 @@ from maidenflight.identification.likelihood.measured import Measured
 from maidenflight.identification.likelihood.observation import BY_MOMENT, MOTORS, ObservationModel
 from maidenflight.identification.likelihood.selection import Parts
 from maidenflight.identification.methods import Likelihood
-from maidenflight.identification.outcome.about_z import AboutZ, with_inertia_z
+from maidenflight.identification.outcome.about_z import ABOUT_Z, AboutZ, with_inertia_z
 from maidenflight.identification.outcome.bounds import all_reached
 from maidenflight.identification.outcome.estimates import estimates_of
 from maidenflight.identification.outcome.plausible import ExpectedInterval, Ranges
@@ -186,7 +186,7 @@ def join(
     require_identifiable(names, unidentifiable)
     box = box_of(problem, names)
     fits = [fit for one in answers for fit in sorted(one.fits, key=lambda fit: fit.value)]
-    runs = [_in_box(fit, box) for fit in fits]
+    runs = [_in_box(fit, box, drone) for fit in fits]
     optimum = box.unit_of(drone)
     optima = np.array([points[int(np.argmin(values))] for points, values in runs])
     optima[0] = optimum
@@ -220,13 +220,20 @@ class Found:
     """Of sensors and motors, as fields of `parameters`."""
 
 
-def _in_box(fit: Fit, box: Box) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]:
-    """Points of a search in a box of other parameters, those that it lacks as in its drone."""
-    points, own = np.tile(box.unit_of(fit.drone), (len(fit.points), 1)), fit.box.values(fit.points)
+def _in_box(
+    fit: Fit, box: Box, drone: Parameters
+) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]:
+    """Points of a search in a box of other parameters, those that it lacks as in the drone found.
+
+    What yaw shows as shares of the inertia about z is in proportion to that.
+    """
+    points, own = np.tile(box.unit_of(drone), (len(fit.points), 1)), fit.box.values(fit.points)
     values = box.values(points)
+    about_z = float(component(drone, "inertia_z") / component(fit.drone, "inertia_z"))
     for place, name in enumerate(box.names):
         if name in fit.box.names:
-            values[:, place] = own[:, fit.box.names.index(name)]
+            scale = about_z if name in ABOUT_Z else 1.0
+            values[:, place] = scale * own[:, fit.box.names.index(name)]
     return box.unit(values), fit.values
 
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 import polars
 
@@ -32,7 +31,7 @@ from maidenflight.identification.search.box import Box
 from maidenflight.identification.signals.flight_signals import is_zero_order_hold
 from maidenflight.identification.uncertainty import Bootstrap
 from maidenflight.inputs import StrPath
-from maidenflight.parameters import Parameters, replace
+from maidenflight.parameters import Parameters
 from maidenflight.registry import PLOTS
 from maidenflight.simulator.randomization import Ensemble
 
@@ -135,7 +134,8 @@ class Identification:
             )
         for name, (low, high) in self.unidentified.items():
             rows.append(f"{name:24} not identifiable  [{low:.4g}, {high:.4g}] is plausible")
-        return "\n".join([*rows, *(f"note: {note}" for note in self.notes)])
+        remarks = [f"warning: {one}" for one in self.warnings]
+        return "\n".join([*rows, *remarks, *(f"note: {note}" for note in self.notes)])
 
     __repr__ = __str__
 
@@ -177,12 +177,7 @@ class Identification:
     @property
     def ensemble(self) -> Ensemble:
         """The posterior samples as drones to train over."""
-        count = self.posterior.size
-        stacked = jax.tree.map(
-            lambda leaf: np.broadcast_to(leaf, (count, *np.shape(leaf))), self.parameters
-        )
-        values = {name: one.astype(np.float32) for name, one in self.posterior.items()}
-        return Ensemble(replace(stacked, **values))
+        return self.posterior.ensemble(self.parameters)
 
 
 def estimates_of(

@@ -15,6 +15,7 @@ inference via coarsening (powers of likelihoods).
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -57,6 +58,8 @@ _NARROWER = 0.7
 """Share of the usual interval's width that a latency's must be below to be told."""
 _CLEARLY = 10.0
 """Most by which one stretch may vote against a latency [nats]."""
+_FEW = 4
+"""Loops that are looked at before, a share of a second each; chosen."""
 DRAWS = 500
 """Samples of the posterior."""
 _GYRO = {"gyro x": "inertia_x", "gyro y": "inertia_y"}
@@ -247,7 +250,9 @@ def _expect(
     return expected | {SPEEDS: (error, LATENCY_OF_SPEEDS)}
 
 
-def _before(flights: Sequence[Flight]) -> Float[np.ndarray, "D"]:
+def _before(
+    flights: Sequence[Flight], latencies: Float[np.ndarray, "D"] = LATENCIES
+) -> Float[np.ndarray, "D"]:
     """How plausible latencies are without a flight.
 
     Mostly as `USUAL`, but logs of samples may have read commands a row apart from the gyro.
@@ -256,9 +261,9 @@ def _before(flights: Sequence[Flight]) -> Float[np.ndarray, "D"]:
     size = np.hypot(
         USUAL_DEVIATION, 0.0 if zero_order_hold else min(flights[0].period, 0.01) / np.sqrt(12)
     )
-    wide = np.gradient(LATENCIES)
-    near = np.exp(-0.5 * ((LATENCIES - USUAL) / size) ** 2) * wide
-    return (1 - _UNUSUAL) * near / near.sum() + _UNUSUAL * wide / wide.sum()
+    wide = np.gradient(latencies)
+    near = np.exp(-0.5 * ((latencies - USUAL) / size) ** 2) * wide
+    return (1 - _UNUSUAL) * near / max(near.sum(), 1e-12) + _UNUSUAL * wide / wide.sum()
 
 
 def usual_latency(
@@ -277,8 +282,50 @@ def usual_latency(
     return float(min(low, least)), float(max(high, most))
 
 
+class LoopLatency(NamedTuple):
+    """What some loops of commands and gyro say of the latency."""
+
+    weight: Float[np.ndarray, "D"]
+    """Of each of `LATENCIES`; zeros where no loop has one of them."""
+    loops: int
+    """Looked at."""
+
+
+def latency_of_loop(flights: Sequence[Flight], drone: Parameters, rows: int = 0) -> LoopLatency:
+    """Returns what `_FEW` loops of commands and gyro say of the latency.
+
+    Args:
+        flights: of one rate.
+        drone: where its rotors are.
+        rows: by which their commands were moved to be earlier.
+    """
+    longest = max(_LONGEST, sum(one.duration for one in flights) / _MOST)
+    pieces = sorted(flights, key=lambda one: one.duration, reverse=True)
+    every = (loop for one in pieces for loop in _loops_of_parts(one, drone, longest))
+    loops = list(islice(every, _FEW))
+    stretches = [found for one in loops if (found := _look(*one)) is not None]
+    if not stretches:
+        return LoopLatency(np.zeros(len(LATENCIES)), len(loops))
+    before = _before(flights, LATENCIES - rows * flights[0].period)
+    return LoopLatency(_joined(stretches, before).weight, len(loops))
+
+
 def _stretches(flight: Flight, drone: Parameters, longest: float) -> Iterator[_Stretch]:
     """What each signal shows over parts of a piece of flight."""
+    every = (_look(*loop) for loop in _loops_of_parts(flight, drone, longest))
+    yield from (one for one in every if one is not None)
+
+
+def _look(part: Flight, signal: str, loop: Spectra) -> _Stretch | None:
+    """What one signal shows over a part of a flight."""
+    profile = lag_by_delay(loop, LATENCIES + part.gyro_delay)
+    return None if profile is None else _Stretch(part.name, signal, profile)
+
+
+def _loops_of_parts(
+    flight: Flight, drone: Parameters, longest: float
+) -> Iterator[tuple[Flight, str, Spectra]]:
+    """Yields parts of a piece of flight, and what may show the lag there."""
     zero_order_hold, parts = flight.zero_order_hold, max(1, round(flight.duration / longest))
     ends = np.linspace(0, len(flight), parts + 1).astype(int)
     for begin, end in zip(ends[:-1], ends[1:], strict=True):
@@ -287,11 +334,8 @@ def _stretches(flight: Flight, drone: Parameters, longest: float) -> Iterator[_S
             continue
         for signal, one in _loops(part, drone):
             clear = one.clear > _CLEAR and one.coherence > _COHERENT
-            if not (zero_order_hold or part.period <= _QUICK or clear):
-                continue
-            profile = lag_by_delay(one, LATENCIES + part.gyro_delay)
-            if profile is not None:
-                yield _Stretch(flight.name, signal, profile)
+            if zero_order_hold or part.period <= _QUICK or clear:
+                yield part, signal, one
 
 
 def _loops(flight: Flight, drone: Parameters) -> Iterator[tuple[str, Spectra]]:

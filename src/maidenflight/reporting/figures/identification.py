@@ -6,8 +6,6 @@ from maidenflight.identification.drone_file import Estimate, GroupGain
 from maidenflight.identification.evidence import DELAY, Evidence
 from maidenflight.identification.likelihood.selection import SMALLEST_GAIN
 from maidenflight.identification.outcome.estimates import Identification
-from maidenflight.identification.outcome.plausible import prior_ranges
-from maidenflight.identification.search.box import physical_bounds
 from maidenflight.parameters import Parameters, component
 from maidenflight.reporting import text
 from maidenflight.reporting.figures import charts, intervals
@@ -42,7 +40,7 @@ def identification(result: Identification, start: Parameters) -> Figure:
     kind = "flight" if not source.simulated else "flight, some or all simulated"
     names = [*result.estimates, *result.unidentified]
     references = {"start": {name: [float(component(start, name))] for name in names}}
-    figure = estimates(result.estimates, result.unidentified, references, start)
+    figure = estimates(result.estimates, result.unidentified, references)
     panels = [*figure.panels]
     delays = [one for one in result.evidence if one.parameter == DELAY]
     panels += [_draw_delays(delays)] if delays else []
@@ -51,11 +49,15 @@ def identification(result: Identification, start: Parameters) -> Figure:
     return Figure(title, panels, figure.legend, columns=1)
 
 
+def plausible_range(estimate: Estimate) -> tuple[float, float]:
+    """Returns what was plausible before the flights, or else what was searched."""
+    return estimate.plausible or estimate.bounds or estimate.interval
+
+
 def estimates(
     known: Mapping[str, Estimate],
     unknown: Mapping[str, tuple[float, float]],
     references: References,
-    drone: Parameters,
 ) -> Figure:
     """Returns a row a parameter, all as shares of what is plausible before the flights.
 
@@ -65,12 +67,9 @@ def estimates(
         known: estimates by parameter.
         unknown: plausible ranges of what could not be identified.
         references: what else is marked, the first in numbers too.
-        drone: about which the plausible ranges lie.
     """
     names: list[tuple[str, ...]] = []
-    marks, bounds = [], physical_bounds(drone)
-    searched = {name: bounds.get(name, one.interval) for name, one in known.items()}
-    priors = prior_ranges(drone, searched) | dict(unknown)
+    marks, priors = [], {name: plausible_range(one) for name, one in known.items()} | dict(unknown)
     for row, name in enumerate((*known, *unknown)):
         low, high = known[name].interval if name in known else unknown[name]
         others = {series: values[name] for series, values in references.items() if name in values}

@@ -12,6 +12,7 @@ import vl_convert
 from maidenflight import results
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
+from maidenflight.identification.drone_file import DroneFile
 from maidenflight.identification.outcome.estimates import Identification
 from maidenflight.identification.posterior import Posterior
 from maidenflight.inputs import StrPath
@@ -57,10 +58,10 @@ class Picture(NamedTuple):
         results.write(path, _WRITERS[suffix](svg(self.figure)))
 
 
-def plot_identification(identification: Identification) -> Picture:
+def plot_identification(identification: Identification | DroneFile) -> Picture:
     """Draws the estimates with their intervals, as shares of what is plausible."""
     known, unknown = identification.estimates, identification.unidentified
-    return Picture(estimates(known, unknown, {}, identification.parameters))
+    return Picture(estimates(known, unknown, {}))
 
 
 def plot_posterior(posterior: Posterior, optimum: Mapping[str, float] | None = None) -> Picture:

@@ -9,12 +9,11 @@ import polars
 from markupsafe import Markup
 
 from maidenflight.identification.drone_file import Estimate
-from maidenflight.identification.outcome.plausible import prior_ranges
-from maidenflight.identification.search.box import physical_bounds
 from maidenflight.reporting import tables, text
 from maidenflight.reporting.figures import charts, intervals
 from maidenflight.reporting.figures import flight_times as flight_time_figures
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec
+from maidenflight.reporting.figures.identification import plausible_range
 from maidenflight.reporting.figures.training import compared_curves
 from maidenflight.reporting.html import render
 from maidenflight.reporting.run import Run
@@ -153,16 +152,12 @@ def _show_flights(runs: Runs, parts: Mapping[str, polars.DataFrame | None]) -> M
 
 
 def _draw(runs: Runs, names: Sequence[str]) -> Figure:
-    """Draws intervals of all runs as shares of what is plausible about the first run's drone."""
-    drones = [run.drone.parameters for run in runs.values() if run.drone is not None]
-    priors = prior_ranges(drones[0], physical_bounds(drones[0]))
+    """Draws intervals of all runs as shares of what was plausible about the first run's start."""
     marks: list[Spec] = []
     shifts = np.linspace(-0.3, 0.3, len(runs))
     for row, name in enumerate(names):
         some = [run.estimates[name] for run in runs.values() if name in run.estimates]
-        low, high = priors.get(
-            name, (min(e.interval[0] for e in some), max(e.interval[1] for e in some))
-        )
+        low, high = plausible_range(some[0])
         for shift, (run_name, run) in zip(shifts, runs.items(), strict=True):
             if name not in run.estimates:
                 continue

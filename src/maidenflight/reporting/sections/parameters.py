@@ -86,9 +86,7 @@ def _intervals(run: Run) -> Figure | None:
     if run.reality is not None:
         true_values = {name: list(dict.fromkeys(true_ends(run, name))) for name in names}
         references = {"truth": true_values, **references}
-    return identification_figures.estimates(
-        run.estimates, run.unidentified, references, run.drone.parameters
-    )
+    return identification_figures.estimates(run.estimates, run.unidentified, references)
 
 
 def _advice(run: Run) -> Markup | str:
