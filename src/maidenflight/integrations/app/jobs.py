@@ -85,7 +85,7 @@ class Job:
         await asyncio.gather(_listen(out, self.hear), _listen(err, errors.append))
         code, self.seconds = await self.process.wait(), time.monotonic() - self.began
         own = [line for line in errors if line.startswith("maidenflight: ")]
-        interrupted = code in (CODE, -signal.SIGINT)
+        interrupted = self.state == "stopping" or code == CODE  # Python's own start has others
         others = ["before it had begun."] if interrupted else [*errors, f"It ended with {code}."]
         self.error = "\n".join(own[-1:] or others).removeprefix("maidenflight: ")
         self.state = "done" if code == 0 else "cancelled" if interrupted else "failed"
