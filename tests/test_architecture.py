@@ -32,7 +32,7 @@ ORDER = [
 ]
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names.split()}
 FREE = set(
-    "budget cache compiler cores errors inputs manifest names registry results run_folder "
+    "budget cache compiler cores errors events inputs manifest names registry results run_folder "
     "settings".split()
 )
 """May be imported by all, and import no stage."""
@@ -278,10 +278,10 @@ MOST = {
     "closure of export": 29,
     "log to drone.toml: stops": 736,
     "log to drone.toml: modules": 120,
-    "log to drone.toml: names": 968,
-    "drone to policy: stops": 332,
-    "drone to policy: modules": 69,
-    "drone to policy: names": 494,
+    "log to drone.toml: names": 969,
+    "drone to policy: stops": 336,
+    "drone to policy: modules": 70,
+    "drone to policy: names": 498,
     "policy to flight: stops": 268,
     "policy to flight: modules": 54,
     "policy to flight: names": 410,
@@ -291,9 +291,9 @@ MOST = {
     "study to table: stops": 75,
     "study to table: modules": 14,
     "study to table: names": 123,
-    "constants": 743,
+    "constants": 745,
     "constants without a source": 585,
-    "lines": 60_243,
+    "lines": 61_241,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
