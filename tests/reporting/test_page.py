@@ -345,8 +345,8 @@ def test_a_drone_of_real_flights_is_not_called_simulated(own, tmp_path):
         "simulated</span></h1>" in content
     )
     assert (
-        "3 parameters identified from 14 real flights (270 s), thrust-to-weight ratio 1.73, motor "
-        "time constant 88 ms and latency 18 ms." in content
+        "3 parameters identified from 14 real flights (270 s), thrust-to-weight ratio 1.725, motor "
+        "time constant 88.0 ms and latency 18.00 ms." in content
     )
     assert (
         "These flights are simulated: 1 flight of 1 policy predicted on an identified drone and 3 "

@@ -1,7 +1,6 @@
 """Pictures of flights, identifications and policies, as notebooks show them."""
 
 from collections.abc import Callable, Mapping
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -31,14 +30,22 @@ _OFFSETS = np.linspace(-0.5, 0.5, 21)
 """Distances to the set-point [m]."""
 
 
-_PX_MM = 0.22
-"""Width of a pixel on paper [mm]: letters of axes are then 7.5 pt high, in a PDF of any width."""
+def _to_pdf(svg: str) -> bytes:
+    """The converter writes a pixel as a point."""
+    return vl_convert.svg_to_pdf(svg.replace('pt"', '"', 2))
+
+
+def _to_png(svg: str) -> bytes:
+    """300 dots an inch; the converter counts 96 pixels of an SVG as 72."""
+    return vl_convert.svg_to_png(svg, scale=72 / 96, ppi=300)
+
+
 _WRITERS: Mapping[str, Callable[[str], str | bytes]] = {
-    # The converter writes a pixel as a point, and otherwise counts 96 an inch.
-    **{".svg": str, ".pdf": lambda svg: vl_convert.svg_to_pdf(svg.replace('pt"', '"', 2))},
-    ".png": partial(vl_convert.svg_to_png, scale=72 / 96, ppi=300),
+    ".svg": str,
+    ".pdf": _to_pdf,
+    ".png": _to_png,
 }
-"""What makes a file of an SVG, by its suffix; a PNG has 300 dots an inch."""
+"""What makes a file of an SVG, by its suffix."""
 
 
 class Picture(NamedTuple):
@@ -64,11 +71,13 @@ class Picture(NamedTuple):
         if suffix not in _WRITERS:
             raise InputError(f"{path}: a picture is written as {', '.join(_WRITERS)}. Rename it.")
         least = self.figure.least if self.figure.columns else 0
-        column = 88.0 if least * _PX_MM <= 88.0 else 180.0
+        # Letters of axes are then 7.5 pt high in a picture of any width.
+        pixel_mm = 0.22
+        column = 88.0 if least * pixel_mm <= 88.0 else 180.0
         width = column if width_mm is None else width_mm
         if not 0 < width < 2000:
             raise InputError(f"width_mm={width:g}: expected millimetres above 0, such as 88.")
-        drawn = svg(self.figure, max(least, round(width / _PX_MM)))
+        drawn = svg(self.figure, max(least, round(width / pixel_mm)))
         results.write(path, _WRITERS[suffix](on_paper(drawn, width)))
 
 

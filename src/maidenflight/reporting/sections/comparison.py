@@ -26,7 +26,7 @@ Runs = Mapping[str, Run]
 _WIDTH = 2 * 1.96
 """Of a 95 % interval, in standard deviations."""
 _LEADING = {"run": "Run", "panel": "Drone", "policies": "Policies", "flights": "Flights"}
-_FLOWN = {
+_OF_FLIGHTS = {
     "reached": tables.number("Reached the time limit [%]", 0, 100.0),
     "duration": tables.number("Median duration [s]", 2),
     "position_error": tables.number("Mean position error [cm]", 2, 100.0),
@@ -183,7 +183,9 @@ def _show_flights(runs: Runs, parts: Mapping[str, polars.DataFrame | None]) -> M
         *([polars.col("position_error").mean()] if "position_error" in rows.columns else []),
         *largest,
     )
-    columns = {name: one for name, one in (_LEADING | _FLOWN).items() if name in summary.columns}
+    columns = {
+        name: one for name, one in (_LEADING | _OF_FLIGHTS).items() if name in summary.columns
+    }
     colours = {_colour(runs, name): name for name in runs}
     times = flight_time_figures.flight_times(rows, "Flight times", colours)
     table = tables.sortable("flown", summary, columns)
