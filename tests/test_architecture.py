@@ -276,9 +276,9 @@ MOST = {
     "closure of identify": 107,
     "closure of train": 55,
     "closure of export": 28,
-    "log to drone.toml: stops": 733,
+    "log to drone.toml: stops": 739,
     "log to drone.toml: modules": 119,
-    "log to drone.toml: names": 965,
+    "log to drone.toml: names": 971,
     "drone to policy: stops": 311,
     "drone to policy: modules": 67,
     "drone to policy: names": 469,
@@ -291,9 +291,9 @@ MOST = {
     "study to table: stops": 75,
     "study to table: modules": 14,
     "study to table: names": 123,
-    "constants": 743,
+    "constants": 745,
     "constants without a source": 591,
-    "lines": 59_462,
+    "lines": 59_623,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
