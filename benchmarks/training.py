@@ -92,6 +92,8 @@ class Recipe(NamedTuple):
         )
         if self.history != 2:
             command += f" --history {self.history}"
+        if self.control == "attitude_rate":
+            command += " --yaw-penalty 0"
         if self.control == "attitude":
             command += " --paper-scales"
         return command

@@ -32,7 +32,7 @@ ORDER = [
 ]
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names.split()}
 FREE = set(
-    "budget cache compiler cores errors inputs manifest names registry results run_folder "
+    "budget cache compiler cores errors events inputs manifest names registry results run_folder "
     "settings".split()
 )
 """May be imported by all, and import no stage."""
@@ -273,18 +273,18 @@ if str(BENCHMARKS) not in sys.path:
 parts: Any = importlib.import_module("parts")
 
 MOST = {
-    "closure of identify": 107,
-    "closure of train": 55,
-    "closure of export": 28,
-    "log to drone.toml: stops": 739,
-    "log to drone.toml: modules": 119,
-    "log to drone.toml: names": 971,
-    "drone to policy: stops": 311,
-    "drone to policy: modules": 67,
-    "drone to policy: names": 469,
-    "policy to flight: stops": 256,
-    "policy to flight: modules": 51,
-    "policy to flight: names": 394,
+    "closure of identify": 108,
+    "closure of train": 56,
+    "closure of export": 29,
+    "log to drone.toml: stops": 736,
+    "log to drone.toml: modules": 120,
+    "log to drone.toml: names": 969,
+    "drone to policy: stops": 336,
+    "drone to policy: modules": 70,
+    "drone to policy: names": 498,
+    "policy to flight: stops": 268,
+    "policy to flight: modules": 54,
+    "policy to flight: names": 410,
     "policy to C: stops": 46,
     "policy to C: modules": 12,
     "policy to C: names": 73,
@@ -292,8 +292,8 @@ MOST = {
     "study to table: modules": 14,
     "study to table: names": 123,
     "constants": 745,
-    "constants without a source": 591,
-    "lines": 59_623,
+    "constants without a source": 585,
+    "lines": 61_241,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

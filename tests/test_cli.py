@@ -351,7 +351,7 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
         Search("likelihood", -15.0, 60, 3),
     ).write(drone)
     arguments = f"predict {theirs} {ours} {ours}/policy_1.json --drone {drone} -o {output}"
-    arguments += " --duration 2 --trials 5"
+    arguments += " --duration 2 --trials 5 --against pid"
     code, out, err = command(arguments, "--json")
     assert code == 0, err
     said = json.loads(out)
@@ -375,6 +375,7 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
     assert read == ["drone.toml", *(file.name for file in files)]
     assert made["settings"] == {
         "drone": "drone.toml",
+        "against": ["pid"],
         "trials": 5,
         "duration": 2.0,
         "randomize": "trim",

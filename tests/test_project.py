@@ -24,6 +24,7 @@ FIELDS = [
 ]
 CONSENT = {
     *(("fly", name) for name in ("yes", "no_propeller_test", "tilt", "rate", "distance")),
+    *(("app", name) for name in ("host", "password_file")),
     *(("sweep", name) for name in ("trust", "on", "slurm")),
     *((verb, "accept_bounds") for verb in ("plan", "record", "train", "transfer", "predict")),
     ("envelope", "accept_bounds"),

@@ -22,6 +22,8 @@ FIRMWARES: tuple[Firmware, ...] = get_args(Firmware)
 """Generations of the Crazyflie's firmware: of the paper's flights, and today's."""
 CONTROLLERS = ("pid", "mellinger")
 """Controllers of the firmware that fly recordings."""
+CHANGES = ("10ms", "payload15", "weak10")
+"""Of a drone, as additions to a reality's name, with which the judge flies; ours."""
 PROPELLERS = ("2.1+", "legacy", "thrust-upgrade")
 """By which the Crazyflie's firmware compensates for the battery."""
 METHODS = ("gradient", "gradient-paper", "distillation", "ppo", "ppo-paper")

@@ -174,7 +174,7 @@ class Act(NamedTuple):
 
 
 class Actor:
-    """Flies a policy one instant at a time: it holds the history and the last action.
+    """Flies a policy one instant at a time: it holds history, memory and last action.
 
     What it does is what the simulator does with the same policy. For drones and simulators that are
     not written in JAX; one flight at a time.

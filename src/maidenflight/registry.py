@@ -137,6 +137,7 @@ VERBS = Registry(
         "sweep": "maidenflight.verbs.sweep:Sweep",
         "export": "maidenflight.verbs.export:Export",
         "report": "maidenflight.verbs.report:Report",
+        "app": f"{_RING}.app.app:App",
         "demo": "maidenflight.verbs.demo:Demo",
         "doctor": "maidenflight.verbs.doctor:Doctor",
     },

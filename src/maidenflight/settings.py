@@ -38,6 +38,8 @@ class Values:
     """What the command line's help shows in its place."""
     choices: tuple[str, ...] = ()
     """All values, where these are a few texts."""
+    span: tuple[float, float] | None = None
+    """Least and most, where these are numbers alone."""
     repeats: bool = False
     """Whether the command line's option is repeated, a word each."""
     names_code: Callable[[str], bool] = lambda text: False
@@ -62,6 +64,7 @@ def whole(low: int, high: int) -> Values:
         lambda value: type(value) is int and low <= value <= high,
         int,
         metavar="INTEGER",
+        span=(low, high),
     )
 
 
@@ -73,6 +76,7 @@ def number(low: float, high: float, unit: str = "") -> Values:
         float,
         float,
         "NUMBER",
+        span=(low, high),
     )
 
 
@@ -172,6 +176,7 @@ def either(values: Values, *words: str) -> Values:
         parse=parse,
         convert=lambda value: value if is_word(value) else values.convert(value),
         metavar=f"[{'|'.join(words)}|{values.metavar}]",
+        span=None,
     )
 
 
@@ -184,6 +189,7 @@ def or_code(values: Values) -> Values:
         parse=lambda word: word if is_code(word) else values.parse(word),
         convert=lambda value: value if is_code(value) else values.convert(value),
         metavar=f"{values.metavar.removesuffix(']')}|MODULE:NAME]",
+        span=None,
         names_code=lambda text: is_code(text) or values.names_code(text),
     )
 

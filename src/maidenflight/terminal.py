@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self, TextIO
 
+from maidenflight import events
 from maidenflight.errors import printable
 
 _PER_SI = {"cm": 100.0, "g": 1e3, "deg": math.degrees(1.0), "deg/s": math.degrees(1.0)}
@@ -74,6 +75,7 @@ class Bar(Progress):
         )
         self._bar.add_task(self._title, total=None, remark="")
         self._bar.start()
+        events.tell(done=0, total=None, remark="loading")
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -81,12 +83,15 @@ class Bar(Progress):
 
     def move(self, done: int, total: int | None, remark: str = "") -> None:
         """Moves the bar."""
+        events.tell(done=done, total=total, remark=remark)
         # To `update` no total means that it stays; `reset` would set the clock back.
         self._bar.tasks[0].total = total
         self._bar.update(self._bar.tasks[0].id, completed=done, remark=remark)
 
     def log(self, line: str, always: bool = False) -> None:
         """Writes a line where standard error is a file or pipe and so shows no bar, or always."""
+        if events.tell(line=line):
+            return
         if always or not sys.stderr.isatty():
             print(printable(line), file=sys.stderr, flush=True)
 
@@ -94,6 +99,8 @@ class Bar(Progress):
         """Writes a note, once."""
         if text not in self._noted:
             self._noted.add(text)
+            if events.tell(note=text):
+                return
             print(lay_out(f"note: {printable(text)}", sys.stderr), file=sys.stderr, flush=True)
 
 

@@ -12,7 +12,7 @@ from maidenflight.flying import engine
 from maidenflight.flying.foreign_policy import foreign_policy
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import untrained_policy
-from maidenflight.simulator.controllers.control import attitude_rate
+from maidenflight.simulator.controllers.control import attitude, attitude_rate
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.realities.reality import reality as named
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone, virtual_drone
@@ -106,26 +106,18 @@ def test_an_untrained_policy_ends_by_a_guard() -> None:
     assert (table["position_error"] < 0.3).all()
 
 
-def test_policies_of_different_shapes_and_empty_lists_are_refused() -> None:
-    with pytest.raises(InputError, match="different kinds"):
-        transfer(
-            [POLICIES[0], untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(8,)))],
-            [virtual_drone(1)],
-        )
-    others = [
-        untrained_policy(jax.random.key(0), spec=PolicySpec(look_ahead=LookAhead(2, step)))
-        for step in (0.1, 0.2)
-    ]
-    with pytest.raises(InputError, match="different kinds"):
-        transfer(others, [virtual_drone(1)])
-    counts = [
-        dataclasses.replace(
-            one, interface=dataclasses.replace(one.interface, full_scale_counts=number)
-        )
-        for one, number in zip(POLICIES, (60000.0, 65535.0), strict=False)
-    ]
-    with pytest.raises(InputError, match=r"full scale counts 60000\.0 and 65535\.0"):
-        transfer(counts, [virtual_drone(1)])
+def test_policies_of_one_control_structure_fly_together_whatever_their_counts() -> None:
+    counts = dataclasses.replace(POLICIES[1].interface, full_scale_counts=65535.0)
+    identified = dataclasses.replace(POLICIES[1], interface=counts)
+    flown = transfer([POLICIES[0], identified], [virtual_drone(1)], 1, 0, duration=0.1)
+    assert flown.table["policy"].to_list() == ["policy_1", "policy_2"]
+    assert flown.table["position_error"].n_unique() == 2
+
+
+def test_other_control_structures_and_empty_lists_are_refused() -> None:
+    other = untrained_policy(jax.random.key(0), attitude().interface)
+    with pytest.raises(InputError, match="attitude and pwm"):
+        transfer([POLICIES[0], other], [virtual_drone(1)])
     with pytest.raises(InputError, match="at least one"):
         transfer([], [virtual_drone(1)])
 

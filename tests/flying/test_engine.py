@@ -8,8 +8,12 @@ import pytest
 
 from maidenflight.errors import InputError
 from maidenflight.flying import recording
+from maidenflight.flying.engine import fly_all
+from maidenflight.flying.firmware_pilot import FirmwarePilot
+from maidenflight.flying.scenario import Scenario
 from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.realities.reality import POSITION, Truth
+from maidenflight.simulator.tasks import tasks
 from numpy_drone import TWIN, NumpyDrone
 
 KEY = jax.random.key(3)
@@ -85,3 +89,12 @@ def test_arrays_of_wrong_shapes_are_refused(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(NumpyDrone, "observe", lambda self: (np.zeros(3), np.zeros(2)))
     with pytest.raises(InputError, match="observe"):
         recording.record(NumpyDrone(), KEY, 1, 0.5)
+
+
+@pytest.mark.parametrize(
+    "asked", [{"drones": [TWIN.parameters]}, {"during": lambda drone, elapsed: drone}]
+)
+def test_other_drones_and_changes_are_refused_where_they_would_not_be_flown(asked: Any) -> None:
+    scenario = Scenario(tasks.hover(), 1.0, **asked)
+    with pytest.raises(InputError, match="ideal"):
+        fly_all(Ideal(), FirmwarePilot(np.float32(0.0)), scenario, jax.random.split(KEY, 1))

@@ -10,6 +10,7 @@ import pytest
 
 from maidenflight.errors import InputError
 from maidenflight.experiments.drones import find_reality
+from maidenflight.integrations.app.app import App
 from maidenflight.integrations.exporters.onnx import export_onnx
 from maidenflight.integrations.logs import blackbox, dataflash, rosbag, ulog
 from maidenflight.integrations.px4_network.export import export_px4
@@ -48,6 +49,7 @@ NEEDS: dict[str, tuple[str, Callable[[Path], Any]]] = {
     "submitit": ("slurm", lambda folder: engine("slurm", Resources(logs=str(folder)))),
     "fsspec": ("remote", lambda _: store.opened("memory://study")),
     "onnx": ("onnx", lambda folder: export_onnx(untrained_policy(jax.random.key(0)), folder)),
+    "starlette": ("app", lambda folder: App(folder=folder).run()),
     "h5py": ("raptor", lambda folder: export_raptor(of_form("raptor"), folder)),
     "tflite": ("px4", lambda folder: export_px4(of_form("px4"), folder)),
 }

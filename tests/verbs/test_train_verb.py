@@ -22,12 +22,20 @@ from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.tasks.look_ahead import LookAhead
 from maidenflight.terminal import Bar
 from maidenflight.training import defaults
-from maidenflight.training.evaluation import Evaluation
+from maidenflight.training.evaluation import Evaluation, OwnFlights
 from maidenflight.training.train import Progress
 from maidenflight.verbs.export import Export
 from maidenflight.verbs.train import Train
 
 TRAINING = "maidenflight.training.train.train"
+OWN = "maidenflight.training.evaluation.fly_drone_itself"
+
+
+@pytest.fixture(autouse=True)
+def no_flights(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the place of flights of the drone itself: the second policy falls."""
+    flown = [OwnFlights(4, 20.0, 0.01), OwnFlights(1, 8.1, 0.02)]
+    monkeypatch.setattr(OWN, lambda policies, *_: flown[: len(policies)])
 
 
 def no_training(
@@ -165,7 +173,7 @@ def test_each_score_moves_the_bar_and_is_a_line_where_there_is_none(
     train = Train(drone="crazyflie", policies=1, updates=9, randomize=0.1, hidden=(8,))
     train.run(tmp_path, Bar("train"))
     line = "return 0.0, survival 0%, error 0.0 cm"
-    assert moves == [(0, 9, "compiling"), (1, 9, line)]
+    assert moves == [(0, 9, "compiling"), (1, 9, line), (9, 9, "flying the drone itself")]
     assert capsys.readouterr().err == f"update 0 of 9: compiling\nupdate 1 of 9: {line}\n"
 
 
@@ -185,3 +193,51 @@ def test_what_the_target_could_not_hold_is_not_trained(
     with pytest.raises(AssertionError, match="training began"):
         Train(**large, target="c").run(tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_policy_that_falls_on_the_drone_itself_is_said_and_its_file_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def two(task: Any, controller: Controller, *given: Any, **named: Any) -> tuple[Policy, ...]:
+        named["on_progress"](Progress(1, 1, Evaluation(*jnp.zeros((3, 2)))))
+        keys = jax.random.split(jax.random.key(0))
+        return tuple(untrained_policy(key, controller.interface, named["policy"]) for key in keys)
+
+    monkeypatch.setattr(TRAINING, two)
+    result = Train(drone="crazyflie", policies=2, hidden=(8,)).run(tmp_path)
+    assert result.content["flies"] == [True, False]
+    lines = [line for line in result.summary if isinstance(line, str)]
+    assert any("1 of 2" in line for line in lines)
+    assert any("8.1 s" in line for line in lines)
+    good, bad = (policy_file.read_policy(tmp_path / f"policy_{n}.json") for n in (1, 2))
+    assert good.doubts == []
+    (doubt,) = bad.doubts
+    assert "3 of 4" in doubt
+    exported = Export(policy=tmp_path / "policy_2.json").run(tmp_path / "c")
+    assert doubt in exported.notes
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({"control": "attitude_rate"}, 0.1),
+        ({"control": "attitude_rate", "method": "ppo"}, 0.1),
+        ({"control": "attitude_rate", "method": "gradient-paper"}, 0.0),
+        ({"control": "attitude_rate", "yaw_penalty": 0.0}, 0.0),
+        ({}, 0.0),
+    ],
+)
+def test_yaw_costs_by_default_where_a_policy_turns_itself_but_not_in_the_papers_methods(
+    given: dict[str, Any], expected: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tasks: list[str] = []
+
+    def training(task: Any, *given: Any, **named: Any) -> tuple[Policy]:
+        tasks.append(task.name)
+        return no_training(task, *given, **named)
+
+    monkeypatch.setattr(TRAINING, training)
+    Train(drone="crazyflie", policies=1, hidden=(8,), **given).run(tmp_path)
+    settings = policy_file.read_policy(tmp_path / "policy_1.json").record["settings"]
+    assert settings["yaw_penalty"] == expected
+    assert tasks == ["circle" if expected == 0.0 else f"circle, yaw penalty {expected:g}"]

@@ -93,3 +93,14 @@ def test_predictions_with_disturbances_are_written_whole_and_shown_in_part(
     assert plain._predict_ahead([], crazyflie(), places, {}, Progress()) == []
     assert len(plain.places(tmp_path / "mine.csv")) == 2
     assert validate._tabulate_ahead([]) == []
+
+
+def test_errors_are_written_beside_the_drone(tmp_path: Path) -> None:
+    drone = tmp_path / "mine.toml"
+    drone.write_text("")
+    for calibration, name in ((False, "validation.csv"), (True, "calibration.csv")):
+        verb = validate.Validate(drone=str(drone), logs=tmp_path, calibration=calibration)
+        assert verb.choose_output(None) == tmp_path / name
+        assert verb.choose_output("other.csv") == Path("other.csv")
+    named = validate.Validate(drone="crazyflie", logs=tmp_path)
+    assert named.choose_output(None) == Path("validation.csv")

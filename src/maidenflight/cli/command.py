@@ -14,7 +14,7 @@ import click
 from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
-from maidenflight import cache, compiler, cores, results, terminal
+from maidenflight import cache, compiler, cores, events, results, terminal
 from maidenflight.cli.interruption import resumable
 from maidenflight.cli.project import FILE, read_project, settings_for
 from maidenflight.errors import InputError
@@ -256,6 +256,9 @@ def _print(result: Result, as_json: bool) -> None:
     if as_json:
         print(json.dumps(result.content))
         return
+    summary = [one if isinstance(one, str) else _as_event(one) for one in result.summary]
+    if events.tell(summary=summary, next=[*map(str, result.next)]):
+        return
     terminal.show(*result.summary)
     if result.written:
         names = map(_name, filter(None, result.written.values()))
@@ -263,6 +266,10 @@ def _print(result: Result, as_json: bool) -> None:
     if result.next and not result.error:
         command = shlex.join(["maidenflight", *map(str, result.next)])
         print(f"next: {command}{f'  ({result.next_remark})' if result.next_remark else ''}")
+
+
+def _as_event(table: terminal.Table) -> dict[str, Any]:
+    return {"title": table.title, "columns": list(table.columns), "rows": table.cells}
 
 
 def _name(files: Sequence[StrPath]) -> str:

@@ -129,7 +129,7 @@ def _attitude_rate(interface: ControlInterface) -> Controller:
         return rate_loops.balancing(hovers * interface.full_scale_counts)
 
     commander = control.controller_for(interface, FIRMWARE)
-    return commander._replace(init=init, command=command, mixed=None, taking_over=taking_over)
+    return commander._replace(init=init, command=command, fitted=None, taking_over=taking_over)
 
 
 @cache
@@ -157,4 +157,4 @@ def _attitude(interface: ControlInterface) -> Controller:
         )
         return memory, motors / interface.full_scale_counts
 
-    return control.controller_for(interface, FIRMWARE)._replace(command=command, mixed=None)
+    return control.controller_for(interface, FIRMWARE)._replace(command=command, fitted=None)

@@ -1,6 +1,7 @@
 """Drones and realities by the options of a command."""
 
 import os
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,9 +24,15 @@ from maidenflight.inputs import StrPath
 from maidenflight.names import ANY, ANY_DAY, POSTERIOR, TRIMS, WIDE
 from maidenflight.parameters import DRONES, Parameters
 from maidenflight.registry import import_part
-from maidenflight.simulator.any_drone import DayToDay, GenericQuadrotor
+from maidenflight.simulator.any_drone import ANY_RANGES, DayToDay, GenericQuadrotor
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.controllers.control import Controller
+from maidenflight.simulator.controllers.phase_margin import (
+    describe_rate_loop,
+    most_latency,
+    rate_margin,
+)
+from maidenflight.simulator.physics.battery import COUNTS
 from maidenflight.simulator.randomization import (
     Distribution,
     Ensemble,
@@ -36,6 +43,7 @@ from maidenflight.simulator.randomization import (
 from maidenflight.simulator.realities import additions
 from maidenflight.simulator.realities.reality import AnyReality, is_drone
 from maidenflight.simulator.realities.reality import reality as named_reality
+from maidenflight.simulator.realities.virtual_drone import VirtualDrone
 
 BOX_DRONES = 256
 """Drones drawn from a box, of which each predicted flight flies one."""
@@ -61,12 +69,24 @@ def distribution_of(
         trims = [file.estimates.get(name) for name in TRIM]
         deviations = [0.0 if trim is None else trim.between_sd for trim in trims]
         box = wide_box(centre, controller.interface.name, deviations, bool(file.estimates))
-        return box if randomization == WIDE else DayToDay(box)
+        return box if randomization == WIDE else DayToDay(box, _most_later(centre, controller))
     if randomization == ANY:
         return GenericQuadrotor(centre)
     if isinstance(randomization, str):
         return import_part(randomization, "function that makes a distribution of drones")(centre)
     return relative_box(centre, randomization)
+
+
+def _most_later(drone: Parameters, controller: Controller) -> np.float32:
+    """Returns the most latency of any day [s]: no more than the firmware's rate loop bears.
+
+    Of drones that the firmware itself cannot hold policies learn nothing
+    (paper/notes/training.md#attitude-rate-by-default).
+    """
+    most = ANY_RANGES["latency"][1]
+    if controller.fitted is not None:
+        most = min(most, most_latency(drone, controller.interface.full_scale_counts))
+    return np.float32(most)
 
 
 def read_drone(drone: StrPath, accept_bounds: bool = False) -> DroneFile:
@@ -83,6 +103,23 @@ def read_drone(drone: StrPath, accept_bounds: bool = False) -> DroneFile:
     if not accept_bounds:
         must_lie_within_bounds(file)
     return file
+
+
+def describe_loop(file: DroneFile) -> str:
+    """Returns a sentence on the phase that the firmware's rate loop has left about a drone."""
+    return describe_rate_loop(Path(file.name).name, file.parameters, file.full_scale_counts)
+
+
+def describe_unstable(
+    realities: Sequence[AnyReality], full_scale_counts: float = COUNTS
+) -> list[str]:
+    """Returns a sentence on each virtual drone that the firmware's rate loop cannot hold."""
+    return [
+        describe_rate_loop(one.name, one.parameters, full_scale_counts)
+        for one in realities
+        if isinstance(one, VirtualDrone)
+        and rate_margin(one.parameters, full_scale_counts).phase < 0.0
+    ]
 
 
 def describe_unknown(file: DroneFile) -> list[str]:

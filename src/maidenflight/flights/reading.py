@@ -1,7 +1,7 @@
 """Reading flights from a file or a folder, whatever of the known formats they are in.
 
-A folder with damaged logs still gives the sound ones; nothing is passed over without a word but the
-result tables that maidenflight itself writes.
+A folder with unreadable logs still gives the others; one that contradicts physics makes all of
+them doubtful. Nothing is passed over without a word but the result tables that maidenflight writes.
 """
 
 import math

@@ -116,6 +116,11 @@ def fly_all(
     """
     each = list(pilots) if isinstance(pilots, Sequence) else [pilots] * len(keys)
     if not isinstance(reality, VirtualDrone):
+        if scenario.during is not None or scenario.drones is not None:
+            raise InputError(
+                f"{reality.name}: other drones, and what changes of one in flight, fly as virtual "
+                "drones only. Name one of these."
+            )
         return [
             fly(reality, pilot, scenario, key, guard) for pilot, key in zip(each, keys, strict=True)
         ]
@@ -135,9 +140,31 @@ def fly_all(
         if len(batch) < len(each):
             drones = [drones[place] for place in batch]
             keys = jnp.stack([keys[place] for place in batch])
-        together = _fly_together(reality, pilot, drones, scenario, keys, guard)
-        flights |= zip(batch, together, strict=True)
+        for some in _kinds(pilot, len(batch)):
+            flights |= zip(
+                [batch[place] for place in some],
+                _fly_together(
+                    reality,
+                    [pilot[place] for place in some] if isinstance(pilot, list) else pilot,
+                    [drones[place] for place in some],
+                    scenario,
+                    keys[np.array(some)],
+                    guard,
+                ),
+                strict=True,
+            )
     return [flights[place] for place in range(len(each))]
+
+
+def _kinds(pilots: Any, count: int) -> list[list[int]]:
+    """Places of pilots that one program flies: alike in all but their numbers."""
+    if not isinstance(pilots, list):
+        return [list(range(count))]
+    kinds: dict[Any, list[int]] = {}
+    for place, pilot in enumerate(pilots):
+        shapes = tuple(map(np.shape, jax.tree.leaves(pilot)))
+        kinds.setdefault((jax.tree.structure(pilot), shapes), []).append(place)
+    return list(kinds.values())
 
 
 def _fly_together(

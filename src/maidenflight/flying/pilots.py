@@ -5,7 +5,7 @@ Every pilot commands a `Reality` one command at a time (`begin_stepped`). `Polic
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cache
 from itertools import count
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -160,38 +160,34 @@ def pilots_of(
     """Returns a pilot of each policy.
 
     Args:
-        policies: ours, of one kind, and others'.
+        policies: ours, of one control structure, and others'.
         controller: what carries out commands; `control.controller_for` their interface unless
             given.
 
     Raises:
-        InputError: ours are of different kinds, or the controller is of another interface.
+        InputError: ours are of different control structures, or the controller is of another
+            interface.
     """
     own = [policy for policy in policies if isinstance(policy, Policy)]
-    structure = _controller_of(own, controller) if own else control.pwm()
-    counts = structure.interface.full_scale_counts
+    names = sorted({policy.interface.name for policy in own})
+    if len(names) > 1:
+        raise InputError(
+            f"policies of different control structures: {' and '.join(names)}. Fly each by itself."
+        )
+    counts = own[0].interface.full_scale_counts if own else COUNTS
     return [
-        PolicyPilot(one, structure) if isinstance(one, Policy) else ForeignPilot(one, counts)
+        PolicyPilot(one, _controller_of(one, controller))
+        if isinstance(one, Policy)
+        else ForeignPilot(one, counts)
         for one in policies
     ]
 
 
-def _controller_of(policies: Sequence[Policy], controller: Controller | None) -> Controller:
-    kinds = [[policy.interface, policy.spec] for policy in policies]
-    for place, name in ((k, one.name) for k in (0, 1) for one in fields(kinds[0][k])):
-        values = [getattr(each[place], name) for each in kinds]
-        if len(set(values)) > 1:
-            kind = "control structure" if name == "name" else name.replace("_", " ")
-            differing = sorted({str(value) for value in values})
-            raise InputError(
-                f"policies of different kinds: {kind} {' and '.join(differing)}. Fly each kind by "
-                "itself."
-            )
-    interface = policies[0].interface
-    controller = controller or control.controller_for(interface)
-    if interface != controller.interface:
+def _controller_of(policy: Policy, controller: Controller | None) -> Controller:
+    controller = controller or control.controller_for(policy.interface)
+    if policy.interface != controller.interface:
         raise InputError(
-            f"policies for {interface}, but the controller obeys {controller.interface}. "
+            f"policies for {policy.interface}, but the controller obeys {controller.interface}. "
             "Give the one that they were trained for."
         )
     return controller

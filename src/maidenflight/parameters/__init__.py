@@ -20,6 +20,7 @@ from maidenflight.parameters.frames import (
     x_frame,
 )
 from maidenflight.parameters.named import DRONES, NamedDrone, crazyflie, drone, sources
+from maidenflight.parameters.platforms import PLATFORMS, Platform, platform_of
 from maidenflight.parameters.quantities import QUANTITIES, Parameters, Quantity
 from maidenflight.parameters.toml import (
     FORMAT,
@@ -38,9 +39,11 @@ __all__ = [
     "DRONES",
     "FORMAT",
     "GEOMETRY",
+    "PLATFORMS",
     "QUANTITIES",
     "NamedDrone",
     "Parameters",
+    "Platform",
     "Quantity",
     "arm_length",
     "check",
@@ -58,6 +61,7 @@ __all__ = [
     "noiseless",
     "part_names",
     "plain",
+    "platform_of",
     "plus_frame",
     "read_drone",
     "replace",

@@ -11,6 +11,7 @@ import numpy as np
 
 from maidenflight.errors import InputError
 from maidenflight.parameters import frames
+from maidenflight.parameters.platforms import platform_of
 from maidenflight.parameters.quantities import QUANTITIES, Parameters
 
 
@@ -66,10 +67,10 @@ def replace(parameters: Parameters, /, **changes: Any) -> Parameters:
         InputError: no field has that name.
     """
     for name in changes:
-        if name not in QUANTITIES and name not in COMPONENTS:
+        if name not in QUANTITIES and name not in COMPONENTS and name != "platform":
             raise InputError(f"unknown parameter {name!r}; known are {', '.join(QUANTITIES)}.")
     vectors: dict[str, list[Any]] = {}
-    for name in [name for name in changes if name not in QUANTITIES]:
+    for name in [name for name in changes if name in COMPONENTS and name not in QUANTITIES]:
         field_name, place = COMPONENTS[name]
         parts = vectors.setdefault(
             field_name,
@@ -128,6 +129,7 @@ def check(parameters: Parameters, place: str = "parameters") -> Parameters:
                 f"{place}: {name} = {plain(value)} {quantity.unit} is outside its physical range"
                 f" [{quantity.lower:g}, {quantity.upper:g}]. Check the unit; values are SI."
             )
+    platform_of(parameters.platform, place)
     return frames.check(parameters, place)
 
 

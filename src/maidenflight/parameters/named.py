@@ -131,6 +131,7 @@ def crazyflie_2_1_plus() -> Parameters:
         torque_to_thrust=6.99e-3,
         torque_offset=0.0,
         mass=0.029,
+        platform="crazyflie_2.1+",
         inertia=tuple(float(value) * 29 / 27 for value in lighter.inertia),
     )
 
@@ -145,6 +146,7 @@ def crazyflie_brushless() -> Parameters:
         torque_to_thrust=5.94e-3,
         torque_offset=0.0,
         mass=0.037,
+        platform="crazyflie_brushless",
         inertia=tuple(value * 37 / 43.38 for value in (25e-6, 28e-6, 49e-6)),
         **x_frame(0.05),
         ground_effect=11.37 * (0.0275 / 4) ** 2,

@@ -1,9 +1,10 @@
 """`Parameters`, the physical constants of a quadrotor, and what is known of each.
 
-`Parameters` is flat, frozen and a JAX pytree, and all of it is traced: one compilation serves every
-drone. A *point* is one drone; a batch of points (leaves with a leading axis) is domain
-randomization, an ensemble or a lattice. The fields that the paper's model lacks (drag, unequal
-motor lag, estimator delay, battery) have neutral values, zero or one, in the named drones.
+`Parameters` is flat, frozen and a JAX pytree, and all of it but the platform is traced: one
+compilation serves every drone of a platform. A *point* is one drone; a batch of points (leaves with
+a leading axis) is domain randomization, an ensemble or a lattice. The fields that the paper's model
+lacks (drag, unequal motor lag, estimator delay, battery) have neutral values, zero or one, in the
+named drones.
 """
 
 import dataclasses
@@ -14,6 +15,8 @@ from typing import Any
 
 import jax
 import numpy as np
+
+from maidenflight.parameters.platforms import CRAZYFLIE
 
 
 @dataclass(frozen=True)
@@ -370,6 +373,8 @@ class Parameters:
         "mean physics step",
         f"{_PAPER}, sec. Simulation Environment: 200 Hz",
     )
+    platform: str = field(default=CRAZYFLIE, metadata={"static": True})
+    """Whose gains the firmware's inner loops have, a name of `platforms.PLATFORMS`."""
 
     def __post_init__(self) -> None:
         # Numbers of people become float32 once, here, so that every compiled function sees
@@ -388,6 +393,8 @@ class Parameters:
 
 
 QUANTITIES: dict[str, Quantity] = {
-    entry.name: entry.metadata["quantity"] for entry in dataclasses.fields(Parameters)
+    entry.name: entry.metadata["quantity"]
+    for entry in dataclasses.fields(Parameters)
+    if "quantity" in entry.metadata
 }
-"""Unit, symbol, bounds, meaning and source of every field of `Parameters`, in order."""
+"""Unit, symbol, bounds, meaning and source of every number of `Parameters`, in order."""

@@ -15,6 +15,7 @@ from maidenflight.parameters import named
 from maidenflight.parameters.components import check, plain
 from maidenflight.parameters.frames import GEOMETRY, LAYOUTS
 from maidenflight.parameters.named import DRONES, crazyflie, with_mass
+from maidenflight.parameters.platforms import CRAZYFLIE, PLATFORMS
 from maidenflight.parameters.quantities import QUANTITIES, Parameters
 
 FORMAT = 7
@@ -44,6 +45,9 @@ def to_toml(
     document.add(tomlkit.comment("A quadrotor's parameters, SI units."))
     document.add("format", tomlkit.item(FORMAT))
     document.add("name", tomlkit.item(name))
+    platform = tomlkit.item(parameters.platform)
+    platform.comment(f"gains of the firmware's inner loops: {', '.join(PLATFORMS)}")
+    document.add("platform", platform)
     tables: dict[str, Any] = {}
     paper = crazyflie()
     for field_name, quantity in QUANTITIES.items():
@@ -122,7 +126,7 @@ def from_document(document: Mapping[str, Any], place: str) -> Parameters:
             f"{place}: missing {', '.join(missing)}. Start from a complete file: maidenflight "
             "drone crazyflie -o mine.toml."
         )
-    return check(Parameters(**fields), place)
+    return check(Parameters(**fields, platform=document.get("platform", CRAZYFLIE)), place)
 
 
 def _laid_out(body: Mapping[str, Any], place: str) -> Mapping[str, Any]:

@@ -1,6 +1,5 @@
 """The report of a run: one HTML file that needs nothing else, neither a network nor a server."""
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +15,7 @@ from maidenflight.inputs import StrPath
 from maidenflight.reporting import run as runs
 from maidenflight.reporting import viewer
 from maidenflight.reporting.figures.charts import embedded
-from maidenflight.reporting.html import asset, render
+from maidenflight.reporting.html import asset, render, sendable, style
 from maidenflight.reporting.run import Run
 from maidenflight.reporting.run_files import FileOptions
 from maidenflight.reporting.sections import (
@@ -39,7 +38,7 @@ class Section(NamedTuple):
     content: Markup
 
 
-_SECTIONS: tuple[tuple[str, str, Callable[[Run], Markup]], ...] = (
+SECTIONS: tuple[tuple[str, str, Callable[[Run], Markup]], ...] = (
     ("recorded", "Recorded flights", flights.recorded),
     ("parameters", "Parameters", parameters.section),
     ("validation", "Prediction", predictions.section),
@@ -129,7 +128,7 @@ def report_comparison(
 
 def to_html(run: Run) -> str:
     """Returns the page."""
-    sections = [Section(name, title, make(run)) for name, title, make in _SECTIONS]
+    sections = [Section(name, title, make(run)) for name, title, make in SECTIONS]
     content = {
         "title": head.title(run),
         "badge": head.kind(run),
@@ -150,12 +149,11 @@ def _render(content: Mapping[str, Any], sections: Sequence[Section], logs: Any =
         **content,
         sections=[section for section in sections if section.content],
         version=__version__,
-        style=asset("colours.css") + _themes() + asset("style.css"),
+        style=style(),
         logs=embedded(logs) if logs else "",
         scripts=scripts,
     )
-    # A file's name may hold bytes that are no UTF-8.
-    return f"{page}\n".encode(errors="backslashreplace").decode()
+    return sendable(f"{page}\n")
 
 
 def vega() -> list[Markup]:
@@ -168,12 +166,3 @@ def vega() -> list[Markup]:
         assert line in module, line
         module = module.replace(line, plain)
     return [asset("vega/vega.min.js"), asset("vega/vega-lite.min.js"), Markup(f"{{\n{module}\n}}")]
-
-
-def _themes() -> Markup:
-    """Rules for those who choose light or dark themselves; print is always light."""
-    light, dark = re.findall(r":root \{(.*?)\}", asset("colours.css"), re.DOTALL)
-    return Markup(
-        f":root[data-theme=light] {{{light}  color-scheme: light;\n}}\n"
-        f"@media screen {{ :root[data-theme=dark] {{{dark}  color-scheme: dark;\n}} }}\n"
-    )

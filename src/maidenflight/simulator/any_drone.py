@@ -4,10 +4,11 @@ Both are distributions, as those of `randomization` are.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from maidenflight.parameters import QUANTITIES, Parameters, replace
 from maidenflight.simulator.randomization import UniformBox
@@ -100,12 +101,14 @@ class GenericQuadrotor:
 class DayToDay:
     """A drone as it may be on any day, for policies that find out in flight how it is today.
 
-    Drawn from a box about the identified drone; with the trims, the weak rotor, the latency (that
-    much more) and the wind of `GenericQuadrotor`, which no earlier log determines, and up to
-    20 % more mass at its centre.
+    Drawn from a box about the identified drone; with the trims, the weak rotor and the wind of
+    `GenericQuadrotor`, which no earlier log determines, more latency, and up to 20 % more mass at
+    its centre.
     """
 
     box: UniformBox
+    later: Float[Any, ""] = ANY_RANGES["latency"][1]
+    """Most latency added [s]."""
 
     @property
     def centre(self) -> Parameters:
@@ -136,14 +139,15 @@ class DayToDay:
             rotor_thrust=drone.rotor_thrust * jnp.where(jnp.arange(4.0) == rotor, weak, 1.0),
             mass=drone.mass * heavier,
             thrust_to_weight=drone.thrust_to_weight / heavier,
-            latency=jnp.minimum(drone.latency + within("latency"), latest),
+            latency=jnp.minimum(drone.latency + self.later * next(numbers), latest),
             wind=drone.wind + jnp.stack([within("wind"), within("wind"), jnp.zeros(())]),
         )
 
     def __str__(self) -> str:
-        more = ("tilt_trim", "yaw_trim", "weak_rotor", "latency", "wind")
+        more = ("tilt_trim", "yaw_trim", "weak_rotor", "wind")
         lines = [
             f"{name} + U({ANY_RANGES[name][0]:g}, {ANY_RANGES[name][1]:g}) {ANY_RANGES[name][2]}"
             for name in more
         ]
-        return "\n".join([str(self.box), *lines, "mass + U(0, 0.2) of it"])
+        latency = f"latency + U(0, {self.later:g}) s"
+        return "\n".join([str(self.box), *lines, latency, "mass + U(0, 0.2) of it"])

@@ -70,6 +70,8 @@ AHEAD = 5
 AHEAD_HIDDEN = (44, 44)
 """Hidden layers of policies that look ahead: a step takes as long as without, behind 50 and 50."""
 
+YAW_PENALTY = 0.1
+"""Of attitude-rate policies by methods of ours (paper/notes/training.md)."""
 FASTEST_BOX = 0.1
 """Half width of the box for tasks at the limit of a drone: many drones of the wide box cannot fly
 them."""
@@ -93,6 +95,20 @@ def choose_randomization(task: str, structure: str) -> float | str:
     if task in tasks.FASTEST:
         return FASTEST_BOX
     return ANY_DAY if structure == "attitude_rate" else WIDE
+
+
+def choose_yaw_penalty(structure: str, method: str) -> float:
+    """Returns what a radian of yaw costs by default, a control period.
+
+    The paper's reward does not depend on yaw, and drones of a training fly on for two updates in
+    the mean. Policies of attitude rate then turn away at 25 to 50 deg/s, and fall where no episode
+    has been (paper/notes/training.md#attitude-rate-by-default).
+
+    Args:
+        structure: a control structure, in `names.CONTROLS`.
+        method: a name in `names.METHODS`.
+    """
+    return YAW_PENALTY if structure == "attitude_rate" and not method.endswith("paper") else 0.0
 
 
 def choose_method(spec: PolicySpec, initial: bool) -> str:

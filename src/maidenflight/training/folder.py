@@ -1,6 +1,6 @@
 """The folder of a training: its policies, their scores, and a checkpoint to resume from."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -20,19 +20,37 @@ def write_policies(
     record: dict[str, Any],
     drone: Parameters,
     scores: polars.DataFrame,
+    faults: Mapping[int, str],
 ) -> manifest.Files:
     """Writes policies with what an export needs to know of their drone, and their scores.
+
+    Args:
+        folder: for the files.
+        policies: in the order of their numbers, from 1.
+        record: of the training.
+        drone: which they were trained for.
+        scores: table of the training.
+        faults: what speaks against a policy, by its number; a doubt in its file.
 
     Returns:
         The files by kind.
     """
     hover = round(float(dynamics.hover_command(drone)), 6)
     rotors = {name: parameters.plain(getattr(drone, name)) for name in parameters.GEOMETRY}
+    doubts = {
+        number: {"doubts": [*record.get("doubts", []), fault]} for number, fault in faults.items()
+    }
     written = [
         policy_file.write_policy(
             run_folder.POLICY.path(folder, number),
             policy,
-            {**record, "hover": hover, "rotors": rotors, "number": number},
+            {
+                **record,
+                **doubts.get(number, {}),
+                "hover": hover,
+                "rotors": rotors,
+                "number": number,
+            },
         )
         for number, policy in enumerate(policies, 1)
     ]

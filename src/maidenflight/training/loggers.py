@@ -5,6 +5,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
+from maidenflight import events
 from maidenflight.registry import LOGGERS
 
 if TYPE_CHECKING:
@@ -40,6 +41,8 @@ def opened(
         def show(progress: "Progress") -> None:
             for logger in loggers:
                 logger(progress)
+            if events.listened_to():
+                _tell_scores(progress, settings)
 
         yield show
 
@@ -47,3 +50,17 @@ def opened(
 def scores_of(progress: "Progress", number: int) -> dict[str, float]:
     """Returns the scores of one of the policies by name."""
     return {name: float(values[number]) for name, values in progress.score._asdict().items()}
+
+
+def _tell_scores(progress: "Progress", settings: Mapping[str, Any]) -> None:
+    """Tells a program that listens each policy's scores, and the first policy's best so far."""
+    from jax import tree
+
+    from maidenflight import policy_file
+
+    scores = [scores_of(progress, number) for number in range(len(progress.score.survival))]
+    best = ""
+    if progress.best is not None:
+        first = tree.map(lambda leaf: leaf[0], progress.best)
+        best = policy_file.to_json(first, {"settings": settings})
+    events.tell(update=progress.update, steps=progress.steps, scores=scores, policy=best)

@@ -3,18 +3,25 @@
 import time
 from collections.abc import Sequence
 from functools import reduce
+from typing import Any
 
 import polars
 
 from maidenflight import names
 from maidenflight.training.distillation import Distillation, phase
-from maidenflight.training.evaluation import Evaluation
+from maidenflight.training.evaluation import FLIGHT_S, FLIGHTS, Evaluation, OwnFlights
 from maidenflight.training.settings import Settings
 from maidenflight.training.train import Progress
 
 
 class Scores:
     """Evaluations of a training."""
+
+    columns = {
+        **{"policy": "{policy}", "return": "{episode_return:.1f}"},
+        **{"survival": "{survival:.1%}", "position error": "{position_error:.1f cm}"},
+    }
+    """Of a table of the best, by `terminal.Table`'s rules."""
 
     def __init__(self, learner: Settings, resumed: bool) -> None:
         self._learner, self._resumed = learner, resumed
@@ -53,6 +60,11 @@ class Scores:
     def best(self) -> list[dict[str, float]]:
         """Returns each policy's best scores, which are those of the policy that training keeps."""
         return best_scores(self._evaluations)
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """Returns a row of a table for each policy's best scores."""
+        return [{"policy": f"policy_{number}", **one} for number, one in enumerate(self.best, 1)]
 
 
 def best_scores(evaluations: Sequence[Progress]) -> list[dict[str, float]]:
@@ -107,6 +119,48 @@ def describe_survival(over: float | str, drone: str) -> str:
         f"survival: share of the training's random episodes that reach the time limit, with drones "
         f"{drones}. It does not say how your drone flies; the next commands do."
     )
+
+
+def find_falls(flights: Sequence[OwnFlights], drone: str) -> dict[int, str]:
+    """Returns a sentence on each policy that falls on the drone itself, by its number from 1."""
+    return {
+        number: f"policy_{number} falls on {drone} itself, without randomization: "
+        f"{FLIGHTS - one.lasting} of {FLIGHTS} flights end before {FLIGHT_S:g} s "
+        f"({one.seconds:.1f} s in the mean). Do not fly it; train on with --resume and more "
+        "--updates, or fly another."
+        for number, one in enumerate(flights, 1)
+        if one.lasting < FLIGHTS
+    }
+
+
+def describe_own_flights(flights: Sequence[OwnFlights], drone: str) -> list[str]:
+    """Returns a line on how a training's policies fly the drone itself, and one on each fall."""
+    lasting = [one for one in flights if one.lasting == FLIGHTS]
+    line = (
+        f"on {drone} itself, without randomization: {len(lasting)} of {len(flights)} policies fly "
+        f"{FLIGHT_S:g} s"
+    )
+    errors = [100 * one.position_error for one in lasting]
+    much = f", {min(errors):.1f} to {max(errors):.1f} cm from the set-point" if errors else ""
+    return [f"{line}{much}.", *find_falls(flights, drone).values()]
+
+
+def describe_training(
+    best: Sequence[dict[str, float]],
+    over: float | str,
+    flights: Sequence[OwnFlights],
+    drone: str,
+) -> list[str]:
+    """Returns how far policies are apart, what their survival is of, and how they fly the drone.
+
+    Args:
+        best: see `describe_spread`.
+        over: see `describe_survival`.
+        flights: on the drone itself.
+        drone: its name.
+    """
+    of = describe_survival(over, drone)
+    return [*describe_spread(best), of, *describe_own_flights(flights, drone)]
 
 
 def describe(now: Progress) -> str:

@@ -105,7 +105,7 @@ class Demo(Verb):
         stage_file = run_folder.write_stages(output, self.seed, seconds)
         manifest.append(stage_file, self.name, {"stages": [stage_file]}, self.make_record())
         run(Report(runs=(output,)), run_folder.REPORT, "one page to look at")
-        identified, flown = stage_results["identify"].value, stage_results["transfer"]
+        identified, evaluation = stage_results["identify"].value, stage_results["transfer"]
         times = ", ".join(f"{name} {spent:.0f} s" for name, spent in seconds.items())
         truth = read_truth(output / recorded / run_folder.REALITY, identified.estimates)
         return Result(
@@ -116,7 +116,7 @@ class Demo(Verb):
                 },
                 "truth": truth,
                 "notes": identified.notes,
-                "flights": flown.content["flights"],
+                "flights": evaluation.content["flights"],
                 "stages": seconds,
                 "best": str(best),
                 "report": str(output / run_folder.REPORT),
@@ -125,7 +125,7 @@ class Demo(Verb):
             summary=[
                 *estimates_output.tabulate_estimates(identified, truth),
                 *estimates_output.summarize(identified),
-                *_summarize_flights(flown.value.table),
+                *_summarize_flights(evaluation.value.table),
                 f"wall time: {times}",
                 *_list_files(output, best),
             ],

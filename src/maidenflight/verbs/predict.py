@@ -1,11 +1,13 @@
 """`Predict`: how long policies would fly on the real drone."""
 
 from collections import Counter
+from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from maidenflight import names, results, run_folder
-from maidenflight.settings import number, path, setting, whole
+from maidenflight.settings import number, path, setting, several, text, whole
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row
 from maidenflight.verbs import shared
@@ -14,6 +16,7 @@ from maidenflight.verbs.in_realities import FliesPolicies, export_command
 if TYPE_CHECKING:
     from polars import DataFrame
 
+    from maidenflight.experiments.policies import Policies
     from maidenflight.experiments.verdict import Verdict
     from maidenflight.parameters import Parameters
 
@@ -49,6 +52,13 @@ class Predict(FliesPolicies):
     trials: int = setting(whole(1, 1000), 16, "Flights of each policy.", shared.FLIGHTS)
     duration: float = setting(number(0.1, 600.0), 20.0, "Longest flight [s].")
     conditions: Path | None = shared.conditions()
+    against: tuple[str, ...] = setting(
+        several(text("pid, mellinger, a policy file or a folder of them", "NAME"), empty=True),
+        names.CONTROLLERS,
+        "What flies beside them, on the drone as it is and changed: pid and mellinger of the "
+        "firmware, or policies of another drone, which also fly that one if it is a named drone; "
+        "may be repeated.",
+    )
     seed: int = shared.seed()
 
     def check(self) -> None:
@@ -63,11 +73,13 @@ class Predict(FliesPolicies):
             if self.randomize == names.POSTERIOR:
                 posterior_ensemble(file.parameters, file.posterior, file.name)
         super().check()
+        _ = self.others
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Predicts; writes a row a flight."""
         from maidenflight.experiments import comparison, drones, flight_times
         from maidenflight.experiments.conditions import read_conditions
+        from maidenflight.experiments.rivals import describe_changes
         from maidenflight.simulator.tasks.tasks import find_task
 
         fleet, (tasks, notes) = self.fleet, self.fleet.choose_tasks(self.chosen_task)
@@ -87,9 +99,16 @@ class Predict(FliesPolicies):
             on_policy=lambda done, of: progress.move(done, of, "policies flown"),
         )
         drone = shared.own_files(self.drone)
-        files = [*drone, *shared.own_files(self.conditions), *fleet.paths]
+        files = [*drone, *shared.own_files(self.conditions), *fleet.paths, *self.others.paths]
         record = self.make_record(files, policies=None, randomize=randomization)
+        progress.move(0, None, "flying the drone changed, and others beside")
+        table, more = self._fly_rivals(tasks, self.longest(tasks[0], self.duration))
+        notes += more
         verdicts = self._judge(prediction, drawn_drones, self.longest(tasks[0], self.duration))
+        verdicts = {
+            path: replace(one, sentence=one.sentence + describe_changes(table, name, self.changed))
+            for (path, one), name in zip(verdicts.items(), fleet.own_names, strict=True)
+        }
         record["verdicts"] = [
             {"policy": results.digest(path), "good": one.is_good, "sentence": one.sentence}
             for path, one in verdicts.items()
@@ -120,11 +139,17 @@ class Predict(FliesPolicies):
                 fleet.paths, tasks, rows, means, ends, outlives, strict=True
             )
         ]
+        known = drones.read_file(self.drone)
+        by_firmware = any(one.interface.name != "pwm" for one in fleet.own)
+        loop = [drones.describe_loop(known)] if by_firmware else []
         best = self.choose_best(prediction)
         words, remark = self._mend(best, verdicts[best], randomization) if best else ((), "")
         return self.conclude(
-            {"policies": policies},
-            [_tabulate(rows, ends, against_best.tolist())],
+            {"policies": policies, "beside": table.to_dicts()},
+            [
+                _tabulate(rows, ends, against_best.tolist()),
+                Table("The drone as it is and changed, simulated", _RIVALS, table.to_dicts()),
+            ],
             prediction,
             output,
             written={"prediction": [output]},
@@ -136,13 +161,64 @@ class Predict(FliesPolicies):
                 *self.describe_other_drones([self.drone]),
                 *comparison.describe_margins(summary),
                 *flight_times.describe_alike(summary, against_best),
-                *drones.doubts(drones.read_file(self.drone)),
+                *loop,
+                *drones.doubts(known),
             ],
             value=prediction,
             verdict=verdicts[best].sentence if best else "",
             next=words,
             next_remark=remark,
         )
+
+    @cached_property
+    def others(self) -> "Policies":
+        """Returns the policies of another drone."""
+        from maidenflight.experiments.policies import read_policies
+
+        places = [one for one in self.against if one not in names.CONTROLLERS]
+        return read_policies(places)
+
+    @property
+    def changed(self) -> dict[str, str]:
+        """Returns what a sentence calls the changed drones."""
+        from maidenflight.experiments import drones
+
+        name = drones.find_reality(self.drone, self.accept_bounds).name
+        words = ("10 ms more latency", "15 % payload", "a motor 10 % weaker")
+        return dict(zip((f"{name}+{one}" for one in names.CHANGES), words, strict=True))
+
+    def _fly_rivals(self, tasks: list[str], duration: float) -> "tuple[DataFrame, list[str]]":
+        """Flies the drone changed, and the others beside the policies."""
+        import polars
+
+        from maidenflight.experiments import drones, rivals
+        from maidenflight.experiments.conditions import read_conditions
+        from maidenflight.parameters import DRONES, drone
+        from maidenflight.simulator.realities.virtual_drone import VirtualDrone, must_be_virtual
+        from maidenflight.simulator.tasks.tasks import find_task
+
+        fleet, others, conditions = self.fleet, self.others, read_conditions(self.conditions)
+        here = must_be_virtual(drones.find_reality(self.drone, self.accept_bounds), "")
+        changed, notes = rivals.changed_drones(here)
+        own = rivals.PolicySet(fleet.own_names, fleet.own, tasks)
+        how: Any = self.key, duration, conditions
+        parts = [rivals.fly_drones(own, [here, *changed], *how)]
+        if others.own:
+            known = {str(file.identity.get("name")) for file in others.files} & DRONES.keys()
+            theirs = [VirtualDrone(one, drone(one)) for one in sorted(known - {here.name})]
+            foreign_set = rivals.PolicySet(
+                [f"against/{name}" for name in others.own_names],
+                others.own,
+                others.choose_tasks(self.chosen_task or tasks[0])[0],
+            )
+            parts.append(rivals.fly_drones(foreign_set, [here, *changed, *theirs], *how))
+            parts += [rivals.fly_drones(own, theirs, *how)] if theirs else []
+        controllers = [one for one in self.against if one in names.CONTROLLERS]
+        counts = fleet.own[0].interface.full_scale_counts
+        rows, more = rivals.fly_controllers(
+            controllers, [here, *changed], self.key, counts, find_task(tasks[0]), duration
+        )
+        return polars.concat([*parts, *rows]), [*notes, *more]
 
     def _judge(
         self, prediction: "DataFrame", drawn_drones: "Parameters", seconds: float
@@ -186,6 +262,13 @@ class Predict(FliesPolicies):
             over = ("--from", best, "--randomize", width)
         over += ("--task", policy.task) if policy.task else ()
         return ("train", "--drone", self.drone, *over, "-o", place), ""
+
+
+_RIVALS = {
+    **{"policy": "{policy}", "drone": "{drone}"},
+    **{"reached the time limit": "{time_limit} of {flights}", "mean": "{duration:.1f} s"},
+    **{"error": "{position_error:.1f cm}", "most frequent end": "{end_reason}"},
+}
 
 
 def _tabulate(summary: list[Row], ends: list[Counter[str]], against_best: list[float]) -> Table:

@@ -24,13 +24,14 @@ from maidenflight.settings import (
     whole,
 )
 from maidenflight.terminal import Table
-from maidenflight.verb import Output, Progress, Result, Row, Verb
+from maidenflight.verb import Output, Progress, Result, Verb
 from maidenflight.verbs import shared
 
 if TYPE_CHECKING:
     from maidenflight.identification.drone_file import DroneFile
     from maidenflight.policy import Policy
     from maidenflight.policy_file import PolicyFile
+    from maidenflight.simulator.controllers.control import Controller
     from maidenflight.simulator.policy_spec import PolicySpec
     from maidenflight.training.settings import Settings
     from maidenflight.training.train import Progress as Training
@@ -39,8 +40,6 @@ _OF_A_FORM = ("control", "history", "look_ahead", "look_ahead_spacing", "memory"
 """Settings that a form of another program settles."""
 _OF_A_POLICY = (*_OF_A_FORM, "paper_scales", "form")
 """Settings that the policy settles from which training starts."""
-LEAST_SURVIVAL = 0.1
-"""Survival below which a policy is reported as not flying."""
 
 
 class Train(Verb):
@@ -74,10 +73,11 @@ class Train(Verb):
     accept_bounds: bool = shared.accept_bounds()
     task: str = setting(or_code(choice(*names.TASKS)), "circle", "Task.", group="Task")
     control: str = setting(or_code(choice(*names.CONTROLS)), "pwm", "Control structure.")
-    yaw_penalty: float = setting(
+    yaw_penalty: float | None = setting(
         number(0.0, 10.0),
-        0.0,
+        None,
         "Cost of a radian of yaw, per control period; 0.1 keeps the yaw near 0.",
+        usual="0.1 for attitude_rate but by the paper's methods; 0",
     )
     paper_scales: bool = setting(
         flag(),
@@ -114,10 +114,7 @@ class Train(Verb):
         usual="5 for tracking; none",
     )
     look_ahead_spacing: float = setting(
-        number(0.001, 10.0),
-        0.1,
-        "Time between two of these points [s].",
-        rare=True,
+        number(0.001, 10.0), 0.1, "Time between two of these points [s].", rare=True
     )
     memory: int = setting(
         whole(0, 256),
@@ -159,10 +156,7 @@ class Train(Verb):
         rare=True,
     )
     updates: int | None = setting(
-        whole(1, 10**6),
-        None,
-        "Gradient steps, or epochs of PPO.",
-        usual="see docs/training.md",
+        whole(1, 10**6), None, "Gradient steps, or epochs of PPO.", usual="see docs/training.md"
     )
     learner: dict[str, float] = setting(
         table(number(0.0, 1e6), "settings of the method by name, such as num_envs=128"),
@@ -239,26 +233,18 @@ class Train(Verb):
         ahead = LookAhead(points, self.look_ahead_spacing)
         spec = PolicySpec(self.history, ahead, self.memory, form=self.form)
         method = self.method or defaults.choose_method(spec, initial=False)
-        hidden = self.hidden or defaults.choose_hidden(self.control, method, ahead.points)
+        hidden = self.hidden or defaults.choose_hidden(self.control, method, points)
         return dataclasses.replace(spec, hidden=hidden)
 
     @cached_property
     def learner_settings(self) -> "Settings":
-        """Returns the settings of the method.
-
-        Raises:
-            InputError: the method does not train such policies, or has no such setting.
-        """
+        """Returns the settings of the method."""
         from maidenflight.training import defaults
         from maidenflight.training.settings import override
 
-        further = self.start is not None
-        method = self.method or defaults.choose_method(self.spec, further)
-        method_settings = defaults.choose_settings(
-            self._control, self.task, method, self.spec, further
-        )
+        how = self._control, self.task, self._method, self.spec, self.start is not None
         updates = {} if self.updates is None else {"updates": self.updates}
-        return override(method_settings, {**updates, **self.learner})
+        return override(defaults.choose_settings(*how), {**updates, **self.learner})
 
     @property
     def _control(self) -> str:
@@ -272,6 +258,28 @@ class Train(Verb):
         return usual if self.randomize is None else self.randomize
 
     @property
+    def _method(self) -> str:
+        from maidenflight.training import defaults
+
+        return self.method or defaults.choose_method(self.spec, self.start is not None)
+
+    @property
+    def _yaw_penalty(self) -> float:
+        from maidenflight.training import defaults
+
+        usual = defaults.choose_yaw_penalty(self._control, self._method)
+        return usual if self.yaw_penalty is None else self.yaw_penalty
+
+    @cached_property
+    def controller(self) -> "Controller":
+        """Returns the control structure."""
+        from maidenflight.training import defaults
+
+        file, start = self.drone_file, self.start and self.start.policy
+        how = file.full_scale_counts, start, self._has_paper_scales, self.rate
+        return defaults.choose_controller(self._control, file.parameters, *how)
+
+    @property
     def _has_paper_scales(self) -> bool:
         """Returns whether actions are scaled as the paper does, as other formats and forms need."""
         return self.paper_scales or self.target == "authors" or self.form != "instants"
@@ -279,26 +287,28 @@ class Train(Verb):
     def compute(self, output: Path, progress: Progress) -> Result:
         """Trains; writes a JSON a policy, `training.csv` with their scores, and a checkpoint."""
         from maidenflight.experiments import drones
-        from maidenflight.identification import identity
+        from maidenflight.identification.identity import identity_of
+        from maidenflight.simulator.tasks.tasks import find_task
         from maidenflight.training import checkpoint, folder, loggers
-        from maidenflight.training.scores import Scores, describe_spread, describe_survival
+        from maidenflight.training import scores as all_scores
+        from maidenflight.training.evaluation import fly_drone_itself
         from maidenflight.training.settings import recorded
         from maidenflight.training.train import Progress as Training
 
         saved, spec = output / run_folder.CHECKPOINT, self.spec
         if self.resume and not saved.exists():
-            remedy = folder.how_to_start(output)
-            raise InputError(f"{saved}: no training to resume. {remedy}")
+            raise InputError(f"{saved}: no training to resume. {folder.how_to_start(output)}")
         learner: Any = self.learner_settings
         if self.resume and self.updates is None:
             learner = dataclasses.replace(learner, updates=max(checkpoint.stages(saved)))
-        scores = Scores(learner, self.resume)
+        scores = all_scores.Scores(learner, self.resume)
         drone = shared.own_files(self.drone)
         record = self.make_record(
             [*drone, *shared.own_files(self.initial)],
             control=self._control,
             randomize=self._randomization,
             paper_scales=self._has_paper_scales,
+            yaw_penalty=self._yaw_penalty,
             method=type(learner).__name__,
             **(spec.to_dict() | {"look_ahead": spec.look_ahead.points}),
             look_ahead_spacing=spec.look_ahead.spacing,
@@ -306,8 +316,7 @@ class Train(Verb):
         )
         for left in results.leftovers(output) if output.is_dir() else ():
             left.unlink(missing_ok=True)
-        boards = loggers.opened(self.log, output, self.policies, record["settings"])
-        with boards as show:
+        with loggers.opened(self.log, output, self.policies, record["settings"]) as show:
             line = "training, before the first score"
 
             def on_update(done: int, of: int) -> None:
@@ -320,28 +329,37 @@ class Train(Verb):
                 on_update(now.update, learner.updates)
                 progress.log(f"update {now.update} of {learner.updates}: {line}")
 
+            if self.controller.fitted is not None:
+                progress.log(drones.describe_loop(self.drone_file))
             progress.move(0, learner.updates, "compiling")
             progress.log(f"update 0 of {learner.updates}: compiling")
             policies = self._train(learner, saved, on_progress, on_update)
-        if len(stages := checkpoint.stages(saved)) > 1:
-            record["settings"]["extended_from"] = list(stages[:-1])
-        record["cores"] = cores.count_devices()
-        record["drone"] = identity.identity_of(self.drone_file)
-        if doubts := drones.doubts(self.drone_file):
-            record["doubts"] = doubts
-        written = folder.write_policies(
-            output, policies, record, self.drone_file.parameters, scores.table
-        )
-        best, refers = scores.best, describe_survival(self._randomization, self.drone)
-        rows = [{"policy": f"policy_{number}", **one} for number, one in enumerate(best, 1)]
+        if earlier := checkpoint.stages(saved)[:-1]:
+            record["settings"]["extended_from"] = list(earlier)
+        record["cores"], record["drone"] = cores.count_devices(), identity_of(self.drone_file)
+        record |= {"doubts": doubts} if (doubts := drones.doubts(self.drone_file)) else {}
+        own, task = self.drone_file.parameters, find_task(self.task)
+        progress.move(learner.updates, learner.updates, "flying the drone itself")
+        flights = fly_drone_itself(policies, task, self.controller, own, self.key)
+        faults = all_scores.find_falls(flights, self.drone)
+        written = folder.write_policies(output, policies, record, own, scores.table, faults)
         return Result(
-            content={"policies": [str(path) for path in written["policies"]], "scores": best},
-            summary=[*_tabulate(rows), *describe_spread(best), refers],
+            content={
+                "policies": [str(path) for path in written["policies"]],
+                "scores": scores.best,
+                "flies": [number not in faults for number in range(1, len(flights) + 1)],
+            },
+            summary=[
+                Table("Trained policies", scores.columns, scores.rows),
+                *all_scores.describe_training(
+                    scores.best, self._randomization, flights, self.drone
+                ),
+            ],
             notes=drones.describe_unknown(self.drone_file),
             written=written,
             read={"drone": drone},
             record=record,
-            rows=rows,
+            rows=scores.rows,
             next=("transfer", output, "--drone", self.drone),
             value=policies,
         )
@@ -359,25 +377,19 @@ class Train(Verb):
         from maidenflight.deployment.check import check_export
         from maidenflight.experiments import drones
         from maidenflight.simulator.tasks.tasks import find_task, with_yaw_penalty
-        from maidenflight.training import defaults
         from maidenflight.training.checkpoint import Checkpoint
         from maidenflight.training.train import train
 
-        file, start = self.drone_file, None if self.start is None else self.start.policy
-        controller = defaults.choose_controller(
-            self._control,
-            *(file.parameters, file.full_scale_counts, start, self._has_paper_scales, self.rate),
-        )
+        file, controller, task = self.drone_file, self.controller, find_task(self.task)
         if self.target is not None:
             check_export(self.target, controller.interface, self.spec, file.parameters)
-        task = find_task(self.task)
         return train(
-            with_yaw_penalty(task, self.yaw_penalty) if self.yaw_penalty else task,
+            with_yaw_penalty(task, self._yaw_penalty) if self._yaw_penalty else task,
             controller,
             drones.distribution_of(file, self._randomization, controller),
             split_key(self.key, self.policies),
             learner,
-            policy=self.spec if start is None else start,
+            policy=self.spec if self.start is None else self.start.policy,
             on_progress=on_progress,
             on_update=on_update,
             checkpoint=Checkpoint(saved, restart=not self.resume),
@@ -386,14 +398,3 @@ class Train(Verb):
     def discard_state(self, output: Path) -> None:
         """Removes the checkpoint, which is larger than the policies."""
         (output / run_folder.CHECKPOINT).unlink(missing_ok=True)
-
-
-def _tabulate(scores: list[Row]) -> list[Table | str]:
-    columns = {"policy": "{policy}", "return": "{episode_return:.1f}"}
-    columns |= {"survival": "{survival:.1%}", "position error": "{position_error:.1f cm}"}
-    falling = [one["policy"] for one in scores if one["survival"] < LEAST_SURVIVAL]
-    note = (
-        f"note: of {', '.join(falling)} less than {LEAST_SURVIVAL:.0%} of the episodes reach the "
-        "time limit. Train further with --resume and more --updates, or see docs/training.md."
-    )
-    return [Table("Trained policies", columns, scores), *([note] if falling else [])]

@@ -44,7 +44,9 @@ class Transfer(InRealities):
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Flies; writes `flights.csv` with a row a flight, and every flight's log."""
-        from maidenflight.experiments import comparison
+        import polars
+
+        from maidenflight.experiments import comparison, drones
         from maidenflight.experiments.transfer import fly_firmware, transfer
         from maidenflight.simulator.tasks.tasks import find_task
         from maidenflight.verbs import logs_output
@@ -64,10 +66,13 @@ class Transfer(InRealities):
         logs = logs_output.write_logs(output, {one.name: one for one in evaluation.flights}, record)
         table = run_folder.FLIGHTS.write(output / run_folder.FLIGHTS.name, evaluation.table)
         flights, summary = evaluation.table.to_dicts(), comparison.summarize(evaluation.table)
-        notes += comparison.describe_limit_cycles(summary)
+        rival_rows = [comparison.summarize(one) for one in rivals]
+        notes += comparison.describe_limit_cycles(polars.concat([summary, *rival_rows]))
+        if rivals or any(one.interface.name != "pwm" for one in own):
+            notes += drones.describe_unstable(self.realities, *counts.values())
         notes += comparison.describe_margins(summary) + left_out
         rows = summary.to_dicts()
-        against = [row for one in rivals for row in comparison.summarize(one).to_dicts()]
+        against = [row for one in rival_rows for row in one.to_dicts()]
         return self.conclude(
             {"flights": flights, "summary": rows, "against": against},
             [

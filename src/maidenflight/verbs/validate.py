@@ -89,8 +89,10 @@ class Validate(Verb):
     seed: int = shared.seed()
 
     def choose_output(self, output: StrPath | None) -> Any:
-        """Returns the table of errors, or that of a calibration."""
-        default = run_folder.CALIBRATION.name if self.calibration else None
+        """Returns the table of errors, or that of a calibration, by default beside DRONE."""
+        default = Path((run_folder.CALIBRATION if self.calibration else run_folder.VALIDATION).name)
+        if self.drone is not PENDING and Path(self.drone).is_file():
+            default = Path(self.drone).with_name(default.name)
         return super().choose_output(default if output is None else output)
 
     def places(self, output: Path) -> list[Path]:
@@ -306,6 +308,9 @@ def _tabulate(
         Table(f"Open-loop prediction errors on {flight} flight, root mean squares", columns, rows),
         f"{PERSISTENCE}: the prediction that nothing changes"
         + ("; * marks what is worse than it" if worse else ""),
+        "predictions know commands alone: a trim that differs by flight turns the drone from the "
+        "first row on, which shows most in body rates; persistence has none",
+        "not turned by commands: as if motors were in a wrong order; a sound drone is better",
         "nats: one more a row makes the data 2.7 times as probable, row by row",
     ]
 

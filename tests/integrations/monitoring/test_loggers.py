@@ -2,19 +2,25 @@
 training begins."""
 
 import errno
+import json
 import os
 import sys
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
 from event_files import scalars
+from maidenflight import events, policy_file
 from maidenflight.errors import InputError, WriteError
 from maidenflight.integrations.monitoring.tensorboard import tensorboard
 from maidenflight.integrations.monitoring.wandb import wandb
+from maidenflight.policy import untrained_policy
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.training import loggers
 from maidenflight.training.evaluation import Evaluation
 from maidenflight.training.train import Progress
@@ -47,6 +53,26 @@ def test_tensorboard_holds_a_run_a_policy_and_each_score_once_after_a_resume(
             for number in (1, 2)
             for tag, size in (("episode_return", 1.0), ("survival", 0.5), ("position_error", 0.25))
         ]
+
+
+def test_a_program_that_listens_hears_scores_and_the_first_policy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    policy = untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
+    best = jax.tree.map(lambda leaf: jnp.stack([leaf, 0 * leaf]), policy)
+    with loggers.opened([], tmp_path, 2, {"task": "hover"}) as show:
+        show(heard(1))
+        assert capsys.readouterr().out == ""
+        monkeypatch.setenv(events.VARIABLE, "1")
+        show(heard(1))
+        show(heard(2)._replace(best=best))
+    first, second = map(json.loads, capsys.readouterr().out.splitlines())
+    assert (first["update"], first["steps"], first["policy"]) == (1, 1000, "")
+    assert [one["episode_return"] for one in second["scores"]] == [2.0, -2.0]
+    read = policy_file.from_json(second["policy"])
+    assert read.record["settings"]["task"] == "hover"
+    for own, other in zip(jax.tree.leaves(read.policy), jax.tree.leaves(policy), strict=True):
+        np.testing.assert_allclose(own, other, rtol=1e-6)
 
 
 def test_scores_can_be_seen_while_training_goes_on(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, frames, noiseless, replace
 from maidenflight.simulator import environment
 from maidenflight.simulator.controllers import control
+from maidenflight.simulator.controllers.firmware import USUAL
 from maidenflight.simulator.controllers.position_pid import position_pid
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.physics import dynamics, rotations, vectors
@@ -280,8 +281,8 @@ def test_rate_pids_of_entries_are_those_of_arrays(firmware, mixer):
     """Over ticks with rates, yaws and, now and then, no thrust."""
     controller = control.attitude_rate(firmware)
     if mixer is not None:
-        assert controller.mixed is not None
-        controller = controller.mixed(mixer)
+        assert controller.fitted is not None
+        controller = controller.fitted(mixer, USUAL)
     action, rates, yaw = jax.random.uniform(jax.random.key(0), (3, 50, 4), minval=-1.0)
     action = action.at[10::10, 0].set(-1.0)
 

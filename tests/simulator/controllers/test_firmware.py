@@ -12,7 +12,6 @@ import pytest
 from maidenflight.parameters import crazyflie
 from maidenflight.simulator.controllers import firmware, rate_loops
 from maidenflight.simulator.controllers.firmware import ABSOLUTE, VELOCITY, Setpoint, StateEstimate
-from maidenflight.simulator.controllers.pid import RATE_GAINS
 from maidenflight.simulator.physics import dynamics
 
 TRACES = Path(__file__).parents[4] / "shared" / "data" / "firmware" / "pid_trace.npz"
@@ -289,4 +288,4 @@ def test_a_mode_that_never_changes_is_a_mode_that_does_not_change(generation):
 
 def test_integrals_hold_no_more_than_their_limits():
     held = rate_loops.balancing(jnp.array([0.0, 60000.0, 0.0, 60000.0])).integral
-    np.testing.assert_allclose(held, [0.0, 0.0, RATE_GAINS.integral_limit[2]], atol=1e-3)
+    np.testing.assert_allclose(held, [0.0, 0.0, firmware.USUAL.rate.integral_limit[2]], atol=1e-3)

@@ -4,7 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maidenflight.simulator.controllers.pid import Gains, PIDMemory, pid
+from maidenflight.parameters.platforms import Gains
+from maidenflight.simulator.controllers.pid import PIDMemory, pid
 
 GENERATIONS = ("2021.10", "2026.08")
 
@@ -12,8 +13,7 @@ GENERATIONS = ("2021.10", "2026.08")
 def updated(memory, desired, measured, limit, generation, heading=False):
     """Three PIDs with gains and limits of our own; the third has no integral part."""
     rows = ([2, 3, 4], [0.5, 1, 0], [0.1, 0, 0.2], [0.3, 0.2, 0.1], [limit] * 3)
-    gains = Gains(*(np.array(row, np.float32) for row in rows), period=0.01)
-    return pid(memory, desired, measured, gains, generation, heading)
+    return pid(memory, desired, measured, Gains(*map(tuple, rows)), generation, 100, heading)
 
 
 @pytest.mark.parametrize(

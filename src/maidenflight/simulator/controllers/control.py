@@ -17,11 +17,13 @@ from maidenflight.errors import InputError
 from maidenflight.names import CONTROLS
 from maidenflight.parameters import Parameters, replace
 from maidenflight.parameters.frames import Mixer, mixer_of
+from maidenflight.parameters.platforms import Platform, platform_of
 from maidenflight.registry import import_part
 from maidenflight.simulator.controllers import interface as interfaces
 from maidenflight.simulator.controllers.firmware import (
     ABSOLUTE,
     DISABLE,
+    USUAL,
     Memory,
     Setpoint,
     StateEstimate,
@@ -64,8 +66,8 @@ class Controller(NamedTuple):
     """(memory, action, measurement, setpoint [m]) to (memory, thrust commands u from 0)."""
     command_rate: int
     """Thrust commands a second [Hz]."""
-    mixed: Callable[[Mixer], "Controller"] | None = None
-    """The same for a frame whose mixer is another than the firmware's; None: it mixes nothing."""
+    fitted: Callable[[Mixer | None, Platform], "Controller"] | None = None
+    """The same for a mixer, None being the firmware's own, and a platform; None: it has neither."""
     taking_over: Callable[[Float[Array, "4"], Measurement], Any] | None = None
     """(thrust commands u that hover the drone, measurement) to the memory where the firmware has
     hovered it before; None: that of switch-on."""
@@ -77,15 +79,17 @@ class Controller(NamedTuple):
         return self._replace(interface=replaced(self.interface, rate=rate))
 
     def on(self, drone: Parameters) -> "Controller":
-        """Returns the same controller with the mixer of a drone's frame, where it has one.
+        """Returns the same controller with a drone's mixer and platform, where it has them.
 
         Args:
             drone: a point, of NumPy's numbers.
         """
-        mixer = mixer_of(drone) if self.mixed is not None else None
-        if self.mixed is None or mixer is None:
+        if self.fitted is None:
             return self
-        return self.mixed(mixer)._replace(interface=self.interface)
+        mixer, platform = mixer_of(drone), platform_of(drone.platform)
+        if mixer is None and platform == USUAL:
+            return self
+        return self.fitted(mixer, platform)._replace(interface=self.interface)
 
 
 def driven(
@@ -94,7 +98,7 @@ def driven(
     command_rate: int | None = None,
     init: Callable[[], Any] = lambda: None,
     factors: Four = (1.0, 1.0, 1.0, 1.0),
-    mixed: Callable[[Mixer], Controller] | None = None,
+    fitted: Callable[[Mixer | None, Platform], Controller] | None = None,
     taking_over: Callable[[Float[Array, "4"], Measurement], Any] | None = None,
 ) -> Controller:
     """Returns a controller that scales actions as its interface says, and so as exported code does.
@@ -107,7 +111,7 @@ def driven(
             that does not divide 100.
         init: memory at switch-on.
         factors: from the interface's units to those that `drive` takes.
-        mixed: the same with a mixer, where `drive` mixes commands for the motors of an X.
+        fitted: see `Controller`.
         taking_over: see `Controller`.
     """
 
@@ -120,7 +124,7 @@ def driven(
         return drive(memory, interface.command(action, factors), measurement, setpoint)
 
     own = interface.rate if MOTOR_RATE % interface.rate else MOTOR_RATE
-    return Controller(interface, init, command, command_rate or own, mixed, taking_over)
+    return Controller(interface, init, command, command_rate or own, fitted, taking_over)
 
 
 def time_step(controller: Controller, longest: float = 0.005) -> float:
@@ -231,7 +235,10 @@ def _pwm(interface: ControlInterface, firmware: Generation) -> Controller:
 
 @cache
 def _attitude_rate(
-    interface: ControlInterface, firmware: Generation, mixer: Mixer | None = None
+    interface: ControlInterface,
+    firmware: Generation,
+    mixer: Mixer | None = None,
+    platform: Platform = USUAL,
 ) -> Controller:
     def drive(
         memory: RateMemory,
@@ -244,13 +251,13 @@ def _attitude_rate(
             each(jnp.degrees, measurement.body_rates),
         )
         memory, motors = rate_tick(
-            memory, rate_setpoint[0], rate_setpoint[1:], yaw, rates, firmware, mixer
+            memory, rate_setpoint[0], rate_setpoint[1:], yaw, rates, firmware, mixer, platform
         )
         return memory, _shares(motors, interface)
 
     def taking_over(hovers: Float[Array, "4"], measurement: Measurement) -> RateMemory:
         yaw = jnp.degrees(rotations.heading(measurement.quaternion))
-        rate = balancing(hovers * interface.full_scale_counts, mixer)
+        rate = balancing(hovers * interface.full_scale_counts, mixer, platform)
         return rates_switched_on()._replace(rate=rate, heading=yaw, first=jnp.zeros((), bool))
 
     return driven(
@@ -266,7 +273,10 @@ def _attitude_rate(
 
 @cache
 def _attitude(
-    interface: ControlInterface, firmware: Generation, mixer: Mixer | None = None
+    interface: ControlInterface,
+    firmware: Generation,
+    mixer: Mixer | None = None,
+    platform: Platform = USUAL,
 ) -> Controller:
     mode: Any = np.array([DISABLE] * 3 + [ABSOLUTE] * 3, np.int32)
 
@@ -280,12 +290,12 @@ def _attitude(
             mode=mode, attitude=attitude_setpoint[1:], thrust=attitude_setpoint[0]
         )
         memory, motors = tick(
-            memory, target, sensed(measurement), firmware, position_due=False, mixer=mixer
+            memory, target, sensed(measurement), firmware, False, mixer=mixer, platform=platform
         )
         return memory, _shares(motors, interface)
 
     def taking_over(hovers: Float[Array, "4"], measurement: Measurement) -> Memory:
-        rate = balancing(hovers * interface.full_scale_counts, mixer)
+        rate = balancing(hovers * interface.full_scale_counts, mixer, platform)
         return switched_on(fixed=True)._replace(rate=rate, mode=jnp.zeros((), jnp.int32))
 
     return driven(

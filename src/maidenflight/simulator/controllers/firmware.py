@@ -1,6 +1,7 @@
 """The Crazyflie firmware's cascaded PID: position, velocity, attitude, rate, mixer.
 
-`"2021.10"` flew the paper's flights, `"2026.08"` is today's. Gains are the same, behaviour is not:
+`"2021.10"` flew the paper's flights, `"2026.08"` is today's. Gains are the platform's
+in both, behaviour is not the same:
 
 | | 2021.10 | 2026.08 |
 |---|---|---|
@@ -31,12 +32,10 @@ from jax import lax, tree
 from jaxtyping import Array, Bool, Float, Int
 
 from maidenflight.parameters.frames import Mixer
+from maidenflight.parameters.platforms import CRAZYFLIE, PLATFORMS, Platform
 from maidenflight.simulator.controllers.pid import (
-    ATTITUDE_GAINS,
     ATTITUDE_RATE,
-    POSITION_GAINS,
-    RATE_GAINS,
-    VELOCITY_GAINS,
+    POSITION_RATE,
     Generation,
     PIDMemory,
     pid,
@@ -100,8 +99,10 @@ class Memory(NamedTuple):
 
 _MAX_TILT_DEG = 20.0
 """Limit of roll and pitch that the velocity PID asks for [deg]."""
-_THRUST_BASE_COUNTS, _THRUST_SCALE = 36000.0, 1000.0
-"""[counts], [counts per unit of the velocity PID's output]."""
+_THRUST_SCALE = 1000.0
+"""[counts per unit of the velocity PID's output]."""
+USUAL = PLATFORMS[CRAZYFLIE]
+"""The platform of drones that name none."""
 LEAST_THRUST_COUNTS = 20000.0
 """Thrust that the velocity PID asks for at least [counts]."""
 
@@ -134,7 +135,11 @@ def reset(memory: Memory, state: StateEstimate, firmware: Generation) -> Memory:
 
 
 def position_loops(
-    memory: Memory, setpoint: Setpoint, state: StateEstimate, firmware: Generation
+    memory: Memory,
+    setpoint: Setpoint,
+    state: StateEstimate,
+    firmware: Generation,
+    platform: Platform,
 ) -> Memory:
     """Returns the position and velocity PIDs: what attitude and thrust to ask for.
 
@@ -153,15 +158,18 @@ def position_loops(
         velocity_setpoint = jnp.where(
             setpoint.velocity_body, _turn(velocity_setpoint, -yaw), velocity_setpoint
         )
-    position, reference = pid(memory.position, target, place, POSITION_GAINS, firmware)
+    position, reference = pid(
+        memory.position, target, place, platform.position, firmware, POSITION_RATE
+    )
     absolute = setpoint.mode[:3] == ABSOLUTE
     position = choose(absolute, position, memory.position)
     velocity, out = pid(
         memory.velocity,
         jnp.where(absolute, reference, velocity_setpoint),
         speed,
-        VELOCITY_GAINS,
+        platform.velocity,
         firmware,
+        POSITION_RATE,
     )
     if firmware == "2021.10":
         out = _turn(out, yaw)
@@ -174,12 +182,16 @@ def position_loops(
         ]
     )
     most = MOST_COUNTS if firmware == "2026.08" else None
-    thrust = jnp.clip(out[2] * _THRUST_SCALE + _THRUST_BASE_COUNTS, LEAST_THRUST_COUNTS, most)
+    thrust = jnp.clip(out[2] * _THRUST_SCALE + platform.thrust_base, LEAST_THRUST_COUNTS, most)
     return memory._replace(position=position, velocity=velocity, desired=desired, thrust=thrust)
 
 
 def attitude_loops(
-    memory: Memory, setpoint: Setpoint, state: StateEstimate, firmware: Generation
+    memory: Memory,
+    setpoint: Setpoint,
+    state: StateEstimate,
+    firmware: Generation,
+    platform: Platform,
 ) -> Memory:
     """Returns the attitude and rate PIDs: what torque to ask for.
 
@@ -191,14 +203,14 @@ def attitude_loops(
     desired = jnp.concatenate([tilt, memory.desired[2:]])
     thrust = jnp.where(mode[2] == DISABLE, setpoint.thrust, memory.thrust)
     attitude, reference = pid(
-        memory.attitude, desired, state.attitude, ATTITUDE_GAINS, firmware, heading=True
+        memory.attitude, desired, state.attitude, platform.attitude, firmware, heading=True
     )
     # Only roll and pitch: a yaw rate has moved the desired yaw instead.
     by_rate = (mode[3:] == VELOCITY) & np.array([True, True, False])
     reference = jnp.where(by_rate, setpoint.body_rates, reference)
     if firmware == "2021.10":
         attitude = choose(by_rate, PIDMemory(jnp.zeros(3), jnp.zeros(3)), attitude)
-    rate, torque = pid(memory.rate, reference, state.body_rates, RATE_GAINS, firmware)
+    rate, torque = pid(memory.rate, reference, state.body_rates, platform.rate, firmware)
     return memory._replace(
         attitude=attitude, rate=rate, desired=desired, thrust=thrust, torque=cut(torque)
     )
@@ -242,6 +254,7 @@ def tick(
     position_due: Bool[Array, ""] | bool,
     attitude_due: Bool[Array, ""] | bool = True,
     mixer: Mixer | None = None,
+    platform: Platform = USUAL,
 ) -> tuple[Memory, Float[Array, "4"]]:
     """Returns one tick of the cascade.
 
@@ -256,6 +269,7 @@ def tick(
         position_due: whether position and velocity PIDs run, as they do at 100 Hz.
         attitude_due: whether attitude and rate PIDs run, as they do at 500 Hz.
         mixer: see `mix`.
+        platform: whose gains the PIDs have; static.
 
     Returns:
         Memory, and the four motors' commands [counts], not yet compensated for the battery.
@@ -282,8 +296,12 @@ def tick(
     yaw = wrap(jnp.where(setpoint.mode[5] == VELOCITY, heading, yaw_setpoint))
     memory = choose(attitude_due, memory._replace(desired=with_third(memory.desired, yaw)), memory)
     if position_due is not False:
-        memory = choose(position_due, position_loops(memory, setpoint, state, firmware), memory)
-    memory = choose(attitude_due, attitude_loops(memory, setpoint, state, firmware), memory)
+        memory = choose(
+            position_due, position_loops(memory, setpoint, state, firmware, platform), memory
+        )
+    memory = choose(
+        attitude_due, attitude_loops(memory, setpoint, state, firmware, platform), memory
+    )
     memory = choose(memory.thrust == 0.0, stopped(memory), memory)
     return memory, mix(memory.thrust, memory.torque, firmware, mixer)
 

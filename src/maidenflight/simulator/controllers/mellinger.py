@@ -2,8 +2,8 @@
 
 Unlike the cascaded PID it takes a full state: position, velocity, acceleration and body rates of
 the reference. All of it runs at 500 Hz. Its gains are in the firmware's units, newtons for the
-desired force and counts for the torques, and its two constants of the drone, a mass of 27 g and
-132,000 counts a newton, stay what they are whatever drone flies.
+desired force and counts for the torques. Of the drone it knows the platform's mass and 132,000
+counts a newton, which stay what they are whatever flies.
 
 Source: Mellinger and Kumar 2011, "Minimum snap trajectory generation and control for quadrotors",
 sec. III; Crazyflie firmware 2021.10, src/modules/src/controller_mellinger.c. As in the firmware the
@@ -23,8 +23,9 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from maidenflight.parameters.frames import Mixer
+from maidenflight.parameters.platforms import Platform
 from maidenflight.simulator.controllers.control import Controller
-from maidenflight.simulator.controllers.firmware import cut, mix
+from maidenflight.simulator.controllers.firmware import USUAL, cut, mix
 from maidenflight.simulator.controllers.pid import ATTITUDE_RATE, Generation, generation_of
 from maidenflight.simulator.controllers.position_pid import EXCITATION
 from maidenflight.simulator.physics import rotations
@@ -34,8 +35,6 @@ from maidenflight.simulator.tasks.trajectories import Trajectory
 
 Vector = Float[Array, "3"]
 
-MASS_KG = 0.027
-"""CF_MASS."""
 COUNTS_PER_NEWTON = 132000.0
 """massThrust."""
 GRAVITY = 9.81
@@ -125,6 +124,7 @@ def tick(
     state: Measurement,
     firmware: Generation = "2021.10",
     mixer: Mixer | None = None,
+    platform: Platform = USUAL,
 ) -> tuple[Memory, Float[Array, "4"]]:
     """Returns one tick of 2 ms.
 
@@ -134,6 +134,7 @@ def tick(
         state: what is measured.
         firmware: generation of the mixer; static.
         mixer: of another frame than the firmware's X; static.
+        platform: whose mass it takes for the drone's; static.
 
     Returns:
         Memory, and the four motors' commands [counts], not yet compensated for the battery.
@@ -142,7 +143,7 @@ def tick(
     place = jnp.clip(memory.position + error * PERIOD, -POSITION_LIMIT, POSITION_LIMIT)
     lift = target.acceleration + jnp.array([0.0, 0.0, GRAVITY])
     p, d, i = POSITION
-    force = MASS_KG * lift + p * error + d * (target.velocity - state.velocity) + i * place
+    force = platform.mass * lift + p * error + d * (target.velocity - state.velocity) + i * place
     x, y, z = (jnp.stack(axis) for axis in rotations.axes(state.quaternion))
     thrust = COUNTS_PER_NEWTON * jnp.dot(force, z)
     to_x, to_y, to_z = desired_axes(force)
@@ -195,6 +196,7 @@ def _mellinger(
     firmware: Generation,
     full_scale_counts: float,
     mixer: Mixer | None = None,
+    platform: Platform = USUAL,
 ) -> Controller:
     interface = replace(EXCITATION, name="mellinger", full_scale_counts=full_scale_counts)
 
@@ -206,8 +208,8 @@ def _mellinger(
         if reference is not None:
             time = jnp.asarray(memory.step, jnp.float32) * PERIOD
             target = full_state(reference, time, setpoint)
-        memory, motors = tick(memory, target, measurement, firmware, mixer)
+        memory, motors = tick(memory, target, measurement, firmware, mixer, platform)
         return memory, jnp.maximum(motors / full_scale_counts + action, 0.0)
 
-    mixed = partial(_mellinger, reference, firmware, full_scale_counts)
-    return Controller(interface, switched_on, command, ATTITUDE_RATE, mixed)
+    fitted = partial(_mellinger, reference, firmware, full_scale_counts)
+    return Controller(interface, switched_on, command, ATTITUDE_RATE, fitted)

@@ -9,8 +9,16 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from maidenflight.parameters.frames import Mixer
+from maidenflight.parameters.platforms import Platform
 from maidenflight.simulator.controllers.control import NOTHING, Controller, Heading, sensed
-from maidenflight.simulator.controllers.firmware import ABSOLUTE, DISABLE, Memory, switched_on, tick
+from maidenflight.simulator.controllers.firmware import (
+    ABSOLUTE,
+    DISABLE,
+    USUAL,
+    Memory,
+    switched_on,
+    tick,
+)
 from maidenflight.simulator.controllers.interface import ControlInterface
 from maidenflight.simulator.controllers.pid import (
     ATTITUDE_RATE,
@@ -63,17 +71,21 @@ def position_pid(firmware: str = "2021.10", full_scale_counts: float = COUNTS) -
 
 @cache
 def _position_pid(
-    firmware: Generation, interface: ControlInterface, mixer: Mixer | None = None
+    firmware: Generation,
+    interface: ControlInterface,
+    mixer: Mixer | None = None,
+    platform: Platform = USUAL,
 ) -> Controller:
-    cascade = partial(_cascade, firmware, interface, mixer)
-    mixed = partial(_position_pid, firmware, interface)
-    return cascade(None)._replace(mixed=mixed, turning=cascade)
+    cascade = partial(_cascade, firmware, interface, mixer, platform)
+    fitted = partial(_position_pid, firmware, interface)
+    return cascade(None)._replace(fitted=fitted, turning=cascade)
 
 
 def _cascade(
     firmware: Generation,
     interface: ControlInterface,
     mixer: Mixer | None,
+    platform: Platform,
     heading: Heading | None,
 ) -> Controller:
     mode: Any = np.array([ABSOLUTE, ABSOLUTE, ABSOLUTE, DISABLE, DISABLE, ABSOLUTE], np.int32)
@@ -91,7 +103,7 @@ def _cascade(
             target = target._replace(attitude=jnp.zeros(3).at[2].set(yaw))
         due = memory.step % every == 0
         inner, motors = tick(
-            memory.firmware, target, sensed(measurement), firmware, position_due=due, mixer=mixer
+            memory.firmware, target, sensed(measurement), firmware, due, True, mixer, platform
         )
         added = jnp.maximum(motors / interface.full_scale_counts + action, 0.0)
         return CascadeMemory(inner, memory.step + 1), added

@@ -11,11 +11,10 @@ from jax import tree
 from jaxtyping import Array, Bool, Float
 
 from maidenflight.parameters.frames import CRAZYFLIE, Mixer
-from maidenflight.simulator.controllers.firmware import choose, cut, mix
+from maidenflight.parameters.platforms import Platform
+from maidenflight.simulator.controllers.firmware import USUAL, choose, cut, mix
 from maidenflight.simulator.controllers.pid import (
     ATTITUDE_RATE,
-    RATE_GAINS,
-    YAW_GAINS,
     Generation,
     PIDMemory,
     pid,
@@ -24,7 +23,9 @@ from maidenflight.simulator.controllers.pid import (
 from maidenflight.simulator.physics.vectors import each, like
 
 
-def balancing(motors: Float[Array, "4"], mixer: Mixer | None = None) -> PIDMemory:
+def balancing(
+    motors: Float[Array, "4"], mixer: Mixer | None = None, platform: Platform = USUAL
+) -> PIDMemory:
     """Returns the rate PIDs that have hovered a drone.
 
     Their integrals hold the torque that it takes.
@@ -34,10 +35,12 @@ def balancing(motors: Float[Array, "4"], mixer: Mixer | None = None) -> PIDMemor
     Args:
         motors: commands that hover it [counts].
         mixer: see `mix`.
+        platform: whose gains the PIDs have.
     """
     turning = np.linalg.pinv(np.array(CRAZYFLIE if mixer is None else mixer))[1:]
-    integral = (turning @ motors) / RATE_GAINS.integral
-    limit = RATE_GAINS.integral_limit
+    rows = platform.rate.integral, platform.rate.integral_limit
+    gains, limit = (np.array(row, np.float32) for row in rows)
+    integral = (turning @ motors) / gains
     return PIDMemory(jnp.clip(integral, -limit, limit), jnp.zeros(3))
 
 
@@ -66,6 +69,7 @@ def rate_tick(
     body_rates: Float[Array, "3"],
     firmware: Generation,
     mixer: Mixer | None = None,
+    platform: Platform = USUAL,
 ) -> tuple[RateMemory, Float[Array, "4"]]:
     """Runs `tick` for body rate set-points only, without the loops that do not matter then.
 
@@ -77,6 +81,7 @@ def rate_tick(
         body_rates: measured [deg/s]; `vectors.Entries`, where the memory's vectors are.
         firmware: generation; static.
         mixer: see `mix`.
+        platform: whose gains the PIDs have; static.
 
     Returns:
         Memory, and the four motors' commands [counts]; vectors as `body_rates` is one.
@@ -91,9 +96,9 @@ def rate_tick(
     )
     memory = choose(memory.first, stopped, memory)
     heading = wrap(memory.heading + setpoint[2] * (1 / ATTITUDE_RATE))
-    turning, turn = pid(memory.yaw, heading, yaw, YAW_GAINS, firmware, heading=True)
+    turning, turn = pid(memory.yaw, heading, yaw, platform.attitude, firmware, heading=True)
     desired = like(body_rates, [setpoint[0], setpoint[1], turn])
-    rate, motors = follow_rates(memory.rate, thrust, desired, body_rates, firmware, mixer)
+    rate, motors = follow_rates(memory.rate, thrust, desired, body_rates, firmware, mixer, platform)
     after = RateMemory(turning, rate, heading, stopped.first)
     return choose(thrust == 0.0, stopped, after), motors
 
@@ -105,6 +110,7 @@ def follow_rates(
     body_rates: Float[Array, "3"],
     firmware: Generation,
     mixer: Mixer | None = None,
+    platform: Platform = USUAL,
 ) -> tuple[PIDMemory, Float[Array, "4"]]:
     """Runs the rate PIDs alone; no thrust stops the motors and resets them.
 
@@ -115,13 +121,14 @@ def follow_rates(
         body_rates: measured [deg/s].
         firmware: generation; static.
         mixer: see `mix`.
+        platform: whose gains the PIDs have; static.
 
     Returns:
         Memory, and the four motors' commands [counts].
 
     Source: controller_pid.c, controllerPid.
     """
-    after, torque = pid(memory, setpoint, body_rates, RATE_GAINS, firmware)
+    after, torque = pid(memory, setpoint, body_rates, platform.rate, firmware)
     off = thrust == 0.0
     memory = tree.map(lambda value: jnp.where(off, 0.0, value), after)
     torque = each(lambda about: jnp.where(off, 0.0, cut(about)), torque)

@@ -247,6 +247,7 @@ _UNCHANGED = (
     "height_walk",
     "velocity_walk",
     "turn_drift",
+    "platform",
 )
 """What a drone about another has as that one."""
 
