@@ -60,6 +60,7 @@ class Output:
     default: str | None
     """Path by default; `None`: nothing is written, or the verb chooses."""
     help: str
+    """Nothing where the choice is not shown."""
 
 
 @dataclass_transform(kw_only_default=True, frozen_default=True)

@@ -573,3 +573,11 @@ def test_two_processes_learn_what_one_does_and_share_its_checkpoint(
         np.testing.assert_allclose(
             two[name].astype(float), one[name].astype(float), rtol=1e-3, atol=1e-3
         )
+
+
+def test_training_that_changes_nothing_is_refused() -> None:
+    before = {"weights": np.ones(3), "bias": np.zeros(2)}
+    module._must_have_learned(before, before | {"bias": np.array([0.0, 1e-3])}, 0, 10)
+    module._must_have_learned(before, before, 10, 10)
+    with pytest.raises(InputError, match="0 to 10"):
+        module._must_have_learned(before, before, 0, 10)

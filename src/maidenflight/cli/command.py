@@ -150,7 +150,9 @@ def _common_options(verb: type[Verb], rare: bool) -> list[click.Parameter]:
     default_text = f" [default: {verb.output.default}]" if verb.output.default else ""
     help = f"{verb.output.help}{default_text}"
     options: list[click.Parameter] = [
-        click.Option(["-o", "--output"], type=click.Path(), metavar="PATH", help=help)
+        click.Option(
+            ["-o", "--output"], type=click.Path(), metavar="PATH", help=help, hidden=not help
+        )
     ]
     help = "Print one JSON object, and nothing else, on standard output."
     options.append(click.Option(["as_json", "--json"], is_flag=True, help=help))

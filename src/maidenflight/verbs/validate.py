@@ -56,7 +56,7 @@ class Validate(Verb):
     output = Output(
         run_folder.VALIDATION.name,
         f"CSV file for the errors and their intervals; {run_folder.CALIBRATION.name} with "
-        "--calibration.",
+        "--calibration; beside DRONE.",
     )
     fused = True
 

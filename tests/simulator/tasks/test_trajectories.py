@@ -395,3 +395,11 @@ def test_a_course_starts_at_rest_and_is_smooth_and_as_fast_as_its_parts():
     assert np.ptp(points(course, times)[:, 2]) > 0.3
     assert courses.random_course(120.0, seed=0) is course
     assert np.abs(points(courses.random_course(120.0, seed=1), times) - points(course, times)).max()
+
+
+def test_a_function_that_makes_no_task_is_refused_in_a_line(tmp_path, monkeypatch):
+    (tmp_path / "own_tasks.py").write_text("def reward(state, setpoint): return 1.0\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(InputError, match=r"own_tasks:reward.*setpoint"):
+        tasks.find_task("own_tasks:reward")

@@ -26,7 +26,7 @@ class App(Verb):
     """
 
     in_studies, replaces = False, False
-    output = Output(None, "Of no use here: steps write to FOLDER.")
+    output = Output(None, "")
 
     folder: Path = setting(path("a folder"), Path(), argument=True)
     port: int = setting(whole(0, 65535), 0, "Port; 0: one that is free.", group="Server")

@@ -369,7 +369,13 @@ def find_task(name: str) -> Task:
     if name.endswith(".csv"):
         return tracking(*read_reference(name))
     part = import_part(name, "task")
-    task = part if isinstance(part, Task) or not callable(part) else part()
+    try:
+        task = part if isinstance(part, Task) or not callable(part) else part()
+    except TypeError as error:
+        raise InputError(
+            f"{name}: {error}. Expected a Task, or a function without arguments that makes one; a "
+            "reward of your own is task._replace(reward=...)."
+        ) from error
     if not isinstance(task, Task):
         raise InputError(
             f"{name}: is a {type(task).__name__}; expected a Task, such as "
