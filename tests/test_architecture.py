@@ -276,9 +276,9 @@ MOST = {
     "closure of identify": 108,
     "closure of train": 56,
     "closure of export": 29,
-    "log to drone.toml: stops": 738,
+    "log to drone.toml: stops": 744,
     "log to drone.toml: modules": 120,
-    "log to drone.toml: names": 971,
+    "log to drone.toml: names": 979,
     "drone to policy: stops": 337,
     "drone to policy: modules": 70,
     "drone to policy: names": 500,
@@ -291,9 +291,9 @@ MOST = {
     "study to table: stops": 75,
     "study to table: modules": 14,
     "study to table: names": 123,
-    "constants": 745,
-    "constants without a source": 585,
-    "lines": 61_494,
+    "constants": 747,
+    "constants without a source": 586,
+    "lines": 61_650,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

@@ -213,8 +213,8 @@ def test_equal_notes_are_said_once() -> None:
         *("a.csv: battery assumed", "b.csv: battery empty", "c.csv: battery assumed"),
         "10 of 20 s used",
     ) == ["  2 files: battery assumed", "  b.csv: battery empty", "  10 of 20 s used"]
-    many = said(*(f"a.csv: {number} rows dropped" for number in range(8)))
-    assert len(many) == 7
+    many = said(*(f"a.csv: {number} rows dropped" for number in range(12)))
+    assert len(many) == 11
     assert many[-1] == "  and 2 more; --json lists them all"
 
 

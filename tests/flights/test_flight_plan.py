@@ -150,3 +150,10 @@ def test_what_is_no_file_is_refused(tmp_path):
     for path in (tmp_path / "none.toml", tmp_path):
         with pytest.raises(InputError):
             flight_plan.read(path)
+
+
+def test_a_pilot_flies_by_hand_what_follows_setpoints() -> None:
+    by_hand = {kind: Manoeuvre(kind).by_hand for kind in KINDS}
+    assert [kind for kind, sticks in by_hand.items() if not sticks] == [MOTORS]
+    assert by_hand["steps_z"] == by_hand["chirp_z"] != by_hand["steps_x"]
+    assert by_hand["steps_yaw"] != by_hand["random_yaw"]

@@ -96,6 +96,8 @@ def test_a_signal_that_is_not_used_is_named_with_the_reason(
     log.write(tmp_path / "dead.csv", replace(sensed(), accelerometer=dead, rotor_speed=None))
     _, out, _ = command(f"log {tmp_path}/dead.csv")
     lines = {one.partition(" (")[0]: one for one in out.splitlines() if one.startswith("not used")}
+    assert out.count("never change") == 1
+    assert "1 file, 1 usable piece of flight" in out
     assert set(lines) == {"not used: accelerometer", "not used: rotor speed"}
     assert "never change" in lines["not used: accelerometer"]
     assert "not logged" in lines["not used: rotor speed"]

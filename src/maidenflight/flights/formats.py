@@ -70,6 +70,8 @@ class Recording(NamedTuple):
     """Whether others begin as they do, so that its ending must fit too."""
     within: bytes = b""
     """What the beginning of files with its further endings holds if the first bytes are lost."""
+    setting: str = ""
+    """What makes its recorder log what identification needs, for people; "" if nothing is known."""
 
 
 LogFormat = TableFormat | PackedTable | Recording
@@ -174,6 +176,12 @@ def _by_map(map_file: Path) -> TableFormat:
 
 def _with_notes(part: Table, logs: LoggedFlights) -> LoggedFlights:
     return logs[0], [*part.notes, *logs[1]]
+
+
+def settings(files: Iterable[Path]) -> list[str]:
+    """Returns what to set on the recorders of files, each once, where it is known."""
+    kinds = [kind for file in files if (kind := _recording(file)) is not None]
+    return list(dict.fromkeys(kind.setting for kind in kinds if kind.setting))
 
 
 def unknown(table: Table) -> str:

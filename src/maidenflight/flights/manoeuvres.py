@@ -100,6 +100,19 @@ KINDS: Mapping[str, Wave] = {
 of `motors` the share of full thrust by which each motor's command is raised or lowered."""
 
 
+_STICKS: Mapping[str, str] = {
+    HOVER: "hover",
+    "circle": "circles",
+    "x": "quick pitches to and fro",
+    "y": "quick rolls to and fro",
+    "z": "climb and sink",
+    "yaw": "yaw to and fro",
+    "random": "short hard moves of all sticks but yaw",
+    "random_yaw": "short hard moves of all sticks",
+}
+"""What a pilot flies instead of a kind, or of one that ends with it."""
+
+
 @dataclass(frozen=True)
 class Manoeuvre:
     """One way to fly about a point."""
@@ -125,6 +138,11 @@ class Manoeuvre:
     def by_setpoints(self) -> bool:
         """Whether a real drone that follows positions and yaw can fly it."""
         return self.kind != MOTORS
+
+    @property
+    def by_hand(self) -> str:
+        """What a pilot flies instead; nothing where only a simulator can."""
+        return _STICKS.get(self.kind, _STICKS.get(self.kind.rpartition("_")[2], ""))
 
     def setpoints(self, seconds: float, seed: int) -> Float[np.ndarray, "N 4"]:
         """Returns the position [m] relative to the point, and yaw [rad], each 10 ms."""

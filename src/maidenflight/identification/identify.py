@@ -24,7 +24,11 @@ from maidenflight.identification.outcome.estimates import (
     note_worse_than_start,
     notes_on,
 )
-from maidenflight.identification.outcome.narrowing import advise
+from maidenflight.identification.outcome.narrowing import (
+    advise,
+    inseparable_from_thrust,
+    note_inseparable,
+)
 from maidenflight.identification.outcome.plausible import ExpectedInterval, prior_ranges
 from maidenflight.identification.outcome.problem import AUTO, Problem
 from maidenflight.identification.outcome.progress import Progress
@@ -115,6 +119,8 @@ def _result(problem: Problem, found: Found) -> Identification:
     delays = lag.delay_evidence(motors, joint.draws, unidentifiable, joint.drone)
     gains = tuple(gain for one in found.answers for gain in one.gains)
     segments = found.answers[0].best.model.segments
+    inseparable = inseparable_from_thrust(joint.estimates, joint.draws, problem.flights)
+    others = {name: one for name, one in joint.estimates.items() if name not in inseparable}
     return Identification(
         parameters=check(joint.drone, "identified parameters"),
         estimates=joint.estimates,
@@ -128,11 +134,12 @@ def _result(problem: Problem, found: Found) -> Identification:
         evaluations=sum(len(values) for _, values in joint.runs),
         search=evaluations_table(joint.box, joint.runs),
         posterior=Posterior(joint.draws),
-        advice=advise(joint.estimates, unidentifiable, joint.draws, motors),
+        advice=advise(joint.estimates, unidentifiable, joint.draws, motors, inseparable),
         gains=gains,
         noise=found.noise,
         notes=(
-            *notes_on(joint.estimates, segments, problem.by_battery_law),
+            *notes_on(others, segments, problem.by_battery_law),
+            *note_inseparable(inseparable, problem.flights),
             *note_gains_lost(gains),
             *found.notes,
             *joint.notes,

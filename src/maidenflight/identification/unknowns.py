@@ -52,7 +52,7 @@ _QUICK = "turn quickly about x and y, at 250 Hz or more"
 _FAST = "fly faster than 1 m/s along x and y"
 _CUT = "cut the throttle now and then"
 _YAW = "yaw to and fro"
-_THROTTLE = "use throttle from a fifth to four fifths"
+_THROTTLE = "climb and sink with a fifth to four fifths of the throttle"
 _KINDS: Mapping[str, Unknown] = {
     "thrust_to_weight": Unknown(
         # `box.thrust_bound` says where above a drone's own it ends.
@@ -74,9 +74,7 @@ _KINDS: Mapping[str, Unknown] = {
     ),
     "spin_down_ratio": Unknown(Ends(0.2, 5.0), Ends(0.7, 2.5), _CUT, is_logarithmic=True),
     "motor_coasting": Unknown(Ends(0.0, 0.5), Ends(0.0, 0.16), _CUT, step=5e-3),
-    "thrust_offset": Unknown(
-        Ends(-0.5, 0.5), Ends(-0.5, 0.5), "use throttle from a fifth to four fifths", step=1e-2
-    ),
+    "thrust_offset": Unknown(Ends(-0.5, 0.5), Ends(-0.5, 0.5), _THROTTLE, step=1e-2),
     "thrust_linear": Unknown(Ends(0.0, 1.0), Ends(0.0, 1.0), _THROTTLE, step=1e-2),
     # Rotors have 0.06 to 0.15 of their diameter, which is about an arm.
     "torque_to_thrust": Unknown(Ends(0.02, 20.0, "arm"), Ends(0.5, 1.5, "start"), _YAW, step=1e-4),

@@ -1,6 +1,6 @@
 """Output of identified parameters, and of how well they fit."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from maidenflight.identification.evidence import DELAY, agreements
@@ -14,7 +14,7 @@ from maidenflight.verbs.logs_output import scale_of
 
 _MAIN = ("thrust_to_weight", "motor_time_constant", "latency")
 """The parameters of the paper."""
-_KEPT = (
+_LEGEND = (
     "start's: not identified, the value of --start stays; usual: what drones have, with which the "
     "lag is told"
 )
@@ -60,7 +60,7 @@ def tabulate_estimates(
     return [
         Table("Identified parameters", columns | {"unit": "{unit}"}, rows, tuple(columns)[:2:-1]),
         "between flights: standard deviation from one flight, or segment of it, to the next",
-        *([_KEPT] if result.unidentified else []),
+        *([_LEGEND] if result.unidentified else []),
         *(["between trials: standard deviation, of the optimiser only"] if replayed else []),
     ]
 
@@ -74,8 +74,13 @@ def _two_digits(value: float) -> str:
     return f"{float(f'{value:.2g}'):g}"
 
 
-def summarize(result: Identification) -> list[str]:
-    """Returns a line on what was identified, and one on what was not."""
+def summarize(result: Identification, settings: Sequence[str] = ()) -> list[str]:
+    """Returns a line on what was identified, one on what was not, and what to fly next.
+
+    Args:
+        result: of the identification.
+        settings: what to set on autopilots that recorded the logs, which take no plan.
+    """
     names = list(result.estimates)
     main = [name for name in _MAIN if name in names] or names[: len(_MAIN)]
     values = []
@@ -94,18 +99,26 @@ def summarize(result: Identification) -> list[str]:
         "posterior covers the plausible ranges"
         if left_out
         else "not identified: nothing; the flights determine every parameter that was fitted",
-        *_name_advice(result),
+        *_name_advice(result, settings),
         *_describe_thrust(result),
     ]
 
 
-def _name_advice(result: Identification) -> list[str]:
-    """Returns what to log or fly for narrower intervals, in one line."""
+def _name_advice(result: Identification, settings: Sequence[str]) -> list[str]:
+    """Returns what to log or fly for narrower intervals, and how this autopilot logs it."""
     actions: dict[str, list[str]] = {}
     for one in result.advice:
         actions.setdefault(one.action, []).append(one.parameter)
     text = "; ".join(f"{action} ({', '.join(names)})" for action, names in actions.items())
-    return [f"to narrow them: {text}; or maidenflight plan"] if actions else []
+    if not actions:
+        return []
+    if not settings:
+        return [f"to narrow them: {text}; or maidenflight plan"]
+    logs = any(action.startswith("log ") for action in actions)
+    return [
+        f"to narrow them, by hand in one flight: {text}",
+        *(f"to log it so, {one}" for one in settings if logs),
+    ]
 
 
 def describe_advice(result: Identification) -> list[str]:
@@ -126,10 +139,12 @@ def _describe_thrust(result: Identification) -> list[str]:
     if HOVERING not in result.estimates or result.source.simulated:
         return []
     drone = result.parameters
-    full = float(drone.mass * drone.gravity * drone.thrust_to_weight)
+    weight = float(drone.mass * drone.gravity)
+    full = weight * float(drone.thrust_to_weight)
+    low, high = (weight * end for end in result.estimates[HOVERING].interval)
     return [
-        f"compare: full thrust {full:.3g} N, {full / 4:.3g} N a motor; a wrong scale of commands "
-        "shows nowhere else"
+        f"compare: full thrust {full:.3g} N [{low:.3g}, {high:.3g}], {full / 4:.3g} N a motor; a "
+        "wrong scale of commands shows nowhere else"
     ]
 
 

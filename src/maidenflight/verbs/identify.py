@@ -133,6 +133,7 @@ class Identify(Verb):
     def compute(self, output: Path, progress: Progress) -> Result:
         """Identifies; writes the drone, every evaluation and a picture."""
         from maidenflight.flights.checkup.result import warning_lines
+        from maidenflight.flights.formats import settings as recorder_settings
         from maidenflight.identification.outcome.progress import Overall
         from maidenflight.identification.outcome.progress import Progress as Stage
         from maidenflight.identification.start import note_mass, note_start_at_bounds
@@ -183,7 +184,7 @@ class Identify(Verb):
             summary=[
                 *(self._describe(flights, identification) if self.verbose else []),
                 *estimates_output.tabulate_estimates(identification),
-                *estimates_output.summarize(identification),
+                *estimates_output.summarize(identification, recorder_settings(flights.paths)),
             ],
             written={"drone": [output], "evaluations": [evaluations], "picture": [picture]},
             read={"logs": flights.paths},

@@ -70,6 +70,7 @@ class Log(Verb):
         written = [] if output is None else logs_output.write_logs(output, _name(flights), record)
         summaries = summarize_flights(flights)
         logs = [asdict(one) | {"is_calm": one.is_calm} for one in summaries]
+        unused = _describe_unused(logs, flights.notes)
         return Result(
             content={
                 **logs_output.to_content(flights),
@@ -83,10 +84,10 @@ class Log(Verb):
             summary=[
                 *(f"columns: {path}; look it through, and mend what is wrong" for path in maps),
                 *_tabulate(logs),
-                *_describe_unused(logs, flights.notes),
+                *unused,
                 *_tabulate_information(summaries),
                 *_tabulate_checks(flights),
-                *logs_output.describe_flights(flights),
+                *logs_output.describe_flights(flights, but=unused),
                 f"pictures: maidenflight report --logs {self.logs} -o look.html",
             ],
             written={"logs": written} if written else {},
@@ -168,7 +169,7 @@ def _describe_unused(logs: list[Row], notes: Sequence[str]) -> list[str]:
     from maidenflight.flights.log import OPTIONAL
 
     signals = {name for one in logs for name in one["signals"]}
-    reasons = []
+    reasons: dict[str, list[str]] = {}
     for signal in (*_STATE, "accelerometer", "rotor_speed", "battery"):
         if signal in signals:
             continue
@@ -176,8 +177,8 @@ def _describe_unused(logs: list[Row], notes: Sequence[str]) -> list[str]:
         names = (words, *OPTIONAL.get(signal, ())[:1])
         about = (one for one in notes if any(name in one.partition(": ")[2] for name in names))
         note = next(about, "")
-        reasons.append(f"{words} ({note.partition(': ')[2] or 'not logged'})")
-    return [f"not used: {one}" for one in reasons]
+        reasons.setdefault(note.partition(": ")[2] or "not logged", []).append(words)
+    return [f"not used: {', '.join(names)} ({reason})" for reason, names in reasons.items()]
 
 
 def _count_failing(flights: "Flights") -> str:
@@ -231,10 +232,11 @@ def _tabulate(logs: list[Row]) -> list[Table | str]:
     motion = {"log": "{name}", "speed": "{speed:.2f m/s}", "largest\ntilt": "{tilt:.0f deg}"}
     motion |= {"body\nrates": "{body_rates:.0f deg/s}", "mean\ncommand": "{command:.3f}"}
     motion |= {"SD of\nthrust": "{thrust_spread:.3f}", "SD of\ntorque": "{torque_spread:.3f}"}
-    calm = sum(one["is_calm"] for one in logs)
+    calm = [one["name"] for one in logs if one["is_calm"]]
+    which = f" ({first_few(calm)})" if len(calm) < len(logs) else ""
     remark = (
-        f"{calm} of {len(logs)} logs are calm: the motors differ little. Quick rolls and pitches "
-        "determine inertia, lag and latency better."
+        f"{len(calm)} of {len(logs)} logs are calm{which}: the motors differ little. Quick rolls "
+        "and pitches determine inertia, lag and latency better."
     )
     return [
         Table("Flight logs", holding, rows, ("battery",)),

@@ -14,7 +14,7 @@ from maidenflight.terminal import Progress
 
 _OTHER_THRUST = 1.35
 """Ratio of full thrust to weight of logs, by that of a start, beyond which a note is made."""
-_FEW_NOTES, _FEW_REFUSED = 6, 3
+_FEW_NOTES, _FEW_REFUSED = 10, 3
 """Lines on files for people."""
 
 
@@ -75,15 +75,24 @@ def to_content(flights: Flights) -> dict[str, Any]:
     }
 
 
-def describe_flights(flights: Flights, further: str = "") -> list[str]:
-    """Returns lines on what was read, dropped and refused."""
+def describe_flights(flights: Flights, further: str = "", but: Sequence[str] = ()) -> list[str]:
+    """Returns lines on what was read, dropped and refused, without notes that `but` repeats."""
     whole = (
-        f"{len(flights.paths)} files, {len(flights)} usable pieces of flight, "
+        f"{_count(len(flights.paths), 'file')}, {_count(len(flights), 'usable piece')} of flight, "
         f"{flights.duration:.0f} s{further}"
     )
-    dropped, refused = _group(flights.notes), _group(flights.refused)
-    head = [f"{len(flights.refused)} files refused:"] if refused else []
+    notes = [
+        note
+        for note in flights.notes
+        if not any((note.partition(": ")[2] or note) in one for one in but)
+    ]
+    dropped, refused = _group(notes), _group(flights.refused)
+    head = [f"{_count(len(flights.refused), 'file')} refused:"] if refused else []
     return [whole, *head, *_first(refused, _FEW_REFUSED), *_first(dropped, _FEW_NOTES)]
+
+
+def _count(number: int, word: str) -> str:
+    return f"{number} {word}{'s' * (number != 1)}"
 
 
 def _group(notes: Sequence[str]) -> list[str]:

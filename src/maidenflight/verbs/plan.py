@@ -110,6 +110,7 @@ class Plan(Verb):
             ],
             notes=flight_plan.notes,
             next=("record", "--plan", output),
+            next_remark="simulated",
             value=dataclasses.replace(flight_plan, plan=plan),
         )
 
@@ -143,4 +144,9 @@ def _summarize(flight_plan: "planning.PlanResult") -> list[Table | str]:
             f"take-off along x and y, {far.lowest:.2f} to {far.highest:.2f} m high, "
             f"{57.3 * far.tilt:.0f} deg of tilt, {far.speed:.1f} m/s"
         )
-    return parts
+    by_hand: dict[str, float] = {}
+    for block in plan.blocks:
+        sticks = block.manoeuvre.by_hand
+        by_hand[sticks] = by_hand.get(sticks, 0.0) + block.seconds
+    sticks = ", ".join(f"{name} {seconds:g} s" for name, seconds in by_hand.items() if name)
+    return [*parts, f"by hand, where an autopilot takes no plan (PX4, ArduPilot): {sticks}"]

@@ -234,15 +234,24 @@ def test_measured_speeds_are_no_commands_and_keep_their_order() -> None:
 
 
 @pytest.mark.parametrize("power", [0.5, 1.0])
-def test_the_force_decides_the_law_of_thrust(power: float) -> None:
-    """Columns called thrust are the square root of it, or thrust itself."""
+@pytest.mark.parametrize("shown_by", ["force", "force down", "velocity"])
+def test_the_force_decides_the_law_of_thrust(shown_by: str, power: float) -> None:
+    """Columns called thrust are the square root of it, or thrust itself; the force is late."""
     flight = driven()
     throttle = flight.command * (1 + 0.3 * np.sin(0.02 * np.arange(len(flight))))[:, None]
-    force = np.stack([0 * throttle[:, 0], 0 * throttle[:, 0], 16.0 * throttle.mean(axis=1)], axis=1)
+    late = np.interp(np.arange(len(flight)) - 6, np.arange(len(flight)), throttle.mean(axis=1))
+    force = np.zeros((len(flight), 3))
+    force[:, 2] = late * 9.81 / late.mean()
+    climb = np.cumsum(force - [0, 0, 9.81], axis=0) * flight.period
+    motion = {
+        "force": named("accel_x accel_y accel_z", force),
+        "force down": named("accel_x accel_y accel_z", -force),
+        "velocity": named("vel_x vel_y vel_z", climb),
+    }[shown_by]
     columns = {
         "timestamp": 1e6 * np.arange(len(flight)) * flight.period,
         **named("gyro_x gyro_y gyro_z", flight.body_rates),
-        **named("accel_x accel_y accel_z", force),
+        **motion,
         **named("thrust[0] thrust[1] thrust[2] thrust[3]", throttle**power),
     }
     found = proposal.propose(tables.Table("t.csv", polars.DataFrame(columns)))
@@ -265,6 +274,8 @@ def test_each_signal_may_have_a_clock_of_its_own(tmp_path: Path) -> None:
         **named("quat.w quat.x quat.y quat.z", quaternions(flight)[:, [3, 0, 1, 2]]),
         # Each row has the command of three rows before, and its time.
         "motor.time": np.roll(clock, late),
+        "bat.time": clock,
+        "bat.voltage": flight.battery,
         **named("motor.m1 motor.m2 motor.m3 motor.m4", np.roll(65535 * flight.command, late, 0)),
     }
     rows = {name: values[late:] for name, values in columns.items()}
@@ -275,6 +286,7 @@ def test_each_signal_may_have_a_clock_of_its_own(tmp_path: Path) -> None:
     assert_allclose(found.body_rates, flight.body_rates[late:][: len(found)], atol=1e-4)
     wanted = flight.command[late:][: len(found)] ** 2
     assert_allclose(found.command[:-late], wanted[:-late], atol=1e-3)
+    assert_allclose(found.battery, flight.battery[late:][: len(found)], rtol=1e-4)
 
 
 GOOD = """

@@ -149,7 +149,7 @@ def _signals(
     numbers = sorted(one for one in parts if one.isdigit())
     first = int(numbers[0]) if numbers else 0
     listed = tuple(parts[str(first + one)] for one in range(4) if str(first + one) in parts)
-    if "" in parts and words & _BATTERY:
+    if "" in parts and words & _BATTERY and not words & _CLOCK:
         yield "battery", (parts[""],)
     if vector or (len(numbers) == 3 and first == 0):
         signal = _vector(words, is_turn)

@@ -114,10 +114,14 @@ def _judge(table: Table, clock: str, names: Names) -> ColumnMap:
     if "motors" not in rows:
         return ColumnMap(sources)
     scale = _range(rows["motors"], names.signals["motors"])
-    force_rows = rows.get("accelerometer")
-    if force_rows is None:
+    if "accelerometer" in rows:
+        force = rows["accelerometer"][:, 2] * signs["accelerometer"][2]
+    elif "velocity" in rows:
+        climb = rows["velocity"][:, 2] * signs.get("velocity", (1, 1, 1))[2]
+        force = in_flight.GRAVITY + np.gradient(climb, time)
+    else:
         return ColumnMap(sources, scale)
-    return ColumnMap(sources, _judge_law(scale, time, rows["motors"], force_rows[:, 2]))
+    return ColumnMap(sources, _judge_law(scale, time, rows["motors"], force))
 
 
 def _are_speeds(motors: np.ndarray, names: Mapping[str, tuple[str, ...]]) -> bool:
@@ -140,8 +144,15 @@ def _judge_law(
     Thrust in proportion to the numbers changes by 1 % with them, its square by 2 %.
     """
     throttle = ((motors - scale.low) / (scale.high - scale.low)).mean(axis=1)
-    share, error = in_flight.elasticity(
-        [in_flight.changes(throttle, force, _typical(np.diff(time)))]
+    step = _typical(np.diff(time))
+    share, error = max(
+        (
+            in_flight.elasticity(
+                [in_flight.changes(np.interp(time - lag, time, throttle), force, step)]
+            )
+            for lag in _LAGS
+        ),
+        key=lambda one: one[0] / max(one[1], 1e-9),
     )
     if not 3 * error < share:
         return scale

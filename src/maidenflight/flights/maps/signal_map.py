@@ -69,9 +69,12 @@ def read_sources(
                 f"{path}: measured rotor speeds, but no commands of the motors, without which no "
                 "drone is identified. Log the commands too, and add [motors]."
             )
+        wrong = [
+            *([f"{', '.join(sorted(unknown))} unknown"] if unknown else []),
+            *([f"{', '.join(lacking)} missing"] if lacking else []),
+        ]
         raise InputError(
-            f"{path}: {', '.join(sorted(unknown)) or 'nothing'} unknown and "
-            f"{', '.join(lacking) or 'nothing'} missing; expected {', '.join(needed)}, and perhaps "
+            f"{path}: {' and '.join(wrong)}; expected {', '.join(needed)}, and perhaps "
             f"{', '.join(signal for signal in COUNTS if signal not in needed)}."
         )
     sources, motors = {}, Motors()

@@ -113,8 +113,10 @@ def _format_bound(name: str, bound: float) -> str:
 def _cure(name: str, bound: float, estimates: Mapping[str, Estimate], by_law: bool) -> str:
     bounds = estimates[name].bounds or (bound, bound)
     if name == "thrust_to_weight" and bound <= _HARDLY_FLIES:
-        return "logged commands hardly carry the drone: they are at their limit, or are read " + (
-            "by the wrong battery law (--battery-law)" if by_law else "on a wrong scale"
+        return (
+            "a drone that hardly flies explains the flights best: the accelerometer is wrong, "
+            + ("or the battery law (--battery-law)" if by_law else "or the scale of the commands")
+            + "; maidenflight log shows both"
         )
     if (
         name == "motor_time_constant"

@@ -305,5 +305,7 @@ def _signed(bits: int, width: int) -> int:
 
 
 FORMAT = Recording(
-    "Betaflight blackbox log", (".bbl", ".bfl"), b"H Product:Blackbox", flights, (".txt",)
+    *("Betaflight blackbox log", (".bbl", ".bfl"), b"H Product:Blackbox", flights, (".txt",)),
+    setting="Betaflight: blackbox_sample_rate for 500 Hz or more, acc_lpf_hz = 100, "
+    "dshot_bidir = ON for rotor speeds",
 )

@@ -109,6 +109,10 @@ def _renamed(fields: list[str], columns: np.ndarray) -> dict[str, np.ndarray]:
 
 
 FORMAT = Recording(
-    *("ArduPilot DataFlash", (), b"\xa3\x95\x80", flights, (".bin",)), within=b"\xa3\x95\x80"
+    *("ArduPilot DataFlash", (), b"\xa3\x95\x80", flights, (".bin",)),
+    within=b"\xa3\x95\x80",
+    setting="ArduPilot: LOG_BITMASK 438271, reboot; ESC telemetry for rotor speeds",
 )
-TEXT = Recording("ArduPilot DataFlash as text", (), b"FMT", flights, (".log",))
+TEXT = Recording(
+    "ArduPilot DataFlash as text", (), b"FMT", flights, (".log",), setting=FORMAT.setting
+)

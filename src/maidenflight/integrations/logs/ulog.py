@@ -102,4 +102,7 @@ def _changes(fields: Mapping[str, np.ndarray]) -> float:
     return float(sum(np.nanstd(values.astype(float)) for values in outputs))
 
 
-FORMAT = Recording("PX4 ULog", (".ulg",), b"ULog", flights)
+FORMAT = Recording(
+    *("PX4 ULog", (".ulg",), b"ULog", flights),
+    setting="PX4: SDLOG_PROFILE 17, reboot; bidirectional DShot for rotor speeds",
+)
