@@ -76,8 +76,8 @@ class Train(Verb):
     yaw_penalty: float | None = setting(
         number(0.0, 10.0),
         None,
-        "Cost of a radian of yaw, per control period; 0.1 keeps it near 0.",
-        usual="0.1 for our attitude_rate; 0",
+        "Cost of a radian of yaw, per control period.",
+        usual="0; 0.1 for attitude_rate",
     )
     paper_scales: bool = setting(
         flag(),
