@@ -282,9 +282,9 @@ MOST = {
     "drone to policy: stops": 337,
     "drone to policy: modules": 70,
     "drone to policy: names": 500,
-    "policy to flight: stops": 268,
+    "policy to flight: stops": 269,
     "policy to flight: modules": 54,
-    "policy to flight: names": 410,
+    "policy to flight: names": 412,
     "policy to C: stops": 46,
     "policy to C: modules": 12,
     "policy to C: names": 73,
@@ -293,7 +293,7 @@ MOST = {
     "study to table: names": 123,
     "constants": 747,
     "constants without a source": 586,
-    "lines": 61_650,
+    "lines": 61_656,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

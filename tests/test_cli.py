@@ -402,7 +402,7 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
 
 
 @pytest.mark.usefixtures("without_optimizations_once")
-@pytest.mark.slow
+@pytest.mark.night
 def test_policies_are_trained_over_what_flights_leave_possible(
     tmp_path: Path, command: Command
 ) -> None:

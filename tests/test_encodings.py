@@ -85,4 +85,4 @@ def test_output_in_any_encoding(encoding: str, folder: Path) -> None:
         check=False,
     )
     assert (done.returncode, b"Traceback" in done.stderr) == (0, False), done.stderr[-500:]
-    assert "1 files" in done.stdout.decode(encoding)
+    assert "1 file" in done.stdout.decode(encoding)

@@ -245,7 +245,7 @@ class Here:
 
 
 @pytest.mark.usefixtures("without_optimizations_once")
-@pytest.mark.slow
+@pytest.mark.night
 def test_figure_4_computes_gathers_and_draws_a_study_and_goes_on_where_it_was(
     figure_4: Any,
     tmp_path: Path,

@@ -33,7 +33,7 @@ def holds(estimate, name):
     return low <= float(component(DRONE.parameters, name)) <= high
 
 
-@pytest.mark.slow
+@pytest.mark.night
 def test_a_log_with_every_command_tells_a_lag_that_differs_up_and_down():
     estimates = identified(flights()).estimates
     assert {name for name in OVER if holds(estimates[name], name)} >= set(OVER) - {"latency"}

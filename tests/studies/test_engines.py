@@ -138,6 +138,7 @@ def test_nodes_and_drivers_that_are_killed_cost_what_was_under_way(
     assert all(ran[f"ended {value}"] >= 1 for value in range(1, 9))
 
 
+@pytest.mark.night
 def test_a_driver_of_this_machine_that_is_killed_or_interrupted_goes_on(tmp_path: Path) -> None:
     expected = prepared(tmp_path, count=16, more=1, seconds=0.4)
     driver = begun(tmp_path, "local")
@@ -166,6 +167,7 @@ def test_a_driver_of_this_machine_that_is_killed_or_interrupted_goes_on(tmp_path
     assert (tmp_path / "out" / "study.csv").read_bytes() == expected
 
 
+@pytest.mark.night
 def test_jobs_of_submitit_give_the_same_bytes_and_one_that_is_killed_is_begun_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -201,7 +201,7 @@ def test_no_environment_outweighs_the_others_by_more_than_it_may_on_any_device()
     np.testing.assert_allclose(4 * means[:, 0], expected, rtol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.night
 def test_a_share_of_the_drones_starts_anew_after_each_update() -> None:
     keys, drones = jax.random.split(jax.random.key(5), 1), 64
     drone = crazyflie()

@@ -66,7 +66,7 @@ def test_a_teacher_heeds_the_drone_and_hands_the_memory_on() -> None:
     np.testing.assert_array_equal(deaf(drones[0], seen), policy(seen))
 
 
-@pytest.mark.slow
+@pytest.mark.night
 def test_the_teacher_learns_first_then_the_policy_imitates_it_and_goes_on_alone() -> None:
     keys = jax.random.split(jax.random.key(5), 2)
     boxes = stacked([BOX, BOX])

@@ -74,7 +74,7 @@ def _survival(policies: Any) -> Any:
     return jax.vmap(one)(policies)
 
 
-@pytest.mark.slow
+@pytest.mark.night
 def test_training_makes_policies_fly_that_did_not(learned: Any) -> None:
     policies = jax.tree.map(
         lambda *leaves: jnp.concatenate(leaves),
@@ -88,7 +88,7 @@ def test_training_makes_policies_fly_that_did_not(learned: Any) -> None:
     assert np.max(survival[2:]) > 0.5, survival
 
 
-@pytest.mark.slow
+@pytest.mark.night
 def test_the_same_key_gives_the_same_policy_however_often_training_pauses() -> None:
     straight, paused = _learned(SMALLER, TINY, 4), _learned(SMALLER, TINY, 1, 4)
     for one, other in zip(jax.tree.leaves(straight), jax.tree.leaves(paused), strict=True):

@@ -484,7 +484,7 @@ def test_a_return_that_is_no_number_ends_training_and_keeps_what_was_good(
     assert [saved.read_bytes()] == kept
 
 
-@pytest.mark.slow
+@pytest.mark.night
 def test_a_policy_of_raptors_form_learns_and_is_trained_further() -> None:
     heard: list[Progress] = []
     asked: Any = (TASK, CONTROLLER, BOX, KEYS[:1])
@@ -530,10 +530,8 @@ def test_settings_of_no_method_are_refused() -> None:
         train(tasks.circle(), control.pwm(), BOX, KEYS, {})  # type: ignore[arg-type]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "method", ["AnalyticGradient", pytest.param("PPO", marks=pytest.mark.night)]
-)
+@pytest.mark.night
+@pytest.mark.parametrize("method", ["AnalyticGradient", "PPO"])
 def test_two_processes_learn_what_one_does_and_share_its_checkpoint(
     method: str, tmp_path: Path
 ) -> None:

@@ -64,8 +64,10 @@ def placed(learners: Learner, sharding: Learner, num_envs: int) -> Learner:
     devices = mesh(num_envs)
 
     def put(spec: PartitionSpec, leaf: Any) -> Any:
-        # XLA replicates arrays without content, such as the memory of a policy that has none.
-        there = NamedSharding(devices, spec if leaf.size else REPLICATED)
+        # XLA replicates arrays without content, such as the memory of a policy that has none, and
+        # all where there is one device.
+        is_shared = leaf.size and devices.size > 1
+        there = NamedSharding(devices, spec if is_shared else REPLICATED)
         if isinstance(leaf, jax.ShapeDtypeStruct):
             return jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=there)
         return jax.device_put(leaf, there)

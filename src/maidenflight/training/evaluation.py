@@ -145,6 +145,8 @@ def fly_drone_itself(
         drone: a point.
         key: random key.
     """
+    if not policies:
+        return []
     one = control.in_fitting_steps(drone, controller)
     still = task if task.floor is not None else task._replace(reset=_at_hover(task.reference))
     env = Environment.matching(one, still, controller, spec=policies[0].spec)

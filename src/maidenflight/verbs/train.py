@@ -341,7 +341,7 @@ class Train(Verb):
         own, task = self.drone_file.parameters, find_task(self.task)
         progress.move(learner.updates, learner.updates, "flying the drone itself")
         flights = fly_drone_itself(policies, task, self.controller, own, self.key)
-        faults = all_scores.find_falls(flights, self.drone)
+        faults = all_scores.find_falls(flights, Path(self.drone).name)
         written = folder.write_policies(output, policies, record, own, scores.table, faults)
         return Result(
             content={
@@ -352,7 +352,7 @@ class Train(Verb):
             summary=[
                 Table("Trained policies", scores.columns, scores.rows),
                 *all_scores.describe_training(
-                    scores.best, self._randomization, flights, self.drone
+                    scores.best, self._randomization, flights, Path(self.drone).name
                 ),
             ],
             notes=drones.describe_unknown(self.drone_file),

@@ -3,7 +3,8 @@
 About roll or pitch the loop is linear near hover: a discrete PID at 500 Hz, counts of torque that
 motors hold and that reach them after the latency, sqrt(u), the rotors' lag, the thrust's slope,
 inertia, and the gyro's filter. A zero-order hold with any delay has an exact discrete form, so that
-nothing is approximated but the lag of motors that slow down slower than they speed up: its mean.
+nothing is approximated but the lag of motors that slow down slower than they speed up, by
+`dynamics.equivalent_lag`.
 
 Source: Åström and Wittenmark 1997, Computer-controlled systems, sec. 2.3 (hold and fractional
 delay) and 3.3 (margins); the loop is that of `rate_loops`.
@@ -108,8 +109,7 @@ def rate_loop(
     arms = np.asarray(drone.rotor_thrust) * frames.levers(drone)[:, axis]
     inertia = float(drone.inertia[axis])
     torque = float(mixer @ arms) * most * slope / inertia
-    ratio = (1.0 + float(drone.spin_down_ratio)) / 2.0
-    lag = float(drone.motor_time_constant) * ratio
+    lag = float(dynamics.equivalent_lag(drone.motor_time_constant, drone.spin_down_ratio))
     filtering = max(float(drone.gyro_time_constant), 1e-6)
     rates = np.array(
         [
