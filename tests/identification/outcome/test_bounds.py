@@ -129,7 +129,7 @@ def test_a_lag_that_is_seen_has_the_bounds_of_what_was_tried():
     both = searched | {"spin_down_ratio": estimate(3.0, (0.2, 5.0))}
     narrower = np.array(LAG_BOUNDS) / equivalent_lag(1.0, 3.0)
     bounds = equivalent_lag_estimates(both)["motor_time_constant"].bounds
-    np.testing.assert_allclose(bounds, narrower)
+    assert bounds == pytest.approx(tuple(narrower))
     asked = equivalent_lag_estimates({"motor_time_constant": estimate(0.06, (0.05, 0.06))})
     assert "--bounds" in at_bounds(asked)["motor_time_constant"]
 

@@ -12,8 +12,8 @@ GENERATIONS = ("2021.10", "2026.08")
 
 def updated(memory, desired, measured, limit, generation, heading=False):
     """Three PIDs with gains and limits of our own; the third has no integral part."""
-    rows = ([2, 3, 4], [0.5, 1, 0], [0.1, 0, 0.2], [0.3, 0.2, 0.1], [limit] * 3)
-    return pid(memory, desired, measured, Gains(*map(tuple, rows)), generation, 100, heading)
+    rows = (2, 3, 4), (0.5, 1, 0), (0.1, 0, 0.2), (0.3, 0.2, 0.1), (limit, limit, limit)
+    return pid(memory, desired, measured, Gains(*rows), generation, 100, heading)
 
 
 @pytest.mark.parametrize(
