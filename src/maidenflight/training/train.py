@@ -170,7 +170,6 @@ def train(
     )
     for number in to_score:
         first, learners = ends[number - 1] if number else 0, state.learners
-        before = tree.map(np.array, learners.policy.network)
         for start, end in pairwise(_parts(first, ends[number], on_update is not None)):
             learners = method.update(env, settings, drones, learners, keys, start, end)
             if on_update is not None:
@@ -179,7 +178,9 @@ def train(
         if compilation is not None:
             compilation.join()
         scores = evaluate_together(env, settings.num_envs, learners.policy, starts)
-        _must_have_learned(before, learners.policy.network, first, ends[number])
+        _must_have_learned(
+            state.learners.policy.network, learners.policy.network, first, ends[number]
+        )
         if not np.all(np.isfinite(scores.episode_return)):
             hint = f" {path} holds the training as it was at update {first}."
             raise InputError(
@@ -194,8 +195,8 @@ def train(
     return tuple(tree.map(itemgetter(number), state.best) for number in range(len(keys)))
 
 
-def _must_have_learned(before: Any, network: Any, first: int, end: int) -> None:
-    if end > first and tree.all(tree.map(np.array_equal, before, tree.map(np.array, network))):
+def _must_have_learned(before: Any, after: Any, first: int, end: int) -> None:
+    if end > first and tree.all(tree.map(np.array_equal, before, after)):
         raise InputError(
             f"updates {first} to {end} changed nothing: no gradient of the reward is a number. "
             "jnp.linalg.norm has none at 0, jnp.sqrt(x @ x + 1e-12) has; or train by PPO."
