@@ -3,16 +3,19 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import polars
 import pytest
 
 from made_flights import calm
 from maidenflight import run_folder
 from maidenflight.disturbances import horizons
+from maidenflight.disturbances.fitting import DisturbanceModel, start_processes
 from maidenflight.disturbances.horizons import PERSISTENCE, SUMS, WITH_DISTURBANCES
 from maidenflight.flights.checkup.result import PASSES, CheckResult
 from maidenflight.flights.reading import Flights
-from maidenflight.parameters import crazyflie
+from maidenflight.identification.drone_file import DroneFile
+from maidenflight.parameters import QUANTITIES, crazyflie
 from maidenflight.run_folder import ERROR_UNITS
 from maidenflight.verb import Progress
 from maidenflight.verbs import logs_output, validate
@@ -78,19 +81,33 @@ def ahead_rows() -> list[dict[str, Any]]:
 def test_predictions_with_disturbances_are_written_whole_and_shown_in_part(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    table = polars.DataFrame(ahead_rows())
-    monkeypatch.setattr(horizons, "cross_validate", lambda *_: table)
+    table, processes = polars.DataFrame(ahead_rows()), start_processes()
+    larger = processes._replace(push_size=4.0 * processes.push_size)
+    models = [DisturbanceModel(crazyflie(), one, None) for one in (processes, larger)]
+    monkeypatch.setattr(horizons, "cross_validate", lambda *_: (table, models))
     verb = validate.Validate(drone="crazyflie", logs=tmp_path, disturbances=True)
     places = verb.places(tmp_path / "mine.csv")
-    rows = verb._predict_ahead([], crazyflie(), places, {}, Progress())
-    assert places[2].name == "mine_ahead.csv"
+    file = DroneFile(crazyflie(), record={"seed": 1})
+    rows = verb._predict_ahead([], file, places, {"seed": 2}, Progress())
+    assert [one.name for one in places[2:]] == ["mine_ahead.csv", "crazyflie_disturbed.toml"]
+    disturbed = DroneFile.read(places[3])
+    assert disturbed.record == {"seed": 1, "disturbances": {"seed": 2}}
+    size = 2.0 * processes.push_size * file.parameters.mass
+    np.testing.assert_allclose(disturbed.parameters.push_force, size, rtol=1e-5)
+    torque = processes.gust_size * file.parameters.inertia
+    np.testing.assert_allclose(disturbed.parameters.gust_torque, torque, rtol=1e-5)
+    assert disturbed.parameters.trim_time == pytest.approx(float(processes.trim_time[0]))
+    same = [name for name in QUANTITIES if QUANTITIES[name].table != "disturbance"]
+    for name in same:
+        before, after = (getattr(one.parameters, name) for one in (file, disturbed))
+        np.testing.assert_array_equal(before, after)
     assert len(run_folder.AHEAD.read(places[2])[0]) == 6
     assert {row["horizon"] for row in rows} == {0.02, 0.33, SUMS}
     printed = validate._tabulate_ahead(rows)
     assert len(printed[0].rows) == 6  # type: ignore[union-attr]
     assert "(80/95)" in printed[0].rows[0]["attitude"]  # type: ignore[union-attr]
     plain = validate.Validate(drone="crazyflie", logs=tmp_path)
-    assert plain._predict_ahead([], crazyflie(), places, {}, Progress()) == []
+    assert plain._predict_ahead([], file, places, {}, Progress()) == []
     assert len(plain.places(tmp_path / "mine.csv")) == 2
     assert validate._tabulate_ahead([]) == []
 

@@ -132,6 +132,31 @@ def fit_disturbances(
     return DisturbanceModel(fitted, processes, carrying)
 
 
+def with_disturbances(drone: Parameters, models: Sequence[DisturbanceModel]) -> Parameters:
+    """Returns a drone on which what flights show acts, for simulations of it.
+
+    Of several models the geometric means count, over the three axes too of times.
+
+    Args:
+        drone: a point; torques are those that turn its inertia, forces those that move its mass.
+        models: of `fit_disturbances`.
+    """
+
+    def mean(name: str, *, of_axes: bool = False) -> Any:
+        logs = np.log([getattr(one.processes, name) for one in models])
+        return np.exp(logs.mean() if of_axes else logs.mean(axis=0)).astype(np.float32)
+
+    return replace(
+        drone,
+        gust_torque=drone.inertia * mean("gust_size"),
+        trim_torque=drone.inertia * mean("trim_size"),
+        push_force=drone.mass * mean("push_size"),
+        gust_time=mean("gust_time", of_axes=True),
+        trim_time=mean("trim_time", of_axes=True),
+        push_time=mean("push_time", of_axes=True),
+    )
+
+
 def filter_flights(flights: Sequence[Flight], model: DisturbanceModel) -> list[Filtered]:
     """Estimates motion, and the torques and forces that parameters lack, from past rows alone.
 

@@ -158,7 +158,7 @@ def cross_validate(
     flights: Sequence[Flight],
     drone: Parameters,
     on_evaluation: Callable[[int, int], None] | None = None,
-) -> polars.DataFrame:
+) -> tuple[polars.DataFrame, list[DisturbanceModel]]:
     """Predicts flights by disturbances that are fitted to others of them.
 
     Every other log stands on one side; each side is predicted by what is fitted to the other. Of a
@@ -170,7 +170,7 @@ def cross_validate(
         on_evaluation: called with (evaluations, about how many).
 
     Returns:
-        See `tabulate_horizons`.
+        See `tabulate_horizons`; and the model that was fitted to each side.
 
     Raises:
         InputError: see `fit_disturbances`.
@@ -180,17 +180,17 @@ def cross_validate(
         whole = max(logs[0], key=len)
         logs = [[whole.part(0, len(whole) // 2)], [whole.part(len(whole) // 2, len(whole))]]
     sides = [[one for log in logs[side::2] for one in log] for side in (0, 1)]
-    parts = []
+    parts, models = [], []
     for number, (fitted, judged) in enumerate((sides, sides[::-1])):
 
         def report(done: int, of: int, number: int = number) -> None:
             if on_evaluation is not None:
                 on_evaluation(number * of + done, 2 * of)
 
-        model = fit_disturbances(fitted, drone, report)
+        models.append(fit_disturbances(fitted, drone, report))
         every = max(1, sum(map(len, judged)) // _WINDOWS)
-        parts.append(predict_windows(judged, model, drone, every=every))
-    return tabulate_horizons(parts)
+        parts.append(predict_windows(judged, models[-1], drone, every=every))
+    return tabulate_horizons(parts), models
 
 
 def tabulate_horizons(parts: Sequence[Predictions]) -> polars.DataFrame:

@@ -247,6 +247,12 @@ _UNCHANGED = (
     "height_walk",
     "velocity_walk",
     "turn_drift",
+    "gust_torque",
+    "gust_time",
+    "trim_torque",
+    "trim_time",
+    "push_force",
+    "push_time",
     "platform",
 )
 """What a drone about another has as that one."""
