@@ -10,8 +10,8 @@ import pytest
 from made_flights import calm
 from maidenflight import run_folder
 from maidenflight.disturbances import horizons
-from maidenflight.disturbances.fitting import DisturbanceModel, start_processes
 from maidenflight.disturbances.horizons import PERSISTENCE, SUMS, WITH_DISTURBANCES
+from maidenflight.disturbances.kalman import Filtered
 from maidenflight.flights.checkup.result import PASSES, CheckResult
 from maidenflight.flights.reading import Flights
 from maidenflight.identification.drone_file import DroneFile
@@ -78,13 +78,19 @@ def ahead_rows() -> list[dict[str, Any]]:
     ]
 
 
+def filtered() -> Filtered:
+    """A flight on which a torque about x sways."""
+    none = np.zeros((400, 3))
+    torque = none + np.sin(np.arange(400)[:, None] / 50.0) * np.array([2e-4, 0.0, 0.0])
+    small = 1e-12 * np.eye(3)
+    return Filtered(none, none, np.zeros((400, 4)), none, torque, none, small, small, 0.01)
+
+
 def test_predictions_with_disturbances_are_written_whole_and_shown_in_part(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    table, processes = polars.DataFrame(ahead_rows()), start_processes()
-    larger = processes._replace(push_size=4.0 * processes.push_size)
-    models = [DisturbanceModel(crazyflie(), one, None) for one in (processes, larger)]
-    monkeypatch.setattr(horizons, "cross_validate", lambda *_: (table, models))
+    table = polars.DataFrame(ahead_rows())
+    monkeypatch.setattr(horizons, "cross_validate", lambda *_: (table, [filtered()]))
     verb = validate.Validate(drone="crazyflie", logs=tmp_path, disturbances=True)
     places = verb.places(tmp_path / "mine.csv")
     file = DroneFile(crazyflie(), record={"seed": 1})
@@ -92,11 +98,7 @@ def test_predictions_with_disturbances_are_written_whole_and_shown_in_part(
     assert [one.name for one in places[2:]] == ["mine_ahead.csv", "crazyflie_disturbed.toml"]
     disturbed = DroneFile.read(places[3])
     assert disturbed.record == {"seed": 1, "disturbances": {"seed": 2}}
-    size = 2.0 * processes.push_size * file.parameters.mass
-    np.testing.assert_allclose(disturbed.parameters.push_force, size, rtol=1e-5)
-    torque = processes.gust_size * file.parameters.inertia
-    np.testing.assert_allclose(disturbed.parameters.gust_torque, torque, rtol=1e-5)
-    assert disturbed.parameters.trim_time == pytest.approx(float(processes.trim_time[0]))
+    assert disturbed.parameters.disturbance_torque[0] > 1e-4
     same = [name for name in QUANTITIES if QUANTITIES[name].table != "disturbance"]
     for name in same:
         before, after = (getattr(one.parameters, name) for one in (file, disturbed))

@@ -72,6 +72,7 @@ def start_processes() -> Processes:
         demand_time=thrice(0.5),
         drift_size=thrice(0.03),
         drift_time=thrice(1.0),
+        velocity_scale=thrice(1.0),
         rate_gain=thrice(5.0),
         tilt_gain=np.full(2, 25.0),
         regulator_delay=np.array(0.02),
@@ -130,31 +131,6 @@ def fit_disturbances(
     fitted, processes = jax.tree.map(lambda one: np.asarray(one, float), best)
     fitted = jax.tree.map(lambda one: np.asarray(one, np.float32), fitted)
     return DisturbanceModel(fitted, processes, carrying)
-
-
-def with_disturbances(drone: Parameters, models: Sequence[DisturbanceModel]) -> Parameters:
-    """Returns a drone on which what flights show acts, for simulations of it.
-
-    Of several models the geometric means count, over the three axes too of times.
-
-    Args:
-        drone: a point; torques are those that turn its inertia, forces those that move its mass.
-        models: of `fit_disturbances`.
-    """
-
-    def mean(name: str, *, of_axes: bool = False) -> Any:
-        logs = np.log([getattr(one.processes, name) for one in models])
-        return np.exp(logs.mean() if of_axes else logs.mean(axis=0)).astype(np.float32)
-
-    return replace(
-        drone,
-        gust_torque=drone.inertia * mean("gust_size"),
-        trim_torque=drone.inertia * mean("trim_size"),
-        push_force=drone.mass * mean("push_size"),
-        gust_time=mean("gust_time", of_axes=True),
-        trim_time=mean("trim_time", of_axes=True),
-        push_time=mean("push_time", of_axes=True),
-    )
 
 
 def filter_flights(flights: Sequence[Flight], model: DisturbanceModel) -> list[Filtered]:

@@ -104,7 +104,7 @@ def noiseless(parameters: Parameters) -> Parameters:
 
 def calm(parameters: Parameters) -> Parameters:
     """Returns the same drone without disturbances."""
-    sizes = "gust_torque", "trim_torque", "push_force"
+    sizes = "disturbance_torque", "disturbance_force"
     return replace(parameters, **{name: 0.0 * getattr(parameters, name) for name in sizes})
 
 

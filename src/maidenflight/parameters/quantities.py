@@ -336,35 +336,27 @@ class Parameters:
         "mean physics step",
         f"{_PAPER}, sec. Simulation Environment: 200 Hz",
     )
-    gust_torque: Any = _disturbance(
-        "sigma_1 [N m]",
+    disturbance_torque: Any = _disturbance(
+        "sigma_tau [N m]",
         (0.0, 0.0, 0.0),
         (0.0, 1.0),
-        "standard deviation of torques on the body that last some tenths of a second, as of "
-        "turbulent air; 0 in the paper's model",
+        "standard deviation of torques on the body about x, y, z that change slowly; 0 in the "
+        "paper's model",
         _SLOW,
     )
-    gust_time: Any = _disturbance(
-        "tau_1 [s]", 0.3, (1e-3, 1e3), "correlation time of those torques", _SLOW
+    disturbance_torque_time: Any = _disturbance(
+        "tau_tau [s]", 0.6, (1e-3, 1e3), "correlation time of those torques", _SLOW
     )
-    trim_torque: Any = _disturbance(
-        "sigma_2 [N m]",
-        (0.0, 0.0, 0.0),
-        (0.0, 1.0),
-        "the same of torques that last for seconds, as of motors and battery; 0 in the paper's "
-        "model",
-        _SLOW,
-    )
-    trim_time: Any = _disturbance("tau_2 [s]", 3.0, (1e-3, 1e3), "their correlation time", _SLOW)
-    push_force: Any = _disturbance(
+    disturbance_force: Any = _disturbance(
         "sigma_F [N]",
         (0.0, 0.0, 0.0),
         (0.0, 50.0),
-        "standard deviation of forces along body x, y, z that change slowly; 0 in the paper's "
-        "model",
+        "the same of forces along body x, y, z; 0 in the paper's model",
         _SLOW,
     )
-    push_time: Any = _disturbance("tau_F [s]", 1.0, (1e-3, 1e3), "their correlation time", _SLOW)
+    disturbance_force_time: Any = _disturbance(
+        "tau_F [s]", 0.35, (1e-3, 1e3), "correlation time of those forces", _SLOW
+    )
     platform: str = field(default=CRAZYFLIE, metadata={"static": True})
     """Whose gains the firmware's inner loops have, a name of `platforms.PLATFORMS`."""
 

@@ -50,7 +50,7 @@ class Environment:
     estimator_memory: int = 0
     """Estimates that a late estimator remembers; 0: the estimator is not late."""
     disturbed: bool = False
-    """Whether torques and forces that change slowly act, as `gust_torque` says."""
+    """Whether torques and forces that change slowly act, of `disturbance_torque` and so on."""
     spec: PolicySpec = PolicySpec()
     """What the policy sees and remembers."""
 

@@ -218,19 +218,19 @@ class Validate(Verb):
         """
         if not self.disturbances:
             return []
-        from maidenflight.disturbances.fitting import with_disturbances
         from maidenflight.disturbances.horizons import SUMS, cross_validate
+        from maidenflight.disturbances.kalman import with_disturbances
 
         stage = "fitting disturbances"
         progress.move(0, None, stage)
         parameters = drone.parameters
-        table, models = cross_validate(
+        table, filtered = cross_validate(
             flights, parameters, lambda done, of: progress.move(done, of, f"evaluations, {stage}")
         )
         run_folder.AHEAD.write(places[2], table, record)
         disturbed = dataclasses.replace(
             drone,
-            parameters=with_disturbances(parameters, models),
+            parameters=with_disturbances(parameters, filtered),
             record={**drone.record, "disturbances": record},
         )
         disturbed.write(places[3])

@@ -11,7 +11,13 @@ from maidenflight import parameters
 from maidenflight.errors import InputError
 from maidenflight.registry import REALITIES
 from maidenflight.simulator.controllers import control
-from maidenflight.simulator.realities.additions import AIR, jump_of, split, with_additions
+from maidenflight.simulator.realities.additions import (
+    AIR_FORCE,
+    AIR_TORQUE,
+    jump_of,
+    split,
+    with_additions,
+)
 from maidenflight.simulator.realities.around import (
     SENSORS,
     DelayWrapper,
@@ -63,17 +69,16 @@ def test_moving_air_disturbs_by_shares_of_weight_and_arm_or_as_the_drone_has_it(
     assert isinstance(moved, VirtualDrone)
     assert moved.name == "near:7+air"
     weight, arm = calm.parameters.mass * calm.parameters.gravity, 0.0396
-    for name, shares in AIR.items():
-        assert not np.any(getattr(calm.parameters, name))
-        size = weight * np.array(shares) * (1.0 if name == "push_force" else arm)
-        np.testing.assert_allclose(getattr(moved.parameters, name), size, rtol=1e-5)
+    torque, force = moved.parameters.disturbance_torque, moved.parameters.disturbance_force
+    np.testing.assert_allclose(torque, weight * arm * np.array(AIR_TORQUE), rtol=1e-5)
+    np.testing.assert_allclose(force, weight * np.array(AIR_FORCE), rtol=1e-5)
     for plain, disturbed in ((calm, False), (moved, True)):
         assert plain.environment(tasks.circle(), control.pwm()).disturbed is disturbed
-    own = parameters.replace(calm.parameters, gust_torque=(1e-5, 0.0, 0.0), gust_time=0.1)
+    own = parameters.replace(calm.parameters, disturbance_torque=(1e-5, 0.0, 0.0))
     about = with_additions(VirtualDrone("own", own), ["air"])
     jax.tree.map(np.testing.assert_array_equal, about.parameters, own)
     inherits = virtual_drone(3, "far", own).parameters
-    np.testing.assert_array_equal(inherits.gust_torque, own.gust_torque)
+    np.testing.assert_array_equal(inherits.disturbance_torque, own.disturbance_torque)
     with pytest.raises(InputError, match="air"):
         with_additions(Stepped(calm), ["air"])
 

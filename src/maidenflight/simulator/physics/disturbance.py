@@ -9,14 +9,13 @@ from maidenflight.simulator.physics import rotations
 from maidenflight.simulator.physics.dynamics import State
 from maidenflight.simulator.physics.vectors import like
 
-SIZE = 9
-"""Numbers of a disturbance: the torques of `gust_torque` and `trim_torque` about body x, y, z
-[N m], and the force of `push_force` along them [N]."""
+SIZE = 6
+"""Numbers of a disturbance: a torque about body x, y, z [N m] and a force along them [N]."""
 
 
 def is_disturbed(parameters: Parameters) -> bool:
     """Tests whether any of that acts on a drone, or on one of several."""
-    sizes = parameters.gust_torque, parameters.trim_torque, parameters.push_force
+    sizes = parameters.disturbance_torque, parameters.disturbance_force
     return any(bool(np.any(np.asarray(size) > 0)) for size in sizes)
 
 
@@ -31,7 +30,7 @@ def draw_disturbance(
     Args:
         before: the disturbance before; an empty one stays so.
         elapsed: time between the two [s]; infinite for one that does not depend on it.
-        parameters: uses `gust_torque`, `gust_time` and so on.
+        parameters: uses `disturbance_torque`, `disturbance_torque_time` and those of force.
         normal: draws from the standard normal distribution.
 
     Source: Uhlenbeck and Ornstein 1930, On the theory of the Brownian motion; Gillespie 1996,
@@ -40,8 +39,9 @@ def draw_disturbance(
     if before.size == 0:
         return before
     drone = parameters
-    size = jnp.concatenate([drone.gust_torque, drone.trim_torque, drone.push_force])
-    age = elapsed / jnp.repeat(jnp.stack([drone.gust_time, drone.trim_time, drone.push_time]), 3)
+    size = jnp.concatenate([drone.disturbance_torque, drone.disturbance_force])
+    times = jnp.stack([drone.disturbance_torque_time, drone.disturbance_force_time])
+    age = elapsed / jnp.repeat(times, 3)
     return jnp.exp(-age) * before + size * jnp.sqrt(-jnp.expm1(-2 * age)) * normal
 
 
@@ -66,9 +66,9 @@ def kick(
     if disturbance.size == 0:
         return state
     x, y, z = rotations.axes(state.quaternion)
-    along_x, along_y, along_z = disturbance[6:] * (elapsed / parameters.mass)
+    along_x, along_y, along_z = disturbance[3:] * (elapsed / parameters.mass)
     pushed = [x[i] * along_x + y[i] * along_y + z[i] * along_z for i in range(3)]
-    turned = (disturbance[:3] + disturbance[3:6]) * (elapsed / parameters.inertia)
+    turned = disturbance[:3] * (elapsed / parameters.inertia)
     return state._replace(
         velocity=state.velocity + like(state.velocity, pushed),
         body_rates=state.body_rates + turned,

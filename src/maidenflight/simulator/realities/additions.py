@@ -34,15 +34,10 @@ _PARTS = re.compile(r"(?P<kind>[a-z]*)(?P<amount>-?[0-9.]*)(?P<unit>ms)?(?:@(?P<
 _COUNTS = 65535.0
 """Of full PWM."""
 _LATENCY = "latency"
-AIR = {
-    "gust_torque": (0.0095, 0.0085, 0.0043),
-    "trim_torque": (0.0110, 0.0148, 0.0075),
-    "push_force": (0.0196, 0.0168, 0.0216),
-}
-"""Disturbances of `+air`: torques over weight times arm, and forces over weight. Geometric means of
-the logs of four Crazyflies (paper/nanodrone.py), which differ by up to a factor of two."""
-AIR_TIMES = {"gust_time": 0.5, "trim_time": 3.0, "push_time": 0.8}
-"""Their correlation times [s], of the same logs."""
+AIR_TORQUE = np.array([0.012, 0.016, 0.003], np.float32)
+AIR_FORCE = np.array([0.020, 0.017, 0.018], np.float32)
+"""Disturbances of `+air`: torques over weight times arm, forces over weight. Geometric means of the
+logs of four Crazyflies (paper/nanodrone.py), from 0.4 to 2 times as large in one of them."""
 IN_FLIGHT = ("yaw", "weak", "payload")
 """Additions that may appear in the course of a flight."""
 
@@ -164,13 +159,15 @@ def _changed(own: Parameters, one: Perturbation, name: str) -> Parameters:
 
 
 def in_air(drone: Parameters) -> Parameters:
-    """Returns a drone on which disturbances act: those of `AIR`, unless it has its own."""
+    """Returns a drone on which disturbances act: its own, else `AIR_TORQUE` and `AIR_FORCE`."""
     if is_disturbed(drone):
         return drone
     weight = float(drone.mass * drone.gravity)
-    arms = {"gust_torque": arm_length(drone), "trim_torque": arm_length(drone), "push_force": 1.0}
-    sizes = {name: np.float32(weight * arm) * np.float32(AIR[name]) for name, arm in arms.items()}
-    return replace(drone, **sizes, **AIR_TIMES)
+    return replace(
+        drone,
+        disturbance_torque=np.float32(weight * arm_length(drone)) * AIR_TORQUE,
+        disturbance_force=np.float32(weight) * AIR_FORCE,
+    )
 
 
 def loaded(drone: Parameters, share: float) -> Parameters:

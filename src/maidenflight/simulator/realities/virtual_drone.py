@@ -247,12 +247,10 @@ _UNCHANGED = (
     "height_walk",
     "velocity_walk",
     "turn_drift",
-    "gust_torque",
-    "gust_time",
-    "trim_torque",
-    "trim_time",
-    "push_force",
-    "push_time",
+    "disturbance_torque",
+    "disturbance_torque_time",
+    "disturbance_force",
+    "disturbance_force_time",
     "platform",
 )
 """What a drone about another has as that one."""
