@@ -291,9 +291,9 @@ MOST = {
     "study to table: stops": 75,
     "study to table: modules": 14,
     "study to table: names": 123,
-    "constants": 747,
+    "constants": 748,
     "constants without a source": 586,
-    "lines": 61_656,
+    "lines": 61_673,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

@@ -65,13 +65,12 @@ class Predict(FliesPolicies):
         """Refuses what is no drone, too."""
         from maidenflight.experiments import drones
         from maidenflight.experiments.conditions import read_conditions
-        from maidenflight.identification.outcome.ensembles import posterior_ensemble
 
         read_conditions(self.conditions)
         if self.get("drone"):
             file = drones.read_drone(self.drone, self.accept_bounds)
             if self.randomize == names.POSTERIOR:
-                posterior_ensemble(file.parameters, file.posterior, file.name)
+                _ = file.ensemble
         super().check()
         _ = self.others
 
