@@ -140,9 +140,10 @@ def motors_of_speeds(problem: Problem) -> MotorResponse | None:
     start = with_values(problem.start, **{name: np.float32(one) for name, one in _START.items()})
     problem = replace(problem, start=start, flights=flights, bounds={})
     model = SpeedErrors.of(flights)
-    optimum = fit(problem, _FITS[0], [model], NAMES, start, {})
     # Where commands are samples of a faster loop, their noise passes for a law.
-    for evaluations in _FITS[1:] if is_zero_order_hold(flights) else ():
+    fits = _FITS if is_zero_order_hold(flights) else (EVALUATIONS,)
+    optimum = fit(problem, fits[0], [model], NAMES, start, {})
+    for evaluations in fits[1:]:
         model = model.by_asked_speed(optimum.drone)
         optimum = fit(problem, evaluations, [model], NAMES, optimum.drone, {})
     explained = model.explained(optimum.drone)
