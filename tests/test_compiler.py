@@ -66,7 +66,7 @@ def computed(path: Path, flags: str) -> Any:
 @pytest.mark.night
 def test_flags_change_rounding_alone(tmp_path: Path) -> None:
     ours = computed(tmp_path / "ours.npz", compiler.FUSED)
-    others = computed(tmp_path / "others.npz", compiler.quickest())
+    others = computed(tmp_path / "others.npz", compiler.QUICK)
     assert set(ours) == set(others)
     for name in ours:
         assert np.all(np.isfinite(ours[name])), name
@@ -76,7 +76,7 @@ def test_flags_change_rounding_alone(tmp_path: Path) -> None:
 
 def test_the_latest_flags_count_but_ones_own_stay(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("XLA_FLAGS")
-    for flags in (compiler.QUICK, compiler.FUSED, compiler.QUICK, compiler.quickest()):
+    for flags in (compiler.QUICK, compiler.FUSED, compiler.QUICK):
         compiler.set_flags(flags)
         assert os.environ["XLA_FLAGS"] == flags
     for own in ("--xla_force_host_platform_device_count=2", ""):
@@ -130,7 +130,6 @@ def test_options_are_those_that_xla_knows(
     known = compiler.has_older_emitter.__wrapped__
     monkeypatch.setattr(compiler, "has_older_emitter", known)
     assert ("xla_cpu_use_fusion_emitters" in compiler.once()) is has
-    assert ("xla_cpu_use_fusion_emitters" in compiler.quickest()) is has
 
 
 def test_xla_takes_the_options_here() -> None:

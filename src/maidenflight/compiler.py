@@ -33,14 +33,6 @@ def has_older_emitter() -> bool:
     return tuple(map(int, __version__.split(".")[:2])) < (0, 11)
 
 
-def quickest() -> str:
-    """Flags that compile a third sooner than `QUICK`; programs take up to half as long again.
-
-    For tests, whose programs run for moments. Where XLA has no older emitter, `QUICK`.
-    """
-    return f"{QUICK} {SMALLEST}" if has_older_emitter() else QUICK
-
-
 def once() -> dict[str, Any]:
     """Options of `jax.jit` for a program that runs once and for a moment.
 
