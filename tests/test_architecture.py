@@ -16,7 +16,7 @@ from maidenflight import registry as registries
 ROOT = Path(maidenflight.__file__).parent
 ORDER = [
     "parameters",
-    "simulator gru",
+    "simulator",
     "flights policy",
     "flying",
     "policy_file",
@@ -32,7 +32,7 @@ ORDER = [
 ]
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names.split()}
 FREE = set(
-    "budget cache compiler cores errors events inputs manifest names registry results run_folder "
+    "budget cache compiler errors events inputs manifest names registry results run_folder "
     "settings".split()
 )
 """May be imported by all, and import no stage."""
@@ -273,14 +273,14 @@ if str(BENCHMARKS) not in sys.path:
 parts: Any = importlib.import_module("parts")
 
 MOST = {
-    "closure of identify": 108,
-    "closure of train": 56,
+    "closure of identify": 107,
+    "closure of train": 55,
     "closure of export": 29,
     "log to drone.toml: stops": 744,
-    "log to drone.toml: modules": 120,
-    "log to drone.toml: names": 979,
+    "log to drone.toml: modules": 119,
+    "log to drone.toml: names": 980,
     "drone to policy: stops": 337,
-    "drone to policy: modules": 70,
+    "drone to policy: modules": 69,
     "drone to policy: names": 500,
     "policy to flight: stops": 269,
     "policy to flight: modules": 54,
@@ -291,9 +291,9 @@ MOST = {
     "study to table: stops": 75,
     "study to table: modules": 14,
     "study to table: names": 123,
-    "constants": 747,
-    "constants without a source": 586,
-    "lines": 61_656,
+    "constants": 746,
+    "constants without a source": 585,
+    "lines": 61_640,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
