@@ -151,7 +151,7 @@ def _unidentified(file: DroneFile) -> list[str]:
 
 
 def find_reality(name: str, accept_bounds: bool = False) -> AnyReality:
-    """Returns a reality by name; see `simulator.reality.reality`.
+    """Returns a reality by name; see `realities.reality.reality`.
 
     Raises:
         InputError: no such reality, or `read_drone` refuses the drone.

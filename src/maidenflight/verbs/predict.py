@@ -11,7 +11,7 @@ from maidenflight.settings import number, path, setting, several, text, whole
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row
 from maidenflight.verbs import shared
-from maidenflight.verbs.in_realities import FliesPolicies, export_command
+from maidenflight.verbs.parts.in_realities import FliesPolicies, export_command
 
 if TYPE_CHECKING:
     from polars import DataFrame
