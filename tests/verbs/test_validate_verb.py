@@ -18,7 +18,8 @@ from maidenflight.identification.drone_file import DroneFile
 from maidenflight.parameters import QUANTITIES, crazyflie
 from maidenflight.run_folder import ERROR_UNITS
 from maidenflight.verb import Progress
-from maidenflight.verbs import logs_output, validate
+from maidenflight.verbs import validate
+from maidenflight.verbs.parts import logs_output
 
 
 def errors(**degrees: float) -> list[dict[str, Any]]:
