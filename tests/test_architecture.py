@@ -279,7 +279,7 @@ MOST = {
     "log to drone.toml: stops": 744,
     "log to drone.toml: modules": 120,
     "log to drone.toml: names": 979,
-    "drone to policy: stops": 337,
+    "drone to policy: stops": 338,
     "drone to policy: modules": 70,
     "drone to policy: names": 500,
     "policy to flight: stops": 269,
@@ -293,7 +293,7 @@ MOST = {
     "study to table: names": 123,
     "constants": 747,
     "constants without a source": 586,
-    "lines": 61_656,
+    "lines": 61_760,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

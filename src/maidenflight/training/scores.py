@@ -164,11 +164,12 @@ def describe_training(
 
 
 def describe(now: Progress) -> str:
-    """Returns mean scores of policies in training, as text."""
-    score = now.score
-    each = (score.episode_return, score.survival, score.position_error)
-    returns, survival, errors = (sum(map(float, values)) / len(values) for values in each)
-    return f"return {returns:.1f}, survival {survival:.0%}, error {errors * 100:.1f} cm"
+    """Returns mean scores of policies in training, as text; how long they fly while none lasts."""
+    returns, survival, errors, duration = (
+        sum(map(float, values)) / len(values) for values in now.score
+    )
+    lasting = f"survival {survival:.0%}" + (f" ({duration:.1f} s)" if survival < 0.005 else "")
+    return f"return {returns:.1f}, {lasting}, error {errors * 100:.1f} cm"
 
 
 def _plain(score: Evaluation, number: int) -> dict[str, float]:

@@ -46,6 +46,8 @@ LARGEST = {
     "farthest": "{largest_distance:.0f cm}",
 }
 """Columns of the largest tilt, body rate and distance of flights, beside the limits of guards."""
+ERRORS = {"error": "{position_error:.1f cm}", "estimated": "{estimated_error:.1f cm}"}
+"""Columns of mean distances from the set-point, true and as the drone estimates them."""
 RARE = ("change of u", *reversed(LARGEST))
 """Columns of flights that a narrow terminal leaves out first."""
 

@@ -91,10 +91,12 @@ class Transfer(InRealities):
 
 
 _TITLE = (
-    "error: mean distance from the set-point; u: in 10 ms; largest tilt and rate, guards' limits"
+    "error: mean distance from the set-point, true and as the drone estimates it; u: in 10 ms; "
+    "largest tilt and rate, guards' limits"
 )
 _MEASURES = {
-    **{"error": "{position_error:.1f cm}", "change of u": "{command_change:.3f}"},
+    **shared.ERRORS,
+    "change of u": "{command_change:.3f}",
     **shared.LARGEST,
 }
 

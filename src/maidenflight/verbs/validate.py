@@ -167,7 +167,7 @@ class Validate(Verb):
             *note_other_law(file, law),
             *at_bounds(file.estimates).values(),
             *warning_lines(flights.warnings),
-            *drones.doubts(file),
+            *drones.repeat_doubts(file),
         ]
         simulated, rows = any(one.simulated for one in flights), errors.to_dicts()
         verdict, doubts, remark = _judge(name, likelihoods, rows)

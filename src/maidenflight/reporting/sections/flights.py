@@ -23,12 +23,14 @@ from maidenflight.reporting.tables import Cell, Column
 
 NAMES = {"pwm": "PWM", "attitude_rate": "Attitude rate", "attitude": "Attitude"}
 """Control structures as people call them."""
-LARGEST: dict[str, Column | str] = {
+MEASURED: dict[str, Column | str] = {
+    "position_error": tables.number("Mean position error [cm]", 2, 100.0),
+    "estimated_error": tables.number("As the drone estimates it [cm]", 2, 100.0),
     "largest_tilt": tables.number("Largest tilt, of 30 [deg]", 1, degrees(1.0)),
     "largest_body_rate": tables.number("Largest rate, of 800 [deg/s]", 0, degrees(1.0)),
     "largest_distance": tables.number("Farthest [cm]", 1, 100.0),
 }
-"""Of the guards' limits."""
+"""Errors, and the largest values, of the guards' limits."""
 _COLUMNS: dict[str, Column | str] = {
     "flight": "Flight",
     "policy": "Policy",
@@ -36,10 +38,9 @@ _COLUMNS: dict[str, Column | str] = {
     "trial": Column("Trial", lambda trial, _: Cell(str(trial), str(trial))),
     "duration": tables.number("Duration [s]", 2),
     "end_reason": "Ended by",
-    "position_error": tables.number("Mean position error [cm]", 2, 100.0),
     "command_change": tables.number("Change of commands in 10 ms [%]", 1, 100.0),
     "at_limits": tables.number("Commands at a limit [%]", 1, 100.0),
-    **LARGEST,
+    **MEASURED,
 }
 """Of test flights, as far as they have them."""
 
@@ -140,7 +141,7 @@ def _predictions(test_flights: polars.DataFrame) -> Markup:
         "end": Column("Most frequent end", usual_end),
     }
     summary = flight_times.summary(test_flights)
-    columns |= {name: column for name, column in LARGEST.items() if name in summary.columns}
+    columns |= {name: column for name, column in MEASURED.items() if name in summary.columns}
     return tables.sortable("prediction", summary, columns)
 
 
