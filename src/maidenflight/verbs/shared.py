@@ -150,8 +150,8 @@ def commands() -> Any:
         choice(*names.COMMANDS),
         None,
         "What commands stand for in logs that do not say it: each acts until the next row, as a "
-        "policy's, or the log is subsampled from the firmware's faster PID, which is assumed "
-        "by default. Taken the wrong way, latency is half a row off.",
+        "policy's or a card's at 500 Hz, or the log is subsampled from the firmware's faster PID. "
+        "maidenflight log shows what is assumed. Taken the wrong way, latency is half a row off.",
         group=LOGS,
         rare=True,
     )

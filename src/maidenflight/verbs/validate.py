@@ -311,7 +311,8 @@ def _tabulate(
         "predictions know commands alone: a trim that differs by flight turns the drone from the "
         "first row on, which shows most in body rates; persistence has none",
         "not turned by commands: as if motors were in a wrong order; a sound drone is better",
-        "nats: one more a row makes the data 2.7 times as probable, row by row",
+        "nats: one more a row makes the data 2.7 times as probable, row by row; other words: "
+        "docs/glossary.md",
     ]
 
 

@@ -20,6 +20,7 @@ from maidenflight.reporting.html import render
 from maidenflight.reporting.run import Run, viewable
 from maidenflight.reporting.sections.head import describe_realities
 from maidenflight.reporting.tables import Cell, Column
+from maidenflight.simulator.tasks.failures import ERRORS
 
 NAMES = {"pwm": "PWM", "attitude_rate": "Attitude rate", "attitude": "Attitude"}
 """Control structures as people call them."""
@@ -38,6 +39,7 @@ _COLUMNS: dict[str, Column | str] = {
     "trial": Column("Trial", lambda trial, _: Cell(str(trial), str(trial))),
     "duration": tables.number("Duration [s]", 2),
     "end_reason": "Ended by",
+    **{name: MEASURED[name] for name in ERRORS},
     "command_change": tables.number("Change of commands in 10 ms [%]", 1, 100.0),
     "at_limits": tables.number("Commands at a limit [%]", 1, 100.0),
     **MEASURED,
