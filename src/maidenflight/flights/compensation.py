@@ -219,9 +219,7 @@ def note(name: str, law: str, law_choice: str) -> str:
 
 
 BY_THRUST = "by its logged thrust command"
-BY_VOLTAGE = (
-    "assumed; log controller.cmd_thrust beside the motors, or give --battery-law"
-)
+BY_VOLTAGE = "assumed; log controller.cmd_thrust beside the motors, or give --battery-law"
 AS_LOGGED = "as said"
 BY_DRONE = "that of the drone to start with"
 LAW_OF_THE_DRONE = "battery law of the drone"

@@ -26,7 +26,7 @@ NAMES = {"pwm": "PWM", "attitude_rate": "Attitude rate", "attitude": "Attitude"}
 """Control structures as people call them."""
 MEASURED: dict[str, Column | str] = {
     "position_error": tables.number("Mean position error [cm]", 2, 100.0),
-    "estimated_error": tables.number("As the drone estimates it [cm]", 2, 100.0),
+    "estimated_error": tables.number("By its estimate [cm]", 2, 100.0),
     "largest_tilt": tables.number("Largest tilt, of 30 [deg]", 1, degrees(1.0)),
     "largest_body_rate": tables.number("Largest rate, of 800 [deg/s]", 0, degrees(1.0)),
     "largest_distance": tables.number("Farthest [cm]", 1, 100.0),
@@ -164,10 +164,9 @@ def recorded(run: Run) -> Markup:
 
 
 def _signals(run: Run) -> list[tuple[str, Figure]]:
-    """Name and signals of the first flights that the viewer cannot show, which lack a state."""
-    viewed = {id(runs.flights_to_show(run)[place]) for place in viewable(run)}
+    """Name and signals of the first flights that no viewer can show, which lack a state."""
     others = [
-        one for one in run.recorded if id(one) not in viewed and np.isfinite(one.command).any()
+        one for one in run.recorded if runs.usable(one).stop <= 1 and np.isfinite(one.command).any()
     ]
     return [(one.name, plot_flight(one).figure) for one in others[:12]]
 
