@@ -55,7 +55,7 @@ class FlightOutcome(NamedTuple):
     """The largest of each of its parts, by the estimates that guards look at."""
     distance: Float[Any, "..."]
     """Sum over rows of the distance from the set-point, of the true position [m]."""
-    estimated_distance: Float[Any, "..."]
+    distance_by_estimate: Float[Any, "..."]
     """The same by the estimates [m]."""
 
 
@@ -140,7 +140,7 @@ def fly_together(
             )
             distances = (
                 flights.distance + jnp.sum(true, axis=-1),
-                flights.estimated_distance + jnp.sum(rows.position_error, axis=-1),
+                flights.distance_by_estimate + jnp.sum(rows.position_error, axis=-1),
             )
             return row + every, after, FlightOutcome(end, largest, *distances)
 

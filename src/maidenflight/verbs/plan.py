@@ -72,18 +72,18 @@ class Plan(Verb):
 
         cure = "Plan for a drone's TOML file or name, or virtual:SEED."
         reality = must_be_virtual(drones.find_reality(self.drone, self.accept_bounds), cure)
-        lacking = _lacking(self.drone)
+        gaps = _find_gaps(self.drone)
         request = planning.Request(
             *(self.room, self.seconds, self.interest, self.rate, self.motors),
             firmware=self.firmware,
             seed=self.seed,
             is_named=self.drone in parameters.DRONES,
-            lacking=tuple(lacking),
+            gaps=tuple(gaps),
         )
         try:
             flight_plan = planning.plan(reality, request, self.key, on_stage=progress.move)
         except InputError as error:
-            sticks = "; ".join(dict.fromkeys(filter(None, lacking.values())))
+            sticks = "; ".join(dict.fromkeys(filter(None, gaps.values())))
             raise InputError(f"{error} By hand: {sticks}." if sticks else str(error)) from error
         drone = shared.own_files(self.drone)
         record = self.make_record(drone)
@@ -118,7 +118,7 @@ class Plan(Verb):
         )
 
 
-def _lacking(drone: str) -> dict[str, str]:
+def _find_gaps(drone: str) -> dict[str, str]:
     """Returns the parameters that a drone's file says its logs lack, and what tells each."""
     from maidenflight.identification import drone_file
 

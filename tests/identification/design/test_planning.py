@@ -23,7 +23,7 @@ from maidenflight.identification.drone_file import Advice, DroneFile, Estimate, 
 from maidenflight.identification.posterior import Posterior
 from maidenflight.parameters import crazyflie
 from maidenflight.simulator.realities.virtual_drone import virtual_drone
-from maidenflight.verbs.plan import _lacking
+from maidenflight.verbs.plan import _find_gaps
 from maidenflight.verbs.record import Record
 from run_listing import entries, unlisted
 
@@ -85,10 +85,10 @@ def test_what_the_logs_so_far_lack_is_unknown_in_a_plan_too(tmp_path):
     unidentified = {"latency": (0.0, 0.012)}
     file = DroneFile(crazyflie(), *known, unidentified=unidentified, advice=(advice,))
     file.write(tmp_path / "mine.toml")
-    lacking = _lacking(str(tmp_path / "mine.toml"))
-    assert lacking == {"latency": "", "thrust_linear": "climb and sink"}
-    assert _lacking("crazyflie") == {}
-    names = planning._names(Request(ROOM, 60.0, lacking=tuple(lacking)), None)
+    gaps = _find_gaps(str(tmp_path / "mine.toml"))
+    assert gaps == {"latency": "", "thrust_linear": "climb and sink"}
+    assert _find_gaps("crazyflie") == {}
+    names = planning._names(Request(ROOM, 60.0, gaps=tuple(gaps)), None)
     usual = planning._names(Request(ROOM, 60.0), None)
     assert set(names) - set(usual) == {"thrust_linear"}
 

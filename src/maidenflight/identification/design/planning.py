@@ -83,7 +83,7 @@ class Request:
     seconds: float
     """Length of the flight, without take-off and landing [s]."""
     interest: Sequence[str] | None = None
-    """Parameters to tell; those of `lacking`, else all that may be identified, by default."""
+    """Parameters to tell; those of `gaps`, else all that may be identified, by default."""
     rate: int = RATE
     """Rows a second of the log from which they will be identified [Hz]."""
     motors: bool = False
@@ -97,7 +97,7 @@ class Request:
     the drone with it."""
     allowed: FlightLimits = FlightLimits()
     """Limits of the flight."""
-    lacking: Sequence[str] = ()
+    gaps: Sequence[str] = ()
     """Parameters that the drone's flights so far hardly tell, which are unknown too: the curve of
     thrust is where only throttle that varies tells it."""
 
@@ -145,8 +145,8 @@ def plan(
     on_stage(OTHERS + 1, OTHERS + 3, "information of each manoeuvre")
     names = _names(request, flights[0])
     parts = _information(drone, [flights[number] for number in indices], names)
-    lacking = [name for name in request.lacking if name in names]
-    interest = [names.index(name) for name in request.interest or lacking or names]
+    gaps = [name for name in request.gaps if name in names]
+    interest = [names.index(name) for name in request.interest or gaps or names]
     fitting = {
         list(library_plans)[number]: part for number, part in zip(indices, parts, strict=True)
     }
@@ -321,7 +321,7 @@ def _names(request: Request, flight: Flight | None) -> tuple[str, ...]:
     if flight is not None:
         parameter_groups = parameter_groups[flight.accelerometer is None :][:1]
     groups = (names for some in parameter_groups for group in some.values() for names in group)
-    further = (name for name in request.lacking if name in UNKNOWNS)
+    further = (name for name in request.gaps if name in UNKNOWNS)
     names = tuple(dict.fromkeys((*selection.ALWAYS, *groups, *further)))
     for name in request.interest or ():
         if name not in names:
@@ -371,7 +371,7 @@ def _expecting(
 
     What earlier flights lack, of which `identify` asks no flight with a state, is unknown with all.
     """
-    over = names if request.lacking else None
+    over = names if request.gaps else None
     of = []
     for each, key in ((proposal, keys[0]), (flight_plan.hovering(proposal), keys[1])):
         logs = record_plan(drone, each, key, rate=request.rate, firmware=request.firmware)
