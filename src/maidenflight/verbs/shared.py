@@ -48,7 +48,9 @@ LARGEST = {
 """Columns of the largest tilt, body rate and distance of flights, beside the limits of guards."""
 ERRORS = {"error": "{position_error:.1f cm}", "estimated": "{estimated_error:.1f cm}"}
 """Columns of mean distances from the set-point, true and as the drone estimates them."""
-RARE = ("change of u", *reversed(LARGEST))
+CHANGE = "change of u\nin 10 ms"
+"""Column of the mean change of commands."""
+RARE = (CHANGE, *reversed(LARGEST))
 """Columns of flights that a narrow terminal leaves out first."""
 
 

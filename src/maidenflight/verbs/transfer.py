@@ -92,8 +92,8 @@ class Transfer(InRealities):
 
 
 _TITLE = (
-    "error: mean distance from the set-point, true and as the drone estimates it; u: in 10 ms; "
-    "largest tilt and rate, guards' limits"
+    "error: mean distance from the set-point, true and as the drone estimates it; largest tilt and "
+    "rate, guards' limits"
 )
 _RIVALS = (
     "(firmware): ended 60 cm from the set-point, policies 25 cm; pid gets positions alone and lags "
@@ -101,7 +101,7 @@ _RIVALS = (
 )
 _MEASURES = {
     **shared.ERRORS,
-    "change of u": "{command_change:.3f}",
+    shared.CHANGE: "{command_change:.3f}",
     **shared.LARGEST,
 }
 
