@@ -149,6 +149,7 @@ def _summarize(flight_plan: "planning.PlanResult") -> list[Table | str]:
             blocks,
         ),
         Table("Half of the 95 % interval to expect", columns, rows),
+        "of a log with position, velocity and attitude, at the rate of --rate; without these wider",
     ]
     if plan.extremes is not None:
         far = plan.extremes
