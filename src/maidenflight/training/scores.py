@@ -141,7 +141,11 @@ def describe_own_flights(flights: Sequence[OwnFlights], drone: str) -> list[str]
         f"{FLIGHT_S:g} s"
     )
     errors = [100 * one.position_error for one in lasting]
-    much = f", {min(errors):.1f} to {max(errors):.1f} cm from the set-point" if errors else ""
+    much = (
+        f", {min(errors):.1f} to {max(errors):.1f} cm from the set-point by its estimate"
+        if errors
+        else ""
+    )
     return [f"{line}{much}.", *find_falls(flights, drone).values()]
 
 
