@@ -293,7 +293,7 @@ MOST = {
     "study to table: names": 123,
     "constants": 747,
     "constants without a source": 585,
-    "lines": 61_743,
+    "lines": 61_759,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
