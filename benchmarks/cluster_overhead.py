@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 import maidenflight as mf
-from maidenflight import cores
+from maidenflight import compiler
 from maidenflight.errors import require_packages
 from maidenflight.settings import number, setting, whole
 from maidenflight.verb import Progress, Result, Verb
@@ -52,7 +52,7 @@ def main() -> None:
         began = time.perf_counter()
         table = mf.sweep([entry], folder, arguments.on)
         took = time.perf_counter() - began
-    workers = cores.count()
+    workers = compiler.count_cores()
     share = float(table["took"].sum()) / (workers * took)
     print(
         f"{arguments.on}: {arguments.tasks} tasks of a second with {workers} workers took "

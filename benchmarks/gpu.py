@@ -21,9 +21,8 @@ import click
 import jax
 import jax.numpy as jnp
 import numpy as np
-from asking import Waiting
 from page import write
-from serving import peak
+from serving import Waiting, peak
 
 import maidenflight as mf
 from maidenflight import parameters, policy_file, run_folder

@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 
 import jax
 
-from maidenflight import compiler, cores
+from maidenflight import compiler
 
 if __name__ == "__main__":
     compiler.prepare_jax()
@@ -70,7 +70,7 @@ MOVED = "stored bytes"
 ELEMENTS = 4096
 """Of the arrays of the machine's own measurement: 16 KiB, within the first cache."""
 TURNS = 2000
-CORES = cores.count()
+CORES = compiler.count_cores()
 
 
 class HotPath(NamedTuple):

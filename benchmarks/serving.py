@@ -1,11 +1,12 @@
-"""Answers requests of `simulator.py` and `gpu.py`, one JSON object per line."""
+"""Requests of `simulator.py` and `gpu.py`, and answers to them: one JSON object a line."""
 
 import json
 import os
 import resource
+import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 Prepared = tuple[Callable[[], Any], int]
@@ -59,3 +60,43 @@ def warm(prepared: Prepared | None) -> None:
     """Compiles and calls twice."""
     for _ in range(2 if prepared else 0):
         prepared[0]()  # type: ignore[index]
+
+
+class Waiting:
+    """A process that is asked and answers in turn."""
+
+    def __init__(self, command: Sequence[Any], **how: Any) -> None:
+        """Starts it; `how` as `subprocess.Popen` takes it."""
+        self._process = subprocess.Popen(
+            list(map(str, command)),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            **how,
+        )
+
+    def send(self, question: Any) -> None:
+        """Asks without waiting."""
+        assert self._process.stdin is not None
+        self._process.stdin.write(json.dumps(question) + "\n")
+        self._process.stdin.flush()
+
+    def answer(self) -> dict[str, Any]:
+        """What it answers to the oldest question without an answer."""
+        assert self._process.stdout is not None
+        # A package may print while it is imported.
+        line = next((line for line in self._process.stdout if line.startswith("{")), None)
+        if line is None:
+            raise RuntimeError(f"{self._process.args} ended; run it by hand to see why.")
+        return json.loads(line)
+
+    def ask(self, question: Any) -> dict[str, Any]:
+        """Asks and waits."""
+        self.send(question)
+        return self.answer()
+
+    def close(self) -> None:
+        """Ends it."""
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        self._process.wait()

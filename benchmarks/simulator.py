@@ -23,9 +23,9 @@ from typing import Any
 
 import chart
 import click
-from asking import Waiting
 from maidenflight_speed import LAYOUTS
 from page import write
+from serving import Waiting
 
 from maidenflight.compiler import FUSED, SMALLEST, has_older_emitter
 from maidenflight.errors import require_packages

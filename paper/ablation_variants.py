@@ -16,7 +16,7 @@ from kept_policies import kept_policies
 
 from maidenflight import parameters
 from maidenflight.identification import drone_file
-from maidenflight.identification.outcome.ensembles import posterior_ensemble, trim_ensemble
+from maidenflight.identification.outcome.ensembles import trim_ensemble
 from maidenflight.parameters import Parameters, component, replace
 from maidenflight.policy import Policy
 from maidenflight.simulator.controllers import control
@@ -162,7 +162,7 @@ def other_drones(
     identified = drone_file.read(file)
     groups: dict[str, list[Parameters]] = {}
     if identified.posterior:
-        groups[POSTERIOR] = _first(posterior_ensemble(drone, identified.posterior, file), draws)
+        groups[POSTERIOR] = _first(identified.posterior.ensemble(drone, file), draws)
         groups[TRIM] = _first(trim_ensemble(drone, identified.estimates, file), draws)
     for name, parts in PARTS.items():
         generator = np.random.default_rng([seed, number_name(name)])

@@ -84,7 +84,7 @@ def read_study(path: Path, small: bool = False) -> Study:
         small: train one policy of each cell, with a third of the updates.
 
     Raises:
-        InputError: see `studies.read`; or it flies no policies that it trains for both.
+        InputError: see `studies.read_study`; or it flies no policies that it trains for both.
     """
     study = studies.read_study(path)
     if small:

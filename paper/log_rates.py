@@ -94,7 +94,7 @@ def summary(rows: polars.DataFrame) -> polars.DataFrame:
 
 
 def speed_errors(seeds: Sequence[int], every: Sequence[int], duration: float) -> polars.DataFrame:
-    """Errors by measured speeds, RMS over drones: of the lag, a share; of the latency, in rows."""
+    """Errors by measured speeds, RMS over drones: shares of lag and ratio; rows of the latency."""
     errors = []
     for seed, scale in itertools.product(seeds, SCALES):
         drone, keys = mf.virtual_drone(seed), jax.random.split(jax.random.key(seed), 4)
@@ -114,12 +114,13 @@ def speed_errors(seeds: Sequence[int], every: Sequence[int], duration: float) ->
             flights = [thinned(flight, step) for flight in whole]
             motors = motors_of_speeds(Problem.of(flights, mf.crazyflie()))
             period = flights[0].period
-            if motors is not None:
+            if motors is not None and motors.spin_down_ratio is not None:
                 longer = float(np.median(motors.lag)) / lag - 1
                 later = float(np.median(motors.latency) - truth.latency) / period
+                ratio = float(np.median(motors.spin_down_ratio) / truth.spin_down_ratio) - 1
                 row = {"ms a row": 1e3 * period, "lag scaled by": scale, "lag": longer}
-                errors.append(row | {"latency": later})
-    rms = (polars.col("lag", "latency") ** 2).mean().sqrt().round(2)
+                errors.append(row | {"ratio": ratio, "latency": later})
+    rms = (polars.col("lag", "ratio", "latency") ** 2).mean().sqrt().round(2)
     return (
         polars.DataFrame(errors).group_by("lag scaled by", "ms a row", maintain_order=True).agg(rms)
     )

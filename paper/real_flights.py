@@ -217,6 +217,22 @@ def parameter_rows(identifications: Mapping[str, Identification]) -> list[dict[s
     return rows
 
 
+def compare_likelihoods(
+    drones: Mapping[str, Parameters], training: Sequence[Flight], held_out: Sequence[Flight]
+) -> list[dict[str, Any]]:
+    """Returns a row a drone: log-likelihood of held-out flights, a row and a window."""
+    ones = one_step_likelihood(drones, training, held_out)
+    many = {rows: multi_step_likelihood(drones, training, held_out, rows) for rows in (10, 25, 50)}
+    return [
+        {
+            "drone": name,
+            "one step": ones[name],
+            **{f"{rows * 10} ms": many[rows][name] for rows in many},
+        }
+        for name in drones
+    ]
+
+
 def nanobench(folder: Path, seed: int) -> list[str]:
     """The same tables, without flight times, of NanoBench's PID flights.
 
@@ -243,22 +259,12 @@ def nanobench(folder: Path, seed: int) -> list[str]:
         **{name: one.parameters for name, one in identifications.items()},
         "paper": mf.crazyflie(),
     }
-    ones = one_step_likelihood(drones, training, held_out)
-    many = {rows: multi_step_likelihood(drones, training, held_out, rows) for rows in (10, 25, 50)}
-    judge = [
-        {
-            "drone": name,
-            "one step": ones[name],
-            **{f"{rows * 10} ms": many[rows][name] for rows in many},
-        }
-        for name in drones
-    ]
     return [
         show("NanoBench: drones", parameter_rows(identifications)),
         show(
             f"NanoBench: log likelihood of {len(held_out)} held-out pieces of flight [nats a row "
             "or window]",
-            judge,
+            compare_likelihoods(drones, training, held_out),
         ),
         show("NanoBench: open loop, held out [m, m/s, deg, rad/s]", open_loop(held_out, drones)),
     ]
@@ -337,21 +343,11 @@ def main() -> None:
     ]
     gains = [dataclasses.asdict(gain) for gain in identifications["chosen by likelihood"].gains]
     texts.append(show("Gain of each group [nats a row, held-out flights]", gains))
-    ones = one_step_likelihood(drones, training, held_out)
-    many = {rows: multi_step_likelihood(drones, training, held_out, rows) for rows in (10, 25, 50)}
-    judge = [
-        {
-            "drone": name,
-            "one step": ones[name],
-            **{f"{rows * 10} ms": many[rows][name] for rows in many},
-        }
-        for name in drones
-    ]
     texts.append(
         show(
             f"First judge: log likelihood of {len(held_out)} held-out PWM flights [nats a row or "
             "window]",
-            judge,
+            compare_likelihoods(drones, training, held_out),
         )
     )
     flying = {**drones, **{name: real_controller(one) for name, one in identifications.items()}}

@@ -1,4 +1,4 @@
-"""XLA's flags, and that programs compiled by them compute what others do."""
+"""XLA's flags, that programs compiled by them compute what others do, and the cores they run on."""
 
 import os
 import subprocess
@@ -66,7 +66,7 @@ def computed(path: Path, flags: str) -> Any:
 @pytest.mark.night
 def test_flags_change_rounding_alone(tmp_path: Path) -> None:
     ours = computed(tmp_path / "ours.npz", compiler.FUSED)
-    others = computed(tmp_path / "others.npz", compiler.quickest())
+    others = computed(tmp_path / "others.npz", compiler.QUICK)
     assert set(ours) == set(others)
     for name in ours:
         assert np.all(np.isfinite(ours[name])), name
@@ -76,7 +76,7 @@ def test_flags_change_rounding_alone(tmp_path: Path) -> None:
 
 def test_the_latest_flags_count_but_ones_own_stay(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("XLA_FLAGS")
-    for flags in (compiler.QUICK, compiler.FUSED, compiler.QUICK, compiler.quickest()):
+    for flags in (compiler.QUICK, compiler.FUSED, compiler.QUICK):
         compiler.set_flags(flags)
         assert os.environ["XLA_FLAGS"] == flags
     for own in ("--xla_force_host_platform_device_count=2", ""):
@@ -130,8 +130,34 @@ def test_options_are_those_that_xla_knows(
     known = compiler.has_older_emitter.__wrapped__
     monkeypatch.setattr(compiler, "has_older_emitter", known)
     assert ("xla_cpu_use_fusion_emitters" in compiler.once()) is has
-    assert ("xla_cpu_use_fusion_emitters" in compiler.quickest()) is has
 
 
 def test_xla_takes_the_options_here() -> None:
     assert jax.jit(lambda value: value + 1.0, compiler_options=compiler.once())(1.0) == 2.0
+
+
+def test_the_cores_are_those_that_this_process_may_use(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {3, 5, 7}, raising=False)
+    assert compiler.count_cores() == 3
+    monkeypatch.delattr(os, "sched_getaffinity")
+    monkeypatch.setattr(os, "cpu_count", lambda: None)
+    assert compiler.count_cores() == 1
+
+
+@pytest.mark.slow
+def test_each_core_becomes_a_device_and_a_jax_that_runs_is_left_alone() -> None:
+    program = (
+        "from maidenflight import compiler\nimport jax\ncompiler.count_cores = lambda: "
+        "3\n{}compiler.as_devices()\nprint(jax.device_count())"
+    )
+    found = [
+        subprocess.run(
+            [sys.executable, "-c", program.format(first)],
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout.strip()
+        for first in ("", "jax.device_count()\n")
+    ]
+    assert found[0] == "3"
+    assert found[1] == "1"

@@ -33,7 +33,7 @@ from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.evaluation import Evaluation
 from maidenflight.training.settings import Settings
 from maidenflight.training.train import Progress
-from maidenflight.verbs import estimates_output, logs_output
+from maidenflight.verbs.parts import estimates_output, logs_output
 from maidenflight.verbs.train import Train
 
 TRAINING_PAGE = Path(__file__).parent.parent / "docs" / "training.md"

@@ -1,10 +1,11 @@
-"""How XLA compiles the programs that JAX runs here."""
+"""How XLA compiles the programs that JAX runs here, and on how many cores they run."""
 
 import functools
 import os
+from contextlib import suppress
 from typing import Any
 
-from maidenflight import cache, cores
+from maidenflight import cache
 
 QUICK = "--xla_backend_optimization_level=1"
 """Compiles a sixth sooner; programs run a tenth to a third slower. For commands that compile much
@@ -31,14 +32,6 @@ def has_older_emitter() -> bool:
     from jaxlib.version import __version__
 
     return tuple(map(int, __version__.split(".")[:2])) < (0, 11)
-
-
-def quickest() -> str:
-    """Flags that compile a third sooner than `QUICK`; programs take up to half as long again.
-
-    For tests, whose programs run for moments. Where XLA has no older emitter, `QUICK`.
-    """
-    return f"{QUICK} {SMALLEST}" if has_older_emitter() else QUICK
 
 
 def once() -> dict[str, Any]:
@@ -69,6 +62,37 @@ def set_flags(flags: str) -> None:
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 
+def count_cores() -> int:
+    """Returns how many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def count_devices() -> int:
+    """Returns how many devices JAX sees of a processor: a core each, and two of a single one.
+
+    Sums over another number of devices are rounded differently. So one core gives the same bytes
+    as two, which are the machines on which results are compared most.
+    """
+    return max(2, count_cores())
+
+
+def as_devices(number: int | None = None) -> None:
+    """Makes JAX see each core as a device, over which drones are laid.
+
+    XLA uses one core for arrays this small.
+
+    To be called before JAX does anything. Where it runs already, as in a notebook, its devices stay
+    what they are.
+
+    Args:
+        number: of devices; see `count_devices` by default.
+    """
+    import jax
+
+    with suppress(RuntimeError):
+        jax.config.update("jax_num_cpu_devices", number or count_devices())
+
+
 def prepare_jax(number: int | None = None, *, fused: bool = False) -> None:
     """Has JAX run here as the command line does: on all cores, and compiled programs are stored.
 
@@ -82,4 +106,4 @@ def prepare_jax(number: int | None = None, *, fused: bool = False) -> None:
     if fused:
         set_flags(FUSED)
     cache.keep_compiled()
-    cores.as_devices(number)
+    as_devices(number)

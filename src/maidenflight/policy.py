@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from maidenflight.errors import InputError
-from maidenflight.gru import Gru, untrained_gru
 from maidenflight.registry import PLOTS
 from maidenflight.simulator.controllers import interface as interfaces
 from maidenflight.simulator.controllers.interface import ControlInterface
+from maidenflight.simulator.gru import Gru, untrained_gru
 from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import (
     ACTION_SIZE,

@@ -16,12 +16,12 @@ from jaxtyping import Array
 
 from maidenflight import budget, inputs, results
 from maidenflight.errors import InputError
-from maidenflight.gru import Gru
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import GEOMETRY
 from maidenflight.policy import Policy
 from maidenflight.registry import POLICY_FORMATS
 from maidenflight.simulator.controllers.interface import ControlInterface
+from maidenflight.simulator.gru import Gru
 from maidenflight.simulator.policy_spec import INSTANT, PolicySpec
 
 FORMAT = "maidenflight policy 2"

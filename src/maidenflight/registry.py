@@ -173,7 +173,7 @@ REALITIES = Registry(
         "mujoco": f"{_RING}.simulators.mujoco:MuJoCo",
     },
 )
-"""Each makes a `simulator.reality.Reality`, or a virtual drone, of the text behind `NAME:`."""
+"""Each makes a `realities.reality.Reality`, or a virtual drone, of the text behind `NAME:`."""
 POLICIES = Registry(
     "policy by others",
     "maidenflight.policies",
@@ -196,7 +196,7 @@ POLICY_FORMS = Registry(
     "maidenflight.policy_forms",
     {"raptor": f"{_RING}.raptor.form:FORM", "px4": f"{_RING}.px4_network.form:FORM"},
 )
-"""Each a `simulator.policy_form.PolicyForm`, beside `INSTANTS`."""
+"""Each a `simulator.policy_spec.PolicyForm`, beside `INSTANTS`."""
 EXPORTERS = Registry(
     "exporter",
     "maidenflight.exporters",

@@ -17,7 +17,7 @@ from made_flights import driven
 from maidenflight.errors import InputError
 from maidenflight.flights import log
 from maidenflight.flights.reading import read_flights
-from maidenflight.verbs import logs_output
+from maidenflight.verbs.parts import logs_output
 
 ROWS = 900
 FIRST = 6

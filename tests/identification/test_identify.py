@@ -19,10 +19,11 @@ from maidenflight.identification.identify import identify
 from maidenflight.identification.likelihood.selection import FIRST
 from maidenflight.identification.methods import METHODS, Likelihood, Replay
 from maidenflight.identification.outcome.bounds import bound_reached
-from maidenflight.identification.outcome.ensembles import posterior_ensemble, trim_ensemble
+from maidenflight.identification.outcome.ensembles import trim_ensemble
 from maidenflight.identification.outcome.estimates import note_doubts
 from maidenflight.identification.outcome.problem import AUTO
 from maidenflight.identification.outcome.progress import FITTING, Progress
+from maidenflight.identification.posterior import Posterior
 from maidenflight.identification.search.box import PAPER_BOUNDS, physical_bounds
 from maidenflight.identification.uncertainty import DESIGN
 from maidenflight.parameters import QUANTITIES, check, crazyflie, noiseless, replace, x_frame
@@ -358,7 +359,7 @@ def test_the_same_key_gives_the_same_likelihood_and_another_key_other_draws(nois
 def test_a_posterior_comes_back_from_its_file_as_drones_to_train_on(likely, tmp_path):
     file = drone_file.read(likely.write(tmp_path / "mine.toml"))
     assert list(file.posterior) == list(likely.posterior)
-    back = posterior_ensemble(file.parameters, file.posterior, file.name)
+    back = file.ensemble
     for name, draws in likely.posterior.items():
         np.testing.assert_allclose(getattr(back.drones, name), draws[:SAVED], rtol=1e-5)
     np.testing.assert_array_equal(
@@ -374,11 +375,11 @@ def test_a_posterior_comes_back_from_its_file_as_drones_to_train_on(likely, tmp_
 
 
 def test_a_posterior_over_a_component_moves_that_component_alone():
-    drones = posterior_ensemble(
-        crazyflie(),
-        {"inertia_x": np.array([1e-5, 2e-5]), "latency": np.array([0.01, 0.02])},
-        "mine.toml",
-    ).drones
+    drones = (
+        Posterior({"inertia_x": np.array([1e-5, 2e-5]), "latency": np.array([0.01, 0.02])})
+        .ensemble(crazyflie())
+        .drones
+    )
     expected = np.array([[1e-5, 1.33e-5, 2.64e-5], [2e-5, 1.33e-5, 2.64e-5]], np.float32)
     np.testing.assert_array_equal(drones.inertia, expected)
     np.testing.assert_array_equal(drones.latency, np.array([0.01, 0.02], np.float32))
@@ -390,7 +391,7 @@ def test_a_posterior_over_a_component_moves_that_component_alone():
 )
 def test_samples_that_are_missing_or_no_drones_are_refused(samples, words):
     with pytest.raises(InputError, match=rf"mine\.toml.*{words}"):
-        posterior_ensemble(crazyflie(), samples, "mine.toml")
+        Posterior(samples).ensemble(crazyflie(), "mine.toml")
 
 
 def test_parameters_are_chosen_by_likelihood_only(flights):

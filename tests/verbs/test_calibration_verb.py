@@ -10,7 +10,7 @@ from maidenflight.errors import InputError
 from maidenflight.identification.drone_file import DroneFile, GroupGain, Search, Source
 from maidenflight.identification.posterior import Posterior
 from maidenflight.parameters import crazyflie
-from maidenflight.verbs import calibration
+from maidenflight.verbs.parts import calibration
 from maidenflight.verbs.validate import Validate
 
 

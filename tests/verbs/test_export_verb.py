@@ -15,7 +15,7 @@ from maidenflight.registry import EXPORTERS
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.verbs.export import Export
-from maidenflight.verbs.in_realities import export_command
+from maidenflight.verbs.parts.in_realities import export_command
 
 RECORDED = [name for name in EXPORTERS.own if "record" in keywords_of(name)]
 

@@ -19,8 +19,8 @@ from maidenflight.identification.outcome.narrowing import advise
 from maidenflight.identification.posterior import Posterior
 from maidenflight.identification.start import note_mass, read_start
 from maidenflight.parameters import crazyflie
-from maidenflight.verbs import estimates_output
 from maidenflight.verbs.identify import Identify
+from maidenflight.verbs.parts import estimates_output
 
 NOTHING = Identification(
     *(crazyflie(), {}, "likelihood", 0.0, 0.0, 1),

@@ -15,7 +15,8 @@ from maidenflight.flights.reading import Flights
 from maidenflight.parameters import crazyflie
 from maidenflight.run_folder import ERROR_UNITS
 from maidenflight.verb import Progress
-from maidenflight.verbs import logs_output, validate
+from maidenflight.verbs import validate
+from maidenflight.verbs.parts import logs_output
 
 
 def errors(**degrees: float) -> list[dict[str, Any]]:

@@ -14,7 +14,7 @@ import click
 from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
-from maidenflight import cache, compiler, cores, events, results, terminal
+from maidenflight import cache, compiler, events, results, terminal
 from maidenflight.cli.interruption import resumable
 from maidenflight.cli.project import FILE, read_project, settings_for
 from maidenflight.errors import InputError
@@ -228,7 +228,7 @@ def _set_up_jax(verb: Verb) -> None:
     # often as Python does by itself takes a fifth of the time.
     gc.set_threshold(100_000)
     if verb.parallel:
-        cores.as_devices()
+        compiler.as_devices()
 
 
 def claim(place: Path, overwrite: bool, resume: bool | None) -> None:

@@ -25,10 +25,10 @@ from maidenflight import __version__, results
 from maidenflight.deployment import look_ahead, memory
 from maidenflight.deployment.commands import check_form, check_hover, described, level_in_c
 from maidenflight.errors import InputError
-from maidenflight.gru import Gru
 from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy
 from maidenflight.policy_file import to_json
+from maidenflight.simulator.gru import Gru
 from maidenflight.simulator.policy_spec import ACTION_SIZE, OBSERVATION_SIZE
 
 GOLDEN_COUNT = 4

@@ -7,7 +7,7 @@ from string import Template
 
 import numpy as np
 
-from maidenflight.gru import Gru
+from maidenflight.simulator.gru import Gru
 
 _PIECES = {
     "memory_told": """

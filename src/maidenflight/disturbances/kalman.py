@@ -277,7 +277,7 @@ def _filtered(
 def filter_stretches(
     stretches: Stretches, drone: Parameters, processes: Processes
 ) -> list[Filtered]:
-    """Returns the filtered motion of each flight; see `disturbances.filter_flights`."""
+    """Returns the filtered motion of each flight; see `fitting.filter_flights`."""
     with jax.enable_x64(True):
         numbers = jax.tree.map(lambda one: jnp.asarray(one, float), (drone, processes))
         motion, covariance = _filtered(stretches.rows, numbers, stretches.period)

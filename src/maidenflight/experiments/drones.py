@@ -17,7 +17,6 @@ from maidenflight.identification.outcome.bounds import must_lie_within_bounds
 from maidenflight.identification.outcome.ensembles import (
     TRIM,
     drone_of_the_day,
-    posterior_ensemble,
     trim_ensemble,
 )
 from maidenflight.inputs import StrPath
@@ -64,7 +63,7 @@ def distribution_of(
     file = read_file(drone)
     centre = control.in_fitting_steps(file.parameters, controller)
     if randomization == POSTERIOR:
-        return posterior_ensemble(centre, file.posterior, file.name)
+        return file.posterior.ensemble(centre, file.name)
     if randomization in (WIDE, ANY_DAY):
         trims = [file.estimates.get(name) for name in TRIM]
         deviations = [0.0 if trim is None else trim.between_sd for trim in trims]
@@ -152,7 +151,7 @@ def _unidentified(file: DroneFile) -> list[str]:
 
 
 def find_reality(name: str, accept_bounds: bool = False) -> AnyReality:
-    """Returns a reality by name; see `simulator.reality.reality`.
+    """Returns a reality by name; see `realities.reality.reality`.
 
     Raises:
         InputError: no such reality, or `read_drone` refuses the drone.

@@ -177,7 +177,7 @@ class DroneFile:
     @property
     def ensemble(self) -> Any:
         """The posterior samples as drones to train over."""
-        return self.posterior.ensemble(self.parameters)
+        return self.posterior.ensemble(self.parameters, self.name)
 
     def plot(self) -> Any:
         """Returns a picture of the estimates and their intervals, which a notebook shows."""

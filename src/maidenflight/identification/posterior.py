@@ -14,9 +14,9 @@ from maidenflight import results
 from maidenflight.errors import InputError
 from maidenflight.identification.uncertainty import interval
 from maidenflight.inputs import StrPath
-from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, component, replace
+from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, check, component, replace
 from maidenflight.registry import PLOTS
-from maidenflight.simulator.randomization import Ensemble
+from maidenflight.simulator.randomization import Ensemble, ensemble
 
 
 class Posterior(Mapping[str, Float[np.ndarray, "N"]]):
@@ -59,22 +59,30 @@ class Posterior(Mapping[str, Float[np.ndarray, "N"]]):
         )
         return "\n".join([head, *rows])
 
-    def ensemble(self, drone: Parameters) -> Ensemble:
+    def ensemble(self, drone: Parameters, place: str = "drone.toml") -> Ensemble:
         """Returns the samples as drones to train over.
 
         Args:
             drone: of the other parameters.
+            place: the drone's file, for errors.
 
         Raises:
-            InputError: there are no samples.
+            InputError: there are no samples, or one is outside its physical range.
         """
         if not self.size:
-            raise InputError("no posterior samples to draw drones from. Identify from flights.")
-        stacked = jax.tree.map(
-            lambda leaf: np.broadcast_to(leaf, (self.size, *np.shape(leaf))), drone
+            raise InputError(
+                f"{place}: no [posterior] to draw drones from. Make the file with: maidenflight "
+                f"identify LOGS -o {place}."
+            )
+        rows = np.stack(list(self.values()), axis=1).astype(np.float32)
+        return ensemble(
+            [
+                check(
+                    replace(drone, **dict(zip(self, row, strict=True))), f"{place} [posterior] {i}"
+                )
+                for i, row in enumerate(rows, 1)
+            ]
         )
-        values = {name: one.astype(np.float32) for name, one in self.items()}
-        return Ensemble(replace(stacked, **values))
 
     @property
     def size(self) -> int:

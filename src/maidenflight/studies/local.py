@@ -11,7 +11,7 @@ from contextlib import suppress
 from glob import glob
 from multiprocessing import get_context
 
-from maidenflight import cores
+from maidenflight import compiler
 from maidenflight.errors import InputError
 from maidenflight.studies import worker
 from maidenflight.studies.engine import Resources
@@ -63,7 +63,7 @@ class Local:
             raise InputError(
                 f"local:{place}: expected local, which is this machine, or ray:{place}."
             )
-        self._most = resources.workers or max(1, cores.count() // resources.cpus)
+        self._most = resources.workers or max(1, compiler.count_cores() // resources.cpus)
         self._gpus = [""] * self._most
         if resources.gpus:
             available, each = _gpus(), resources.gpus

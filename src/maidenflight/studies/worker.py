@@ -10,7 +10,7 @@ from contextlib import chdir
 from dataclasses import dataclass
 from typing import Any
 
-from maidenflight import __version__, cache, compiler, cores, results
+from maidenflight import __version__, cache, compiler, results
 from maidenflight.errors import InputError
 from maidenflight.studies import store
 from maidenflight.verb import Verb, find_verb
@@ -58,7 +58,7 @@ def perform(order: Order) -> TaskResult:
         cache.keep_compiled()
         verb = find_verb(order.kind)
         if verb.parallel:
-            cores.as_devices(order.cpus)
+            compiler.as_devices(order.cpus)
         input_paths = {
             name: str(task_store.folder(key) / product)
             for name, (key, product) in order.inputs.items()

@@ -67,7 +67,7 @@ class Demo(Verb):
         the summary.
         """
         from maidenflight.identification.truth import read_truth
-        from maidenflight.verbs import estimates_output
+        from maidenflight.verbs.parts import estimates_output
 
         reality = f"virtual:{self.seed}"
         Thread(target=_compile_ahead, args=(stages, reality), daemon=True).start()

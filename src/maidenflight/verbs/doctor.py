@@ -12,7 +12,7 @@ from pathlib import Path
 from shutil import disk_usage
 from typing import Any, NamedTuple
 
-from maidenflight import __version__, cache, cores, results
+from maidenflight import __version__, cache, compiler, results
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Verb
 
@@ -82,7 +82,9 @@ def _processor() -> Finding:
     flags = lines.get("flags", "").split()
     features = [one for one in ("avx2", "fma", "avx512f") if one in flags]
     name = lines.get("model name") or platform.processor() or platform.machine()
-    return Finding("processor", f"{cores.count()} cores, {name}, {' '.join(features)}".rstrip(", "))
+    return Finding(
+        "processor", f"{compiler.count_cores()} cores, {name}, {' '.join(features)}".rstrip(", ")
+    )
 
 
 def _gpu() -> Finding:

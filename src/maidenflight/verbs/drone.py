@@ -126,12 +126,11 @@ class Drone(Verb):
         import jax
 
         from maidenflight.identification import drone_file
-        from maidenflight.identification.outcome.ensembles import posterior_ensemble
 
         posterior = drone_file.read(self.drone).posterior
         if not posterior:
             return []
-        drones = posterior_ensemble(drone, posterior, self.drone).drones
+        drones = posterior.ensemble(drone, self.drone).drones
         return [
             jax.tree.map(lambda leaf, place=place: leaf[place], drones)
             for place in range(len(drones.mass))

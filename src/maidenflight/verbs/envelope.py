@@ -9,7 +9,7 @@ from maidenflight.settings import choice, flag, plain, setting, several, whole
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row
 from maidenflight.verbs import shared
-from maidenflight.verbs.in_realities import InRealities
+from maidenflight.verbs.parts.in_realities import InRealities
 
 if TYPE_CHECKING:
     from polars import DataFrame

@@ -141,7 +141,7 @@ class Identify(Verb):
             identification as identification_figure,
         )
         from maidenflight.reporting.figures.picture import svg
-        from maidenflight.verbs import estimates_output, logs_output
+        from maidenflight.verbs.parts import estimates_output, logs_output
 
         settings, overall = self._objective(), Overall()
 
@@ -268,7 +268,7 @@ class Identify(Verb):
     def _describe(
         self, flights: "Flights", identification: "Identification"
     ) -> "list[Table | str]":
-        from maidenflight.verbs import estimates_output, logs_output
+        from maidenflight.verbs.parts import estimates_output, logs_output
 
         return [
             *logs_output.describe_flights(flights, f"; {identification.windows} windows of rows"),
@@ -293,7 +293,7 @@ class Identify(Verb):
 
 
 def _to_content(flights: "Flights", identification: "Identification") -> dict[str, Any]:
-    from maidenflight.verbs import logs_output
+    from maidenflight.verbs.parts import logs_output
 
     estimate = ("value", "interval", "trial_mean", "trial_sd", "between_sd", "valley")
     return {

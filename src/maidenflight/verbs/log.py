@@ -57,7 +57,7 @@ class Log(Verb):
         """Reads the logs; writes the usable pieces where there is an output."""
         from maidenflight.flights.reading import read_flights
         from maidenflight.flights.summary import summaries as summarize_flights
-        from maidenflight.verbs import logs_output
+        from maidenflight.verbs.parts import logs_output
 
         maps = logs_output.write_maps(self.logs) if self.map_columns else []
         flights = read_flights(

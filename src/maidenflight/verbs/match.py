@@ -64,7 +64,7 @@ class Match(Verb):
         from maidenflight.identification.behaviour import BEHAVIOUR, flights_of_policies
         from maidenflight.identification.drone_file import CLOSED_LOOP
         from maidenflight.identification.outcome.estimates import source_of
-        from maidenflight.verbs import logs_output
+        from maidenflight.verbs.parts import logs_output
 
         progress.move(0, None, "compiling")
         loaded, loop = read_policies(self.policies), closed_loop.ClosedLoop()
@@ -136,7 +136,7 @@ class Match(Verb):
 
 def _tabulate(match: "closed_loop.Match") -> list[Table]:
     from maidenflight.identification.behaviour import BEHAVIOUR
-    from maidenflight.verbs import logs_output
+    from maidenflight.verbs.parts import logs_output
 
     rows = []
     for name, (value, error) in match.estimates.items():

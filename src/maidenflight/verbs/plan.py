@@ -117,7 +117,7 @@ class Plan(Verb):
 
 def _summarize(flight_plan: "planning.PlanResult") -> list[Table | str]:
     """Returns the manoeuvres, the intervals to expect, and how far the drone goes."""
-    from maidenflight.verbs import logs_output
+    from maidenflight.verbs.parts import logs_output
 
     plan = flight_plan.plan
     blocks = [{"name": one.manoeuvre.name, "seconds": one.seconds} for one in plan.blocks]

@@ -11,7 +11,7 @@ from maidenflight.settings import number, path, setting, several, text, whole
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row
 from maidenflight.verbs import shared
-from maidenflight.verbs.in_realities import FliesPolicies, export_command
+from maidenflight.verbs.parts.in_realities import FliesPolicies, export_command
 
 if TYPE_CHECKING:
     from polars import DataFrame
@@ -65,13 +65,12 @@ class Predict(FliesPolicies):
         """Refuses what is no drone, too."""
         from maidenflight.experiments import drones
         from maidenflight.experiments.conditions import read_conditions
-        from maidenflight.identification.outcome.ensembles import posterior_ensemble
 
         read_conditions(self.conditions)
         if self.get("drone"):
             file = drones.read_drone(self.drone, self.accept_bounds)
             if self.randomize == names.POSTERIOR:
-                posterior_ensemble(file.parameters, file.posterior, file.name)
+                _ = file.ensemble
         super().check()
         _ = self.others
 

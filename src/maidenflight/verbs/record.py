@@ -63,7 +63,7 @@ class Record(Verb):
         from maidenflight.flying import recording
         from maidenflight.identification.drone_file import DroneFile
         from maidenflight.parameters import Parameters
-        from maidenflight.verbs import logs_output
+        from maidenflight.verbs.parts import logs_output
 
         progress.move(0, None, "compiling and flying")
         plan = None if self.plan is None else flight_plan.read(self.plan)

@@ -6,7 +6,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from maidenflight import cores, names, results, run_folder
+from maidenflight import compiler, names, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.registry import EXPORTERS, LOGGERS
 from maidenflight.settings import (
@@ -336,7 +336,7 @@ class Train(Verb):
             policies = self._train(learner, saved, on_progress, on_update)
         if earlier := checkpoint.stages(saved)[:-1]:
             record["settings"]["extended_from"] = list(earlier)
-        record["cores"], record["drone"] = cores.count_devices(), identity_of(self.drone_file)
+        record["cores"], record["drone"] = compiler.count_devices(), identity_of(self.drone_file)
         record |= {"doubts": doubts} if (doubts := drones.doubts(self.drone_file)) else {}
         own, task = self.drone_file.parameters, find_task(self.task)
         progress.move(learner.updates, learner.updates, "flying the drone itself")

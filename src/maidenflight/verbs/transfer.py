@@ -9,7 +9,7 @@ from maidenflight.settings import choice, number, setting, several, whole
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row
 from maidenflight.verbs import shared
-from maidenflight.verbs.in_realities import InRealities
+from maidenflight.verbs.parts.in_realities import InRealities
 
 _FEW = 12
 """Flights that the command line prints one by one."""
@@ -49,7 +49,7 @@ class Transfer(InRealities):
         from maidenflight.experiments import comparison, drones
         from maidenflight.experiments.transfer import fly_firmware, transfer
         from maidenflight.simulator.tasks.tasks import find_task
-        from maidenflight.verbs import logs_output
+        from maidenflight.verbs.parts import logs_output
 
         fleet, own = self.fleet, self.fleet.own
         task, notes = fleet.choose_task(self.chosen_task)

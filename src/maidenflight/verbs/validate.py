@@ -14,7 +14,7 @@ from maidenflight.settings import PENDING, REQUIRED, flag, listed, number, setti
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Row, Verb
 from maidenflight.verbs import shared
-from maidenflight.verbs.calibration import calibrate
+from maidenflight.verbs.parts.calibration import calibrate
 
 if TYPE_CHECKING:
     from maidenflight.flights.log import Flight
@@ -133,7 +133,7 @@ class Validate(Verb):
             without_torque,
         )
         from maidenflight.parameters import crazyflie
-        from maidenflight.verbs import logs_output
+        from maidenflight.verbs.parts import logs_output
 
         if self.calibration:
             return calibrate(self, self.drone, self.logs, self.draws, output, progress)

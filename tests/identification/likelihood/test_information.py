@@ -15,7 +15,6 @@ from maidenflight.errors import InputError
 from maidenflight.identification import drone_file
 from maidenflight.identification.likelihood import information
 from maidenflight.identification.methods import Likelihood
-from maidenflight.identification.outcome.ensembles import posterior_ensemble
 from maidenflight.identification.outcome.plausible import (
     HOVERING,
     OTHER_DAY,
@@ -165,7 +164,7 @@ def test_thrust_allows_for_the_air_of_another_day(found):
 def test_training_over_the_posterior_is_over_the_plausible_range(found, tmp_path):
     file = drone_file.read(found.write(tmp_path / "mine.toml"))
     assert file.unidentified[UNTOLD] == pytest.approx(found.unidentified[UNTOLD])
-    drones = posterior_ensemble(file.parameters, file.posterior, file.name).drones
+    drones = file.ensemble.drones
     assert np.ptp(drones.motor_time_constant) > 0.8 * np.ptp(file.unidentified[UNTOLD])
     assert np.ptp(drones.drag[:, 0]) > 0 == np.ptp(drones.drag[:, 1])
 

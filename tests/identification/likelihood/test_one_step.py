@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import norm
 
 import planted
-from maidenflight import cores
+from maidenflight import compiler
 from maidenflight.flights.windows import LEAD_IN, Windows, windows
 from maidenflight.identification.likelihood import compiling, one_step_errors
 from maidenflight.identification.likelihood.observation import BALANCED, noise_model
@@ -258,7 +258,7 @@ def test_neither_cores_nor_chunks_change_what_comes_out(noisy_windows, noisy, mo
     together = OneStep(long, 0.01, STEPS)
     found = []
     for count in (1, 2):
-        monkeypatch.setattr(cores, "count", lambda count=count: count)
+        monkeypatch.setattr(compiler, "count_cores", lambda count=count: count)
         found.append(together.products(TRUTH))
     np.testing.assert_array_equal(*found)
     alone = noisy.products(TRUTH)

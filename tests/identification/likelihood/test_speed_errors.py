@@ -97,3 +97,13 @@ def test_a_policy_at_the_logs_rate_is_left_to_the_likelihood() -> None:
     state = {key: np.zeros((ROWS, 3), np.float32) for key in ("position", "velocity", "attitude")}
     problem = Problem.of([dataclasses.replace(flight, accelerometer=None, **state)])
     assert measure(problem).motors is None
+
+
+def test_commands_read_by_another_law_than_the_motors_keep_the_lag_both_ways() -> None:
+    flight = flown(0.03, 1.667, sag=0.0)
+    # What is in proportion to sqrt(u) is read as affine in u.
+    affine = np.clip((flight.command.astype(float) + 0.08) / 0.75, 0.0, 1.0) ** 2
+    read = dataclasses.replace(flight, command=affine.astype(np.float32))
+    lag, ratio, latency = medians(seen(read))
+    assert [lag, ratio] == pytest.approx([equivalent_lag(0.03, 1.667), 1.667], rel=0.04)
+    assert latency == pytest.approx(0.004, abs=6e-4)

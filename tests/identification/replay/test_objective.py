@@ -199,7 +199,7 @@ def test_what_is_computed_does_not_depend_on_the_number_of_cores(monkeypatch, co
     )
     alone = {}
     for used in (1, cores):
-        monkeypatch.setattr(open_loop.cores, "count", lambda used=used: used)
+        monkeypatch.setattr(open_loop.compiler, "count_cores", lambda used=used: used)
         alone[used] = (
             measured.per_window(at),
             *measured.normal_equations(at, ("latency",)),

@@ -19,7 +19,7 @@ from maidenflight import results
 from maidenflight.errors import InputError
 from maidenflight.flights import tables
 from maidenflight.integrations.radio import session
-from maidenflight.integrations.radio.flight import COMPLETE, FIRMWARE_STOPS, PROMISED, Plan
+from maidenflight.integrations.radio.flight import COMPLETE, PROMISED, Plan
 from maidenflight.simulator.tasks import trajectories
 
 PATH = trajectories.circle(0.5, 3.0, 1.0)
@@ -28,6 +28,9 @@ IN_AIR = 6.0
 """From arming to the ground, at least [s]."""
 LED = 3.2
 """From arming until the landing begins, at least [s]."""
+FIRMWARE_STOPS = 2.0
+"""Time without set-points after which the firmware stops the motors [s]. Source: firmware 2026.08,
+commander.h."""
 
 
 def setting(**values):

@@ -29,7 +29,6 @@ from maidenflight.integrations.radio.blocks import (
     LIMITS,
     MOTORS,
     PERIOD,
-    ROOM,
     STATE,
     VARIANCE,
     with_policy,
@@ -66,8 +65,8 @@ def flown(fake, folder, *plans, stops=lambda: 0, said=None, before=None, care=se
         )
 
 
-def test_blocks_fit_into_a_packet():
-    assert max(block.size for block in (STATE, with_policy(MOTORS), VARIANCE)) <= ROOM
+def test_blocks_fit_into_the_26_bytes_of_a_packet():
+    assert max(block.size for block in (STATE, with_policy(MOTORS), VARIANCE)) <= 26
 
 
 @pytest.mark.slow

@@ -180,4 +180,3 @@ def test_what_knows_no_drone_has_a_crazyflies_geometry():
     np.testing.assert_allclose(rotors(drone) / arm_length(drone), geometry.ROTORS, rtol=1e-6)
     np.testing.assert_array_equal(np.sign(levers(drone)), geometry.TORQUES)
     np.testing.assert_array_equal(drone.rotor_direction, geometry.YAW)
-    np.testing.assert_array_equal(geometry.ROTORS[:, 0] > 0, geometry.FRONT)

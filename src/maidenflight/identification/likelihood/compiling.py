@@ -8,7 +8,7 @@ from threading import Thread
 import jax
 import numpy as np
 
-from maidenflight import cores
+from maidenflight import compiler
 from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import Windows
 from maidenflight.identification.likelihood import one_step_errors
@@ -46,7 +46,7 @@ def _start_threads(every: int, before: int) -> list[Thread]:
             for program in left:
                 program()
 
-    threads = [Thread(target=compile_next, daemon=True) for _ in range(cores.count())]
+    threads = [Thread(target=compile_next, daemon=True) for _ in range(compiler.count_cores())]
     for thread in threads:
         thread.start()
     return threads

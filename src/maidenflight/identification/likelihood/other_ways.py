@@ -33,8 +33,6 @@ from maidenflight.identification.signals.lag import DELAYS, SLOWING_DOWN
 from maidenflight.identification.signals.motor_response import DELAY_ERROR
 from maidenflight.identification.uncertainty import inverse
 
-_SPARSER = 2
-"""Rows to one, where it is tried what a sparser log would change."""
 WHITE, OWN_LAG, SPARSER = "white noise", "its own lag", "every second row"
 """Other ways of fitting."""
 _SHARES = {WHITE: 0.5, OWN_LAG: 0.5, SPARSER: 1.0}
@@ -71,7 +69,7 @@ def ways_of_states(flights: Sequence[Flight], settings: Likelihood, names: Seque
     """Returns other ways of fitting logs with a state."""
     if is_zero_order_hold(flights):
         return {}
-    sparse = [thinned(one, _SPARSER) for one in flights]
+    sparse = [thinned(one, 2) for one in flights]
     return {SPARSER: (one_step_objective(sparse, settings), names)}
 
 
@@ -127,7 +125,7 @@ def ways_of_sensor(flights: Sequence[Flight], model: SensorErrors, names: Sequen
     if {"inertia_x", "inertia_y"} <= set(names):
         fit_result[OWN_LAG] = model, (*names, *DELAYS)
     if not is_zero_order_hold(flights):
-        sparse = [thinned(one, _SPARSER) for one in flights]
+        sparse = [thinned(one, 2) for one in flights]
         fit_result[SPARSER] = type(model).of(sparse, model.priors, model.signals.limit), names
     return fit_result
 

@@ -2,11 +2,13 @@
 
 Speeds follow commands through the motors alone, and nothing answers them, so that they are no loop.
 A rotor's speed is a parabola of the speed nu that the model's motor has, with numbers of its own in
-each segment of flight: motors are unequal, and the battery sags.
+each segment of flight: motors are unequal, and the battery sags. Nor is the speed that a command
+asks for always a multiple of sqrt(u), so that it is found first, as a polynomial of each segment.
 """
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Self
 
 import numpy as np
 from jaxtyping import Float
@@ -18,7 +20,11 @@ from maidenflight.identification.likelihood.fit import fit
 from maidenflight.identification.likelihood.sensor_errors import EVALUATIONS, SensorErrors
 from maidenflight.identification.likelihood.sensor_signals import Rotors, Sensor
 from maidenflight.identification.outcome.problem import Problem
-from maidenflight.identification.signals.flight_signals import is_zero_order_hold, means
+from maidenflight.identification.signals.flight_signals import (
+    delay_command,
+    is_zero_order_hold,
+    means,
+)
 from maidenflight.identification.signals.lag import DELAYS, SLOWING_DOWN, slope_by_ratio
 from maidenflight.identification.signals.motor_response import (
     LATENCY_OF_SPEEDS,
@@ -40,13 +46,17 @@ _START = {"motor_time_constant": 0.04, "latency": 0.003, SLOWING_DOWN: 1.0, "mot
 """Where the search begins: from 10 to 110 ms it finds the optimum."""
 _EXPLAINED = 0.7
 """Share of the speeds' variance that commands must explain, or the reading is broken."""
+_POWERS, _FITS = np.arange(5), (5, 3, EVALUATIONS)
+"""Powers of sqrt(u) of which a segment's asked speed is made, and evaluations of fits, each of what
+the one before found: speeds in proportion to sqrt(PWM), read as affine in PWM, have a lag of 30 ms
+up and 50 down, of which one fit finds 29.5 and 39, two 29.4 and 45, three 29.4 and 49; chosen."""
 _SLOW = 1.0
 """Time over which means are taken of what is slow [s]."""
-_SAMPLED = np.array([10.0, 0.0, 1 / np.sqrt(12)])
+_SAMPLED = np.array([15.0, 8.0, 1 / np.sqrt(12)])
 """Standard errors of the logarithms of lag and ratio, and of the latency [s], for each second of a
 row, where a log samples a faster loop's commands: their noise is taken for steps that last a row.
-Lags of 25 to 80 ms are 7 to 15 % off at 100 Hz, 0.3 to 3 % at 250 Hz, latencies a tenth to a fifth
-of a row (`python paper/log_rates.py --speeds`)."""
+Lags of 25 to 90 ms are 7 to 27 % off at 100 Hz, ratios 6 to 10 %; at 250 Hz 1 to 3 and 2 to 4 %;
+latencies a tenth to a fifth of a row (`python paper/log_rates.py --speeds`)."""
 
 
 def mean_speed(flight: Flight, rows: int, step: float) -> Float[np.ndarray, "M 4"]:
@@ -66,14 +76,42 @@ class SpeedErrors(SensorErrors):
         Source: Golub and Pereyra 1973 (variable projection); Gronauer et al. 2022,
         eq:motor-dynamics (nu).
         """
-        measured, used = self.signals.measured, self.signals.used[..., None]
         terms = np.stack([np.ones_like(rotors.mean), rotors.mean, rotors.square], axis=-1)
-        counted = terms * used[..., None]
+        return np.einsum("msri,sri->msr", terms, self._weights(terms))
+
+    def _weights(self, terms: Float[np.ndarray, "M S 4 k"]) -> Float[np.ndarray, "S 4 k"]:
+        """Weights of terms whose sum fits a segment's speeds best."""
+        counted = terms * self.signals.used[..., None, None]
         matrix = np.einsum("msri,msrj->srij", counted, terms)
-        sums = np.einsum("msri,msr->sri", counted, measured)
-        ridge = 1e-9 * np.trace(matrix, axis1=-2, axis2=-1)[..., None, None] * np.eye(3)
-        laws = np.linalg.solve(matrix + ridge, sums[..., None])[..., 0]
-        return np.einsum("msri,sri->msr", terms, laws)
+        sums = np.einsum("msri,msr->sri", counted, self.signals.measured)
+        ridge = 1e-9 * np.trace(matrix, axis1=-2, axis2=-1)[..., None, None]
+        matrix += ridge * np.eye(terms.shape[-1])
+        return np.linalg.solve(matrix, sums[..., None])[..., 0]
+
+    def linearize_commands(self, drone: Parameters) -> Self:
+        """Returns the model whose commands are in proportion to the speeds that they ask for.
+
+        A motor lags behind the speed that is asked for. What lags so behind each power of the
+        command adds up to the measured speed, and the powers themselves to the one asked for.
+
+        Args:
+            drone: lag both ways and latency.
+        """
+        signals, rows = self.signals, self.signals.rows
+        delayed = delay_command(signals.command, float(drone.latency) / signals.period)
+        lag = float(drone.motor_time_constant)
+        up = -np.expm1(-signals.period / lag)
+        down = -np.expm1(-signals.period / (lag * float(drone.spin_down_ratio)))
+        speed = delayed[0, ..., None] ** _POWERS
+        terms = np.zeros((len(signals.measured), *speed.shape))
+        for row, command in enumerate(delayed):
+            away = command[..., None] ** _POWERS - speed
+            after = speed + np.where(away[..., 1:2] < 0, down, up) * away
+            terms[row // rows] += (speed + after) / (2 * rows)
+            speed = after
+        powers = signals.command[..., None] ** _POWERS
+        asked = np.einsum("nsri,sri->nsr", powers, self._weights(terms))
+        return type(self)(replace(signals, command=asked / np.abs(asked).max(axis=0)))
 
     def explained(self, drone: Parameters) -> float:
         """Returns the share of what speeds do within a second that a drone explains.
@@ -102,7 +140,12 @@ def motors_of_speeds(problem: Problem) -> MotorResponse | None:
     start = with_values(problem.start, **{name: np.float32(one) for name, one in _START.items()})
     problem = replace(problem, start=start, flights=flights, bounds={})
     model = SpeedErrors.of(flights)
-    optimum = fit(problem, EVALUATIONS, [model], NAMES, start, {})
+    # Where commands are samples of a faster loop, their noise passes for a law.
+    fits = _FITS if is_zero_order_hold(flights) else (EVALUATIONS,)
+    optimum = fit(problem, fits[0], [model], NAMES, start, {})
+    for evaluations in fits[1:]:
+        model = model.linearize_commands(optimum.drone)
+        optimum = fit(problem, evaluations, [model], NAMES, optimum.drone, {})
     explained = model.explained(optimum.drone)
     if explained < _EXPLAINED:
         return None

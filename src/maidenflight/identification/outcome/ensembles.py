@@ -5,7 +5,6 @@ from dataclasses import replace as replace_
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from maidenflight.errors import InputError
 from maidenflight.flights import trims
@@ -28,32 +27,6 @@ WITHIN_A_DAY = {HOVERING: 0.87, "torque_bias_x": 0.7, "torque_bias_y": 0.7, "tor
 """Standard deviation between flights of a day, as a share of that between all flights: of flights
 of neighbouring policies in paper/notes/flight-times.md, whatever outer fold is left out. The day's
 own standard deviation is what this leaves: sqrt(1 - share^2)."""
-
-
-def posterior_ensemble(
-    drone: Parameters, samples: Mapping[str, Float[np.ndarray, "N"]], place: str
-) -> Ensemble:
-    """Returns drones with the values of posterior samples in place.
-
-    Args:
-        drone: the identified drone.
-        samples: see `DroneFile.posterior`.
-        place: the drone's file, for errors.
-
-    Raises:
-        InputError: there are no samples, or one is outside its physical range.
-    """
-    if not samples:
-        raise InputError(
-            f"{place}: no [posterior] to draw drones from. Make the file with: maidenflight "
-            f"identify LOGS -o {place}."
-        )
-    rows = np.stack(list(samples.values()), axis=1).astype(np.float32)
-    drones = [
-        check(replace(drone, **dict(zip(samples, row, strict=True))), f"{place} [posterior] {i}")
-        for i, row in enumerate(rows, 1)
-    ]
-    return ensemble(drones)
 
 
 def flight_to_flight_sd(

@@ -15,7 +15,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from maidenflight import cores
+from maidenflight import compiler
 from maidenflight.flights.windows import Windows
 from maidenflight.parameters import Parameters
 from maidenflight.simulator import stepping
@@ -127,7 +127,7 @@ def on_all_cores(
     Returns:
         The arrays for all chunks.
     """
-    workers = min(cores.count(), chunks) if jax.default_backend() == "cpu" else 1
+    workers = min(compiler.count_cores(), chunks) if jax.default_backend() == "cpu" else 1
     ends = [chunks * worker // workers for worker in range(workers + 1)]
 
     def compute_part(first: int, end: int) -> list[np.ndarray]:
@@ -142,4 +142,4 @@ def on_all_cores(
 @cache
 def _pool() -> ThreadPoolExecutor:
     """Threads that stay: to begin and end them took as long as a tenth of what they compute."""
-    return ThreadPoolExecutor(cores.count())
+    return ThreadPoolExecutor(compiler.count_cores())

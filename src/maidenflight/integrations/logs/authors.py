@@ -1,7 +1,7 @@
 """The authors' flight logs: 22 columns at 100 Hz, in float16 as sent over the radio.
 
 The motors are logged after battery compensation, so the command is recovered with
-`simulator.battery`. `time` is rounded to as much as 31 ms and serves only to find where a file
+`physics.battery`. `time` is rounded to as much as 31 ms and serves only to find where a file
 holds several flights; rows are 10 ms apart.
 
 Source: github SvenGronauer/phoenix-drone-simulation c5d6907; signs and scales verified on the logs.

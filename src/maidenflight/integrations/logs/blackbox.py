@@ -29,8 +29,8 @@ from maidenflight.flights.log import GRAVITY, LONGEST_DELAY, Flight, flight_of
 from maidenflight.flights.streams import joining, rates, streams
 from maidenflight.integrations.logs import blackbox_header
 
-DSHOT_ZERO, DSHOT_MOST = 48, 2047
-"""DShot values of a motor that just does not turn, and of full throttle."""
+DSHOT_ZERO = 48
+"""DShot value of a motor that just does not turn."""
 _ORDER = (1, 0, 2, 3)
 """Betaflight's numbers, from 0, of our motors: it counts back right, front right, back left, front
 left."""

@@ -16,8 +16,6 @@ from typing import NamedTuple
 PERIOD = 0.01
 """Of both fast blocks [s]; the firmware's shortest."""
 BYTES: Mapping[str, int] = {"uint8_t": 1, "int16_t": 2, "uint16_t": 2, "FP16": 2, "float": 4}
-ROOM = 26
-"""Bytes that a block can carry."""
 
 
 class Block(NamedTuple):

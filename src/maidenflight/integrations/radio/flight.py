@@ -65,9 +65,6 @@ STOPPING = 0.5
 """Time over which the motors receive stop commands [s]."""
 PROMISED = 7.0
 """Time from the cause of an ending to motors off [s], with the link up; see docs/real-drones.md."""
-FIRMWARE_STOPS = 2.0
-"""Time without set-points after which the firmware stops the motors [s]. Source: firmware 2026.08,
-commander.h."""
 
 
 @dataclass(frozen=True)

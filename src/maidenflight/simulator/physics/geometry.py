@@ -9,8 +9,6 @@ import numpy as np
 
 ROTORS = np.array([(1, -1, 0), (-1, -1, 0), (-1, 1, 0), (1, 1, 0)]) / np.sqrt(2)
 """Places of the rotors' hubs [arm length], (4, 3)."""
-FRONT = (True, False, False, True)
-"""Whether a rotor is one of the two in front."""
 YAW = (-1, 1, -1, 1)
 """Sign of each rotor's reaction torque about z [-]: + turns the drone to the left, since the rotor
 turns clockwise from above."""

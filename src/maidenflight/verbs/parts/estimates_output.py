@@ -10,7 +10,7 @@ from maidenflight.identification.signals.lag import LAG
 from maidenflight.parameters import COMPONENTS, GEOMETRY, QUANTITIES, arm_length, component
 from maidenflight.reporting.text import with_error
 from maidenflight.terminal import Table
-from maidenflight.verbs.logs_output import scale_of
+from maidenflight.verbs.parts.logs_output import scale_of
 
 _MAIN = ("thrust_to_weight", "motor_time_constant", "latency")
 """The parameters of the paper."""

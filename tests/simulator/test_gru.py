@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from maidenflight.errors import InputError
-from maidenflight.gru import Gru, untrained_gru
 from maidenflight.policy import Actor, untrained_policy
+from maidenflight.simulator.gru import Gru, untrained_gru
 from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import PolicySpec
 

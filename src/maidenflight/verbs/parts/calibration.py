@@ -111,7 +111,7 @@ def calibrate(
     from maidenflight.identification.calibration import draw_calibrations
     from maidenflight.identification.calibration import summarize as summarize_calibration
     from maidenflight.identification.outcome.progress import Overall
-    from maidenflight.verbs import logs_output
+    from maidenflight.verbs.parts import logs_output
 
     clock, rows = _Clock(draws), list[Row]()
     file, identify = identification_of(Path(drone), logs)
