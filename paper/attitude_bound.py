@@ -38,8 +38,8 @@ from maidenflight.training.defaults import choose_controller
 PARTS = ("state", "delay_line", "controller", "gyro", "estimator", "measurement")
 """Of an environment's state, what moves the drone."""
 PRICE = 100.0
-"""Of an action's square, beside those of 10 cm, 0.5 m/s and 0.3 rad: another factor of ten changes
-no margin by a tenth."""
+"""Of an action's square, beside those of 10 cm, 0.5 m/s and 0.3 rad: ten times as much changes no
+phase margin by a twentieth."""
 AWAY_M, LOST_M, SECONDS, FLIGHTS = 0.02, 0.25, 20.0, 4
 
 

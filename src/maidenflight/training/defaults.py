@@ -36,10 +36,6 @@ SETTINGS: dict[str, AnalyticGradient] = {
 (paper/notes/training.md#how-far-ahead). To separate initial states that can be saved from those
 that cannot takes more environments."""
 
-CIRCLE_UPDATES = {"attitude_rate": 600}
-"""Updates on the circle, by control structure, where fewer than else suffice: twice as many and
-more did not fly better (`paper/defaults.py`, paper/notes/training.md#attitude-rate-by-default)."""
-
 HIDDEN_BY_CONTROL: dict[str, tuple[int, ...]] = {"attitude_rate": (75, 75)}
 """Hidden layers of policies by gradients, by control structure, where they are not the usual ones.
 At 50 Hz most episodes depend on separating initial states, which takes a larger network; it fits a
@@ -199,9 +195,9 @@ def _by_gradient(structure: str, task: str, remembering: bool) -> AnalyticGradie
     # Far larger than the circle, and faster; or of many shapes.
     if task in ("figure_eight", "fast_figure_eight", TRACKING):
         return dataclasses.replace(settings, updates=3 * settings.updates)
-    if task == "circle" and not remembering:
-        updates = CIRCLE_UPDATES.get(structure, settings.updates)
-        return dataclasses.replace(settings, updates=updates)
+    if (structure, task) == ("attitude_rate", "circle") and not remembering:
+        # More did not fly better (paper/defaults.py); other tasks were not measured.
+        return dataclasses.replace(settings, updates=600)
     return settings
 
 
