@@ -279,9 +279,9 @@ MOST = {
     "log to drone.toml: stops": 744,
     "log to drone.toml: modules": 120,
     "log to drone.toml: names": 980,
-    "drone to policy: stops": 337,
+    "drone to policy: stops": 338,
     "drone to policy: modules": 70,
-    "drone to policy: names": 500,
+    "drone to policy: names": 501,
     "policy to flight: stops": 273,
     "policy to flight: modules": 55,
     "policy to flight: names": 417,
@@ -293,7 +293,7 @@ MOST = {
     "study to table: names": 123,
     "constants": 750,
     "constants without a source": 587,
-    "lines": 61_905,
+    "lines": 62_082,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

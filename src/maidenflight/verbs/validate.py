@@ -170,7 +170,7 @@ class Validate(Verb):
             *note_other_law(file, law),
             *at_bounds(file.estimates).values(),
             *warning_lines(flights.warnings),
-            *drones.doubts(file),
+            *drones.repeat_doubts(file),
         ]
         simulated, rows = any(one.simulated for one in flights), errors.to_dicts()
         verdict, doubts, remark = _judge(name, likelihoods, rows)
@@ -326,7 +326,8 @@ def _tabulate(
         "predictions know commands alone: a trim that differs by flight turns the drone from the "
         "first row on, which shows most in body rates; persistence has none",
         "not turned by commands: as if motors were in a wrong order; a sound drone is better",
-        "nats: one more a row makes the data 2.7 times as probable, row by row",
+        "nats: one more a row makes the data 2.7 times as probable, row by row; other words: "
+        "docs/glossary.md",
     ]
 
 

@@ -30,6 +30,7 @@ from maidenflight.identification.signals.motor_response import (
     LATENCY_OF_SPEEDS,
     LIKE,
     OWN,
+    QUICK,
     SHORTEST,
     MotorResponse,
     random_effects,
@@ -52,11 +53,11 @@ the one before found: speeds in proportion to sqrt(PWM), read as affine in PWM, 
 up and 50 down, of which one fit finds 29.5 and 39, two 29.4 and 45, three 29.4 and 49; chosen."""
 _SLOW = 1.0
 """Time over which means are taken of what is slow [s]."""
-_SAMPLED = np.array([10.0, 5.0, 1 / np.sqrt(12)])
+_SAMPLED = np.array([15.0, 8.0, 1 / np.sqrt(12)])
 """Standard errors of the logarithms of lag and ratio, and of the latency [s], for each second of a
 row, where a log samples a faster loop's commands: their noise is taken for steps that last a row.
-Lags of 25 to 80 ms are 7 to 15 % off at 100 Hz, 0.3 to 3 % at 250 Hz, latencies a tenth to a fifth
-of a row (`python paper/log_rates.py --speeds`)."""
+Lags of 25 to 90 ms are 7 to 27 % off at 100 Hz, ratios 6 to 10 %; at 250 Hz 1 to 3 and 2 to 4 %;
+latencies a tenth to a fifth of a row (`python paper/log_rates.py --speeds`)."""
 
 
 def mean_speed(flight: Flight, rows: int, step: float) -> Float[np.ndarray, "M 4"]:
@@ -88,7 +89,7 @@ class SpeedErrors(SensorErrors):
         matrix += ridge * np.eye(terms.shape[-1])
         return np.linalg.solve(matrix, sums[..., None])[..., 0]
 
-    def by_asked_speed(self, drone: Parameters) -> Self:
+    def linearize_commands(self, drone: Parameters) -> Self:
         """Returns the model whose commands are in proportion to the speeds that they ask for.
 
         A motor lags behind the speed that is asked for. What lags so behind each power of the
@@ -140,11 +141,12 @@ def motors_of_speeds(problem: Problem) -> MotorResponse | None:
     start = with_values(problem.start, **{name: np.float32(one) for name, one in _START.items()})
     problem = replace(problem, start=start, flights=flights, bounds={})
     model = SpeedErrors.of(flights)
-    # Where commands are samples of a faster loop, their noise passes for a law.
-    fits = _FITS if is_zero_order_hold(flights) else (EVALUATIONS,)
+    # The noise of a faster loop's commands passes for a law where rows are far apart.
+    has_law = is_zero_order_hold(flights) or flights[0].period <= QUICK
+    fits = _FITS if has_law else (EVALUATIONS,)
     optimum = fit(problem, fits[0], [model], NAMES, start, {})
     for evaluations in fits[1:]:
-        model = model.by_asked_speed(optimum.drone)
+        model = model.linearize_commands(optimum.drone)
         optimum = fit(problem, evaluations, [model], NAMES, optimum.drone, {})
     explained = model.explained(optimum.drone)
     if explained < _EXPLAINED:
