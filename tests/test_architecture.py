@@ -281,10 +281,10 @@ MOST = {
     "log to drone.toml: names": 980,
     "drone to policy: stops": 334,
     "drone to policy: modules": 68,
-    "drone to policy: names": 496,
+    "drone to policy: names": 497,
     "policy to flight: stops": 269,
     "policy to flight: modules": 54,
-    "policy to flight: names": 412,
+    "policy to flight: names": 413,
     "policy to C: stops": 46,
     "policy to C: modules": 12,
     "policy to C: names": 73,
@@ -293,7 +293,7 @@ MOST = {
     "study to table: names": 123,
     "constants": 747,
     "constants without a source": 585,
-    "lines": 61_659,
+    "lines": 61_731,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
