@@ -361,7 +361,7 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
     assert [entry["file"] for entry in said["policies"]] == list(map(str, files))
     assert [entry["control"] for entry in said["policies"]] == ["attitude_rate", *["pwm"] * 3]
     flown = polars.read_csv(output, comment_prefix="#")
-    expected = ["policy", "control", "trial", "drone", "duration", "end_reason"]
+    expected = ["policy", "control", "duration", "end_reason", "trial", "drone"]
     assert flown.columns[:6] == expected
     for entry, file in zip(said["policies"], files, strict=True):
         own = flown.filter(polars.col("policy") == file.stem)

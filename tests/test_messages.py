@@ -173,7 +173,7 @@ def test_the_best_policy_is_told_from_one_of_the_same_name(trained: Path) -> Non
                 "policy": name,
                 "reality": "virtual:7",
                 "duration": duration,
-                "position_error": error,
+                **{"position_error": 0.5, "estimated_error": error},
                 "command_change": change,
                 "at_limits": 0.0,
                 "end_reason": reason,
@@ -194,11 +194,12 @@ def test_the_best_policy_is_told_from_one_of_the_same_name(trained: Path) -> Non
         "time_limit",
         "duration",
         "position_error",
+        "estimated_error",
         "command_change",
         "at_limits",
         *comparison.LARGEST,
     ]
-    assert summary.row(1)[:8] == ("circle/policy_2", "virtual:7", 2, 1, 20.0, 0.05, 0.4, 0.0)
+    assert summary.row(1)[:8] == ("circle/policy_2", "virtual:7", 2, 1, 20.0, 0.5, 0.05, 0.4)
     (near,) = comparison.describe_margins(summary)
     assert near.startswith("circle/policy_2, hover/policy_1: tilts of up to 25 deg")
     (note,) = comparison.describe_limit_cycles(summary)
@@ -233,7 +234,7 @@ def test_a_score_is_a_line_with_the_speed_since_the_first(monkeypatch: Any) -> N
     clock = iter((0.0, 1.0, 1.0, 3.0))
     clocks = SimpleNamespace(perf_counter=lambda: next(clock))
     monkeypatch.setattr(scores, "time", clocks)
-    score = Evaluation(*(jnp.array([value, value]) for value in (-7.5, 1.0, 0.013)))
+    score = Evaluation(*(jnp.array([value, value]) for value in (-7.5, 1.0, 0.013, 5.0)))
     best: Any = ()
     heard = scores.Scores(AnalyticGradient(updates=100), resumed=False)
     line = "return -7.5, survival 100%, error 1.3 cm"
@@ -279,6 +280,10 @@ def test_a_drone_s_warnings_are_a_line_each_and_ten_at_most() -> None:
     assert line == "mine.toml: a.csv: No flight. Leave it out. (And 1 more log.)"
     many = tuple(LogWarning("identification", "", f"Doubt {number}.") for number in range(14))
     assert len(drones.doubts(dataclasses.replace(file, warnings=many))) == 10
+    (sure, others) = drones.repeat_doubts(dataclasses.replace(file, warnings=(one, *many)))
+    assert sure == "mine.toml: a.csv: No flight. Leave it out."
+    assert "14 doubts" in others
+    assert len(drones.repeat_doubts(dataclasses.replace(file, warnings=many[:1]))) == 1
 
 
 def help_of(name: str) -> Setting:

@@ -26,6 +26,7 @@ Kind = Literal[
     "validation",
     "windows",
     "ahead",
+    "disturbed",
     "calibration",
     "policies",
     "training",

@@ -176,13 +176,27 @@ def test_a_seed_gives_the_same_flights_and_another_seed_others() -> None:
     flown = predict_flight_times(policies, crazyflie(), KEY, **SHORT)
     assert flown.equals(predict_flight_times(policies, crazyflie(), KEY, **SHORT))
     assert not flown.equals(predict_flight_times(policies, crazyflie(), jax.random.key(1), **SHORT))
-    assert flown.columns[:4] == ["policy", "control", "trial", "drone"]
-    assert flown.columns[4:] == ["duration", "end_reason", "position_error", *comparison.LARGEST]
+    assert flown.columns[:4] == ["policy", "control", "duration", "end_reason"]
+    assert flown.columns[4:] == ["trial", "drone", *comparison.LARGEST, *comparison.ERRORS]
     assert set(flown["drone"]) == {1}
     for row in flown.filter(end_reason="tilt").iter_rows(named=True):
         assert np.radians(30.0) < row["largest_tilt"] < np.radians(90.0)
-        assert 0.0 < row["position_error"] <= row["largest_distance"]
+        assert 0.0 < row["estimated_error"] <= row["largest_distance"]
+        assert row["position_error"] > 0.0
     assert flown["policy"].to_list() == ["policy_1"] * 3 + ["policy_2"] * 3
+
+
+def test_errors_are_true_and_as_the_drone_estimates_them_which_drift_alone_tells_apart() -> None:
+    def difference(walk: float) -> float:
+        drone = replace(noiseless(crazyflie()), position_walk=np.float32(walk))
+        (flown,) = predict_flight_times([constant((0.0,) * 4)], drone, KEY, **SHORT).partition_by(
+            "policy"
+        )
+        errors = (flown[name].to_numpy() for name in comparison.ERRORS)
+        return float(np.max(np.abs(np.subtract(*errors))))
+
+    assert difference(0.0) < 1e-3
+    assert 0.01 < difference(0.3) < 1.0
 
 
 def times(flown: polars.DataFrame) -> list:

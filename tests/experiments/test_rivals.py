@@ -37,7 +37,8 @@ def test_a_verdict_says_with_which_changes_a_policy_lasts():
             {
                 "policy": ["policy_1"] * 4,
                 "duration": [20.0] * lasting + [8.0] * (4 - lasting),
-                "position_error": [0.01] * 4,
+                "position_error": [0.12] * 4,
+                "estimated_error": [0.01] * 4,
                 "end_reason": ends,
             }
         )

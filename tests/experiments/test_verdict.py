@@ -15,8 +15,9 @@ SAMPLES = {
 ACTIONS = {"motor_time_constant": "log rotor speeds"}
 
 
-def flights(errors: np.ndarray, policy: str = "policy_1") -> polars.DataFrame:
+def flights(errors: np.ndarray, drift: float = 0.0) -> polars.DataFrame:
     """Flights of all drones of the file, which crash where the error is infinite."""
+    policy = "policy_1"
     lasts = np.isfinite(errors)
     return polars.DataFrame(
         {
@@ -25,7 +26,8 @@ def flights(errors: np.ndarray, policy: str = "policy_1") -> polars.DataFrame:
             "drone": np.arange(1, 41),
             "duration": np.where(lasts, 20.0, 3.0),
             "end_reason": np.where(lasts, "time limit", "tilt"),
-            "position_error": np.where(lasts, errors, 0.01),
+            "position_error": np.where(lasts, errors + drift, 0.01),
+            "estimated_error": np.where(lasts, errors, 0.01),
         }
     )
 
@@ -57,3 +59,10 @@ def test_flights_that_last_and_stay_near_are_good():
     verdict = judge(flights(np.full(40, 0.049)), SAMPLES, 20.0, ACTIONS)
     assert verdict.is_good
     assert verdict.sentence.startswith("Fly: 40 of 40 flights of policy_1 last 20 s within 5 cm")
+    assert "drifts" not in verdict.sentence
+
+
+def test_how_far_flights_are_in_truth_is_said_where_estimates_drift():
+    verdict = judge(flights(np.full(40, 0.02), drift=0.15), SAMPLES, 20.0, ACTIONS)
+    assert verdict.is_good
+    assert "up to 17 cm in truth" in verdict.sentence

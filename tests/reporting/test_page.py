@@ -296,6 +296,8 @@ def test_a_log_without_a_state_shows_the_signals_that_it_has() -> None:
     assert "hover_command" not in re.findall(r'data-column="(\w+)"', content)
     both = str(flight_section.recorded(runs.Run(recorded=(whole, blind))))
     assert both.count('id="signals-') == 1, "the other is in the viewer"
+    tested = runs.Run(recorded=(whole,), table=flown().table, flights=flown().flights)
+    assert 'id="signals-' not in str(flight_section.recorded(tested)), "test flights are in it"
 
 
 def test_real_flights_are_not_called_simulated(tmp_path):

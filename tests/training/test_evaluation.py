@@ -52,6 +52,8 @@ def test_a_score_is_what_a_plain_loop_counts() -> None:
     np.testing.assert_allclose(float(score.episode_return), np.mean(returns), rtol=1e-4)
     np.testing.assert_allclose(float(score.survival), np.mean(survivals))
     np.testing.assert_allclose(float(score.position_error), np.mean(distances), rtol=1e-4)
+    seconds = len(distances) / len(returns) / ENV.controller.interface.rate
+    np.testing.assert_allclose(float(score.duration), seconds, rtol=1e-4)
 
 
 @pytest.mark.slow
@@ -69,16 +71,20 @@ def test_policies_are_scored_together_as_each_alone() -> None:
 @pytest.mark.parametrize(
     ("better", "worse"),
     [
-        ((-236.0, 1.0), (-182.0, 0.0)),  # a hover that lasts against one that falls at once
-        ((-8.0, 0.992), (-9.0, 1.0)),  # one of 128 episodes is luck
-        ((-40.0, 0.8), (-30.0, 0.7)),
-        ((-1e9, 0.0), (-np.inf, -np.inf)),
+        ((-236.0, 1.0, 5.0), (-182.0, 0.0, 0.3)),  # a hover that lasts, one that falls at once
+        ((-8.0, 0.992, 4.9), (-9.0, 1.0, 5.0)),  # one of 128 episodes is luck
+        ((-40.0, 0.8, 4.0), (-30.0, 0.7, 4.5)),
+        ((-114.0, 0.0, 0.9), (-106.0, 0.01, 0.4)),  # none flies: the longer of two falls
+        ((-1e9, 0.0, 0.1), (-np.inf, -np.inf, -np.inf)),
     ],
 )
-def test_survival_comes_first_and_return_among_equals(
-    better: tuple[float, float], worse: tuple[float, float]
+def test_survival_comes_first_then_return_or_time_where_none_survives(
+    better: tuple[float, float, float], worse: tuple[float, float, float]
 ) -> None:
-    one, other = (Evaluation(*map(jnp.asarray, (*numbers, 0.1))) for numbers in (better, worse))
+    one, other = (
+        Evaluation(*map(jnp.asarray, (reward, survival, 0.1, duration)))
+        for reward, survival, duration in (better, worse)
+    )
     assert bool(one.beats(other))
     assert not bool(other.beats(one))
     assert not bool(one.beats(one))

@@ -17,7 +17,7 @@ from maidenflight.verbs.transfer import Transfer
 BAD = Verdict(False, "Do not fly: of policy_1, 6 of 16 end by height.")
 RECORD = {
     "drone": {"name": "crazyflie", "mass": 0.028},
-    "settings": {"task": "hover", "randomize": "wide"},
+    "settings": {"task": "hover", "randomize": "wide", "yaw_penalty": 0.1},
 }
 
 
@@ -43,7 +43,7 @@ def test_a_bad_verdict_leads_to_what_mends_it(policy: Path) -> None:
     assert words == ("export", policy)
     words, _ = verb._mend(policy, BAD, 0.0)
     again = policy.parents[1] / "policies_2"
-    more = ("--randomize", "any-day", "--task", "hover", "-o", again)
+    more = ("--randomize", "any-day", "--task", "hover", "--yaw-penalty", 0.1, "-o", again)
     assert words == ("train", "--drone", "crazyflie", "--from", policy, *more)
     words, _ = Predict(policies=(str(policy),), drone="x500")._mend(policy, BAD, 0.0)
     assert words[:5] == ("train", "--drone", "x500", "--control", "pwm")

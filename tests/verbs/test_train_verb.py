@@ -47,7 +47,7 @@ def no_training(
     **__: Any,
 ) -> tuple[Policy]:
     """In the place of training: a policy that knows nothing."""
-    on_progress(Progress(1, 1, Evaluation(*jnp.zeros((3, 1)))))
+    on_progress(Progress(1, 1, Evaluation(*jnp.zeros((4, 1)))))
     spec = policy if isinstance(policy, PolicySpec) else policy.spec
     return (untrained_policy(jax.random.key(0), controller.interface, spec),)
 
@@ -199,7 +199,7 @@ def test_a_policy_that_falls_on_the_drone_itself_is_said_and_its_file_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def two(task: Any, controller: Controller, *given: Any, **named: Any) -> tuple[Policy, ...]:
-        named["on_progress"](Progress(1, 1, Evaluation(*jnp.zeros((3, 2)))))
+        named["on_progress"](Progress(1, 1, Evaluation(*jnp.zeros((4, 2)))))
         keys = jax.random.split(jax.random.key(0))
         return tuple(untrained_policy(key, controller.interface, named["policy"]) for key in keys)
 

@@ -6,11 +6,11 @@ from collections.abc import Collection
 import polars
 
 from maidenflight.experiments.transfer import LIMIT_CYCLE
-from maidenflight.simulator.tasks.failures import BACKUP, LARGEST, REACHED
+from maidenflight.simulator.tasks.failures import BACKUP, ERRORS, LARGEST, REACHED
 
 RULE = (
     "longest mean flight, or farthest along the axes; among those within 2 % of it no limit cycle, "
-    "then the smallest mean distance from the set-point"
+    "then the smallest mean distance from the set-point, by the drone's own estimate"
 )
 """By which the best of several policies is chosen, whatever they flew."""
 ALIKE = 0.98
@@ -22,7 +22,8 @@ LEAST_TILT_MARGIN = 8.0
 def summarize(flights: polars.DataFrame) -> polars.DataFrame:
     """Returns flights, those that reached the time limit, mean duration [s] and error [m].
 
-    A row a policy and reality, with the largest tilt [rad], body rate [rad/s] and distance [m].
+    A row a policy and reality, with the error by the drone's own estimates [m], and the largest
+    tilt [rad], body rate [rad/s] and distance [m].
 
     Args:
         flights: the table of `transfer`.
@@ -31,7 +32,7 @@ def summarize(flights: polars.DataFrame) -> polars.DataFrame:
         polars.len().alias("flights"),
         (polars.col("end_reason") == REACHED).sum().alias("time_limit"),
         polars.col("duration").mean(),
-        polars.col("position_error").mean(),
+        polars.col(*ERRORS).mean(),
         polars.col("command_change").mean(),
         polars.col("at_limits").mean(),
         polars.col(LARGEST).max(),
@@ -42,13 +43,13 @@ def choose_best(flights: polars.DataFrame, among: Collection[str]) -> str | None
     """Returns the best policy by `RULE`; None among none.
 
     Args:
-        flights: a row a flight with policy and duration, and position_error and command_change
+        flights: a row a flight with policy and duration, and estimated_error and command_change
             where they are known: the tables of `transfer`, `predict_flight_times` and `envelope`.
         among: policies to choose from.
     """
     if not among:
         return None
-    known = [name for name in ("command_change", "position_error") if name in flights.columns]
+    known = [name for name in ("command_change", "estimated_error") if name in flights.columns]
     means = (
         flights.filter(polars.col("policy").is_in(among))
         .group_by("policy", maintain_order=True)

@@ -125,7 +125,17 @@ def describe_unknown(file: DroneFile) -> list[str]:
     """Returns what a drone's file does not know of its drone, for users that train for it."""
     if file.name in DRONES:
         return []
-    return [*_unidentified(file), *doubts(file)]
+    return [*_unidentified(file), *repeat_doubts(file)]
+
+
+def repeat_doubts(file: DroneFile) -> list[str]:
+    """Returns the sure doubts of a drone's file, and how many others `identify` has said."""
+    others = [one for one in file.warnings if not one.sure]
+    lines = doubts(replace(file, warnings=tuple(one for one in file.warnings if one.sure)))
+    if len(others) < 2:
+        return [*lines, *doubts(replace(file, warnings=tuple(others)))]
+    name = Path(file.name).name
+    return [*lines, f"{name}: {len(others)} doubts of its flights, as identify said, stand in it"]
 
 
 def doubts(file: DroneFile) -> list[str]:

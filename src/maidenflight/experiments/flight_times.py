@@ -92,10 +92,10 @@ def predict_flight_times(
         on_policy: called with (policies done, policies).
 
     Returns:
-        One row a flight: policy, control, trial, drone (its number in the ensemble, from 1),
-        duration [s], end_reason, and by the estimates that guards look at position_error (mean
-        distance from the set-point [m]), largest_tilt
-        [rad], largest_body_rate [rad/s] and largest_distance [m].
+        One row a flight: policy, control, duration [s], end_reason, trial and drone (its number in
+        the ensemble, from 1); position_error and estimated_error, mean distances from the
+        set-point of the true position and of the drone's estimate [m]; and, by the estimates that
+        guards look at, largest_tilt [rad], largest_body_rate [rad/s] and largest_distance [m].
 
     Raises:
         InputError: no policy, trial or time, names that do not tell the policies apart, or a rate
@@ -137,19 +137,23 @@ def predict_flight_times(
             by_policy[place], drawn[place] = outcome, indices
             if on_policy is not None:
                 on_policy(len(by_policy), len(policies))
-    end, largest, distance = tree.map(
+    end, largest, *distances = tree.map(
         lambda *parts: np.concatenate(parts), *(by_policy[place] for place in range(len(policies)))
     )
     return polars.DataFrame(
         {
             "policy": np.repeat(names, trials).tolist(),
             "control": np.repeat([policy.interface.name for policy in policies], trials).tolist(),
-            "trial": np.tile(np.arange(1, trials + 1), len(policies)),
-            "drone": np.concatenate([drawn[place] + 1 for place in range(len(policies))]),
+            # A printed table shows the first four and the last four columns.
             "duration": end.steps / GUARD_RATE,
             "end_reason": [END_REASONS[reason] for reason in end.reason],
-            "position_error": (np.asarray(distance, np.float64) / end.steps).round(6),
+            "trial": np.tile(np.arange(1, trials + 1), len(policies)),
+            "drone": np.concatenate([drawn[place] + 1 for place in range(len(policies))]),
             **failures.largest(tree.map(lambda part: part[:, None], largest)),
+            **{
+                name: (np.asarray(distance, np.float64) / end.steps).round(6)
+                for name, distance in zip(failures.ERRORS, distances, strict=True)
+            },
         }
     )
 
@@ -274,7 +278,7 @@ def summary(flights: polars.DataFrame) -> polars.DataFrame:
         policy, control, trials; mean and quantiles (`QUANTILES`, in percent) of the duration [s],
         each of which one more flight stays below with that probability, however few there were;
         the share of flights that ended by each of the reasons there are; the mean position_error
-        [m], and the largest tilt [rad], body rate [rad/s] and distance [m].
+        and estimated_error [m], and the largest tilt [rad], body rate [rad/s] and distance [m].
 
     Source: Hyndman and Fan 1996, Sample quantiles in statistical packages (type 6). By the usual
     type 7 a band of 10 to 90 % of 16 flights holds 71 % of further ones, not 80 %.
@@ -293,7 +297,7 @@ def summary(flights: polars.DataFrame) -> polars.DataFrame:
             for share in QUANTILES
         ),
         *((reason == name).mean().alias(name) for name in reasons),
-        polars.col("^position_error$").mean(),
+        polars.col("^(position|estimated)_error$").mean(),
         polars.col("^largest_.*$").max(),
     )
 

@@ -106,7 +106,9 @@ class Policies:
         ]
         if not others:
             return []
-        return [f"another task than that of the training: {first_few(others, '; ')}."]
+        own = any(is_code(file.task or "") for file in self.files)
+        named = " Code of your own runs where --task names it alone." if own else ""
+        return [f"another task than that of the training: {first_few(others, '; ')}.{named}"]
 
 
 def _usual(task: str) -> str:

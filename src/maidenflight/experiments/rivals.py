@@ -20,7 +20,7 @@ from maidenflight.experiments.transfer import fly_firmware
 from maidenflight.policy import Policy
 from maidenflight.simulator.realities import additions
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone
-from maidenflight.simulator.tasks.failures import REACHED
+from maidenflight.simulator.tasks.failures import ERRORS, REACHED
 from maidenflight.simulator.tasks.tasks import Task, find_task
 
 FLIGHTS = 4
@@ -57,7 +57,7 @@ def fly_drones(
 
     Returns:
         A row a policy and drone: drone, policy, flights, time_limit (how many reached it),
-        duration [s], position_error [m] and end_reason, the most frequent.
+        duration [s], position_error and estimated_error [m], and end_reason, the most frequent.
     """
     parts = []
     for number, drone in enumerate(drones):
@@ -82,7 +82,7 @@ def summarize(flights: polars.DataFrame, drone: str) -> polars.DataFrame:
         polars.len().alias("flights"),
         (polars.col("end_reason") == REACHED).sum().alias("time_limit"),
         polars.col("duration").mean(),
-        polars.col("position_error").mean(),
+        polars.col(*ERRORS).mean(),
         polars.col("end_reason").mode().sort().first(),
     )
 

@@ -39,10 +39,10 @@ class Transfer:
     """Results of zero-shot flights."""
 
     table: polars.DataFrame
-    """One row a flight: flight, policy, reality, trial, duration [s], end_reason, position_error
-    [m], command_change and at_limits of `activity`, largest_tilt [rad], largest_body_rate [rad/s]
-    and largest_distance [m]; errors and largest values are of the true state, or by the drone's
-    estimates where these drift."""
+    """One row a flight: flight, policy, reality, trial, duration [s], end_reason; position_error
+    and estimated_error, mean distances from the set-point of the true position and of the drone's
+    estimate [m]; command_change and at_limits of `activity`; largest_tilt [rad], largest_body_rate
+    [rad/s] and largest_distance [m], of the true state, or by the estimates where these drift."""
     flights: tuple[Flight, ...]
     """Their logs, in the table's order, each up to its end."""
 
@@ -146,19 +146,21 @@ def transfer(
         simulated = fly_all(reality, flown_pilots, scenario, keys, guard)
         for (policy, trial), one in zip(plan, simulated, strict=True):
             flight = one.to_flight(f"flight_{len(table) + 1:02d}")
-            excursion = one.excursion
             table.append(
                 {
                     # A printed table shows the first four and the last four columns.
                     "policy": names[policy],
                     "reality": reality.name,
-                    "trial": trial + 1,
                     "duration": round(one.duration, 6),
-                    "flight": len(table) + 1,
                     "end_reason": one.end_reason,
-                    "position_error": round(float(np.mean(excursion.position_error)), 6),
+                    "flight": len(table) + 1,
+                    "trial": trial + 1,
                     **activity(flight),
-                    **failures.largest(excursion),
+                    **failures.largest(one.excursion),
+                    **{
+                        name: round(float(np.mean(one.rows.excursion(by).position_error)), 6)
+                        for name, by in zip(failures.ERRORS, (False, True), strict=True)
+                    },
                 }
             )
             flights.append(flight)

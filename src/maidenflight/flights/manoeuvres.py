@@ -105,7 +105,7 @@ _STICKS: Mapping[str, str] = {
     "circle": "circles",
     "x": "quick pitches to and fro",
     "y": "quick rolls to and fro",
-    "z": "climb and sink",
+    "z": "climb and sink with a fifth to four fifths of the throttle",
     "yaw": "yaw to and fro",
     "random": "short hard moves of all sticks but yaw",
     "random_yaw": "short hard moves of all sticks",
@@ -174,7 +174,8 @@ def library(half_width: float, half_height: float, motors: bool) -> list[Manoeuv
         motors: whether excitation of the motors is among them.
     """
     manoeuvres = [Manoeuvre(HOVER)]
-    manoeuvres += [Manoeuvre("circle", size, 3.0) for size in (0.2, 0.3, 0.4) if size <= half_width]
+    radii = (0.2, 0.3, 0.4, 0.6)
+    manoeuvres += [Manoeuvre("circle", size, 3.0) for size in radii if size <= half_width]
     reach = {"x": half_width, "y": half_width, "z": half_height}
     for axis, most in reach.items():
         for size in (one for one in (0.1, 0.15, 0.2) if one <= most):

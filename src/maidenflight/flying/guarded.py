@@ -19,7 +19,7 @@ from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
 from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import Environment, EnvState
-from maidenflight.simulator.physics import rotations
+from maidenflight.simulator.physics import rotations, vectors
 from maidenflight.simulator.policy_spec import OBSERVATION_SIZE
 from maidenflight.simulator.tasks import failures
 from maidenflight.simulator.tasks.failures import End, Excursion, Guard
@@ -48,13 +48,15 @@ class Limits(NamedTuple):
 
 
 class FlightOutcome(NamedTuple):
-    """How flights went up to their ends, by the estimates that guards look at."""
+    """How flights went up to their ends."""
 
     end: End
     largest: Excursion
-    """The largest of each of its parts."""
+    """The largest of each of its parts, by the estimates that guards look at."""
     distance: Float[Any, "..."]
-    """Sum over rows of the distance from the set-point [m]."""
+    """Sum over rows of the distance from the set-point, of the true position [m]."""
+    distance_by_estimate: Float[Any, "..."]
+    """The same by the estimates [m]."""
 
 
 POLICIES = "policies"
@@ -117,7 +119,7 @@ def fly_together(
         def decide(now: tuple[Array, Any, FlightOutcome]) -> tuple[Array, Any, FlightOutcome]:
             row, before, flights = now
             act = partial(_until_next_action, env, every, limits, row)
-            after, (reasons, excursions) = jax.vmap(jax.vmap(act, in_axes=(None, 0, 0, 0)))(
+            after, (reasons, excursions, true) = jax.vmap(jax.vmap(act, in_axes=(None, 0, 0, 0)))(
                 policies, drones, keys, before
             )
             first = jnp.argmax(reasons > 0, axis=-1)
@@ -130,17 +132,22 @@ def fly_together(
             # Rows up to the end count, with the one that a guard ends.
             last = jnp.where(reason > 0, first, every - 1)
             counts = ~over[..., None] & (jnp.arange(every)[None, None] <= last[..., None])
-            rows = jax.tree.map(lambda values: jnp.where(counts, values, 0.0), excursions)
+            rows, true = jax.tree.map(
+                lambda values: jnp.where(counts, values, 0.0), (excursions, true)
+            )
             largest = jax.tree.map(
                 lambda old, new: jnp.maximum(old, jnp.max(new, axis=-1)), flights.largest, rows
             )
-            distance = flights.distance + jnp.sum(rows.position_error, axis=-1)
-            return row + every, after, FlightOutcome(end, largest, distance)
+            distances = (
+                flights.distance + jnp.sum(true, axis=-1),
+                flights.distance_by_estimate + jnp.sum(rows.position_error, axis=-1),
+            )
+            return row + every, after, FlightOutcome(end, largest, *distances)
 
         begun = jax.vmap(jax.vmap(take_over, in_axes=(None, 0, 0)))(policies, drones, keys)
         end = End(jnp.zeros(included.shape, jnp.int32), jnp.where(included, 0, failures.TIME_LIMIT))
         nothing = jnp.zeros(included.shape)
-        flights = FlightOutcome(end, Excursion(nothing, nothing, nothing), nothing)
+        flights = FlightOutcome(end, Excursion(nothing, nothing, nothing), nothing, nothing)
         first = jnp.zeros((), jnp.int32), begun, flights
         return lax.while_loop(lambda now: jnp.any(now[-1].end.reason == 0), decide, first)[-1]
 
@@ -159,22 +166,27 @@ def _until_next_action(
     drone: Parameters,
     key: Array,
     before: tuple[EnvState, Float[Array, "H 20"]],
-) -> tuple[tuple[EnvState, Float[Array, "H 20"]], tuple[Int[Array, "every"], Excursion]]:
+) -> tuple[
+    tuple[EnvState, Float[Array, "H 20"]],
+    tuple[Int[Array, "every"], Excursion, Float[Array, "every"]],
+]:
     """Returns drone and history one action, `every` rows of 10 ms, later.
 
-    Also, after each row, why the flight would end, and what guards see.
+    Also, after each row, why the flight would end, what guards see, and the true distance from the
+    set-point.
     """
     env_state, history = before
     observation = environment.observation(env, env_state._replace(history=history))
     action = policy(observation)
 
-    def hold(env_state: EnvState, row: Array) -> tuple[EnvState, tuple[Array, Excursion]]:
+    def hold(env_state: EnvState, row: Array) -> tuple[EnvState, tuple[Array, Excursion, Array]]:
         after, step_result = stepping.step(
             env, env_state, action, drone, jax.random.fold_in(key, row)
         )
         reason, excursion = end_reason(after, step_result.setpoint, limits.guard)
         late = (reason == 0) & (row >= limits.rows)
-        return after, (jnp.where(late, failures.TIME_LIMIT, reason), excursion)
+        true = vectors.norm(step_result.setpoint - after.state.position)
+        return after, (jnp.where(late, failures.TIME_LIMIT, reason), excursion, true)
 
     env_state, rows = lax.scan(hold, env_state, row + jnp.arange(1, every + 1))
     instant = environment.observe(

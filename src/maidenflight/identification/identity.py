@@ -64,6 +64,27 @@ def describe_other_drone(own: Mapping[str, Any], other: Mapping[str, Any]) -> st
     return ""
 
 
+def describe_other_counts(own: float, drone: DroneFile) -> str:
+    """Returns how far simulated thrust is off where a policy's full command is not the drone's.
+
+    Simulation takes a command of 1 as the drone's own; its firmware takes the counts. Empty where
+    they are the same.
+
+    Args:
+        own: counts of PWM of the policy's full command.
+        drone: that flies.
+    """
+    share = drone.full_scale_counts / own - 1.0
+    if not share:
+        return ""
+    name = Path(drone.name).name.removesuffix(".toml")
+    return (
+        f"made for commands up to {own:,.0f} counts, but {name} for up to "
+        f"{drone.full_scale_counts:,.0f}, so that thrust is simulated {abs(share):.0%} too "
+        f"{'strong' if share > 0 else 'weak'}"
+    )
+
+
 def check_same_drone(place: str, own: Mapping[str, Any], other: Mapping[str, Any]) -> None:
     """Refuses a policy that was made for another drone.
 

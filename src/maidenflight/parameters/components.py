@@ -99,7 +99,13 @@ def noiseless(parameters: Parameters) -> Parameters:
         if ("noise" in name and not name.endswith("rate")) or name.endswith("_walk")
     ]
     further = "gyro_turn_on_bias", "turn_drift"
-    return replace(parameters, **dict.fromkeys([*sizes, *further], np.float32(0.0)))
+    return calm(replace(parameters, **dict.fromkeys([*sizes, *further], np.float32(0.0))))
+
+
+def calm(parameters: Parameters) -> Parameters:
+    """Returns the same drone without disturbances."""
+    sizes = "disturbance_torque", "disturbance_force"
+    return replace(parameters, **{name: 0.0 * getattr(parameters, name) for name in sizes})
 
 
 def check(parameters: Parameters, place: str = "parameters") -> Parameters:

@@ -20,6 +20,12 @@ from maidenflight.parameters.quantities import QUANTITIES, Parameters
 
 FORMAT = 7
 """Version of the TOML layout."""
+_STILL = {
+    name: list(one.paper) if one.size > 1 else one.paper
+    for name, one in QUANTITIES.items()
+    if one.table == "disturbance"
+}
+"""What a file without that table says."""
 _LARGEST = float(np.finfo(np.float32).max)
 
 
@@ -111,7 +117,7 @@ def from_document(document: Mapping[str, Any], place: str) -> Parameters:
         )
     fields: dict[str, Any] = {}
     for table in dict.fromkeys(quantity.table for quantity in QUANTITIES.values()):
-        content = document.get(table, {})
+        content = document.get(table, _STILL if table == "disturbance" else {})
         if not isinstance(content, dict):
             raise InputError(f"{place}: {table} is a value, expected a table [{table}].")
         if table == "body":

@@ -36,15 +36,19 @@ class Evaluation(NamedTuple):
     """Share of episodes that reach the time limit."""
     position_error: Float[Any, ""]
     """Distance from the set-point [m], over all steps before failure."""
+    duration: Float[Any, ""]
+    """Time until failure or the time limit [s]."""
 
     def beats(self, other: "Evaluation") -> Bool[Any, ""]:
         """Returns whether it is better: by survival, to the nearest twentieth, then by return.
 
         By return alone a drone that crashes at once, and so collects little cost, could beat one
-        that flies.
+        that flies. Where none survives, the longer flights are better, which collect more of it.
         """
         mine, others = (np.round(20 * score.survival) for score in (self, other))
-        return (mine > others) | ((mine == others) & (self.episode_return > other.episode_return))
+        rewarded = (mine > 0) & (self.episode_return > other.episode_return)
+        longer = (mine <= 0) & (self.duration > other.duration)
+        return (mine > others) | ((mine == others) & (rewarded | longer))
 
 
 @partial(jax.jit, static_argnums=(0, 4, 5))
@@ -67,7 +71,7 @@ def evaluate(
         steps: control periods of an episode, by default the task's duration; static.
     """
     starts = _starts(env, box, jax.random.split(key, episodes))
-    return _means(_fly_episode(env, policy, starts, steps))
+    return _means(env, _fly_episode(env, policy, starts, steps))
 
 
 class Starts(NamedTuple):
@@ -113,7 +117,7 @@ def evaluate_together(
         return jax.vmap(partial(_fly_episode, env))(policies, starts)
 
     episodes = over_devices(fly, num_envs, starts.keys.shape[1])(policies, starts)
-    return jax.vmap(_means)(episodes)
+    return jax.vmap(partial(_means, env))(episodes)
 
 
 FLIGHTS, FLIGHT_S = 4, 20.0
@@ -220,10 +224,11 @@ def _fly_episode(
     return jax.vmap(one)(starts)
 
 
-def _means(episodes: _Episode) -> Evaluation:
+def _means(env: Environment, episodes: _Episode) -> Evaluation:
     """Means over episodes, which are stacked along a first axis."""
     return Evaluation(
         jnp.mean(episodes.total),
         jnp.mean(episodes.survived),
         jnp.sum(episodes.distance) / jnp.maximum(jnp.sum(episodes.periods), 1.0),
+        jnp.mean(episodes.periods) / env.controller.interface.rate,
     )

@@ -141,7 +141,11 @@ def describe_own_flights(flights: Sequence[OwnFlights], drone: str) -> list[str]
         f"{FLIGHT_S:g} s"
     )
     errors = [100 * one.position_error for one in lasting]
-    much = f", {min(errors):.1f} to {max(errors):.1f} cm from the set-point" if errors else ""
+    much = (
+        f", {min(errors):.1f} to {max(errors):.1f} cm from the set-point by its estimate"
+        if errors
+        else ""
+    )
     return [f"{line}{much}.", *find_falls(flights, drone).values()]
 
 
@@ -164,11 +168,12 @@ def describe_training(
 
 
 def describe(now: Progress) -> str:
-    """Returns mean scores of policies in training, as text."""
-    score = now.score
-    each = (score.episode_return, score.survival, score.position_error)
-    returns, survival, errors = (sum(map(float, values)) / len(values) for values in each)
-    return f"return {returns:.1f}, survival {survival:.0%}, error {errors * 100:.1f} cm"
+    """Returns mean scores of policies in training, as text; how long they fly while none lasts."""
+    returns, survival, errors, duration = (
+        sum(map(float, values)) / len(values) for values in now.score
+    )
+    lasting = f"survival {survival:.0%}" + (f" ({duration:.1f} s)" if survival < 0.005 else "")
+    return f"return {returns:.1f}, {lasting}, error {errors * 100:.1f} cm"
 
 
 def _plain(score: Evaluation, number: int) -> dict[str, float]:

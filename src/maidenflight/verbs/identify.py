@@ -200,7 +200,7 @@ class Identify(Verb):
             ],
             notes=(*warning_lines(identification.warnings), *identification.notes),
             next=("validate", output, "OTHER_LOGS"),
-            next_remark="flights that it was not identified from",
+            next_remark="flights that it was not identified from, such as every third, held out",
             value=identification,
         )
 

@@ -94,7 +94,8 @@ class Log(Verb):
             read={"logs": flights.paths},
             record=record,
             next=("identify", self.logs if output is None else output, "--start", "DRONE"),
-            next_remark="DRONE: a name of maidenflight drone --list, or a file",
+            next_remark="DRONE: a name of maidenflight drone --list, or a file"
+            + ("; keep every third log elsewhere, for validate" if len(logs) > 2 else ""),
             value=flights,
             error=_count_failing(flights),
         )
@@ -228,7 +229,7 @@ def _tabulate(logs: list[Row]) -> list[Table | str]:
     alike = len({row["signals"] for row in rows}) == 1
     holding = {"log": "{name}"} | ({} if alike else {"signals": "{signals}"})
     holding |= {"commands": "{commands}", "usable": "{seconds:.1f s}"}
-    holding |= {"rate": "{rate:.4g Hz}", "battery": "{battery}"}
+    holding |= {"rate, by\ntime stamps": "{rate:.4g Hz}", "battery": "{battery}"}
     motion = {"log": "{name}", "speed": "{speed:.2f m/s}", "largest\ntilt": "{tilt:.0f deg}"}
     motion |= {"body\nrates": "{body_rates:.0f deg/s}", "mean\ncommand": "{command:.3f}"}
     motion |= {"SD of\nthrust": "{thrust_spread:.3f}", "SD of\ntorque": "{torque_spread:.3f}"}

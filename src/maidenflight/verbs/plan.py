@@ -4,6 +4,7 @@ import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from maidenflight.errors import InputError
 from maidenflight.settings import flag, listed, number, setting
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Verb
@@ -44,9 +45,9 @@ class Plan(Verb):
     interest: tuple[str, ...] | None = setting(
         shared.PARAMETERS,
         None,
-        "Parameters to determine, such as latency,inertia_x; all that identify may find unless "
-        "given.",
+        "Parameters to determine, such as latency,inertia_x.",
         name="for",
+        usual="what DRONE's logs lack, by its file; all that identify may find",
     )
     rate: int = shared.rate()
     motors: bool = setting(
@@ -71,17 +72,19 @@ class Plan(Verb):
 
         cure = "Plan for a drone's TOML file or name, or virtual:SEED."
         reality = must_be_virtual(drones.find_reality(self.drone, self.accept_bounds), cure)
-        flight_plan = planning.plan(
-            reality,
-            planning.Request(
-                *(self.room, self.seconds, self.interest, self.rate, self.motors),
-                firmware=self.firmware,
-                seed=self.seed,
-                is_named=self.drone in parameters.DRONES,
-            ),
-            self.key,
-            on_stage=progress.move,
+        gaps = _find_gaps(self.drone)
+        request = planning.Request(
+            *(self.room, self.seconds, self.interest, self.rate, self.motors),
+            firmware=self.firmware,
+            seed=self.seed,
+            is_named=self.drone in parameters.DRONES,
+            gaps=tuple(gaps),
         )
+        try:
+            flight_plan = planning.plan(reality, request, self.key, on_stage=progress.move)
+        except InputError as error:
+            sticks = "; ".join(dict.fromkeys(filter(None, gaps.values())))
+            raise InputError(f"{error} By hand: {sticks}." if sticks else str(error)) from error
         drone = shared.own_files(self.drone)
         record = self.make_record(drone)
         plan = dataclasses.replace(flight_plan.plan, record=record)
@@ -110,9 +113,19 @@ class Plan(Verb):
             ],
             notes=flight_plan.notes,
             next=("record", "--plan", output),
-            next_remark="simulated",
+            next_remark="simulated; a Crazyflie flies it by fly --plan",
             value=dataclasses.replace(flight_plan, plan=plan),
         )
+
+
+def _find_gaps(drone: str) -> dict[str, str]:
+    """Returns the parameters that a drone's file says its logs lack, and what tells each."""
+    from maidenflight.identification import drone_file
+
+    if not shared.own_files(drone):
+        return {}
+    file = drone_file.read(drone)
+    return dict.fromkeys(file.unidentified, "") | {one.parameter: one.action for one in file.advice}
 
 
 def _summarize(flight_plan: "planning.PlanResult") -> list[Table | str]:
@@ -136,6 +149,7 @@ def _summarize(flight_plan: "planning.PlanResult") -> list[Table | str]:
             blocks,
         ),
         Table("Half of the 95 % interval to expect", columns, rows),
+        "of a log with position, velocity and attitude, at the rate of --rate; without these wider",
     ]
     if plan.extremes is not None:
         far = plan.extremes

@@ -27,8 +27,8 @@ class Predict(FliesPolicies):
     POLICIES are files or folders. Those of maidenflight and of Gronauer et al., of all control
     structures together, fly on the identified drone: at their rate, by today's firmware, from
     hover, until a guard of the app trips. Each flies the task of its training, the authors' the
-    paper's circle. Errors and largest values are by the estimates that guards look at. All of it is
-    simulated.
+    paper's circle. Errors are true and as the drone estimates them; largest values are by the
+    estimates, which guards look at. All of it is simulated.
     """
 
     output = Output(run_folder.PREDICTION.name, "CSV file for the flights, one row each.")
@@ -127,7 +127,7 @@ class Predict(FliesPolicies):
                 "control": row["control"],
                 "task": task,
                 "mean_duration": mean,
-                **{name: row[name] for name in ("position_error", *comparison.LARGEST)},
+                **{name: row[name] for name in (*comparison.ERRORS, *comparison.LARGEST)},
                 "quantiles": {share: round(row[name], 6) for share, name in quantiles.items()},
                 "end_reasons": dict(reasons.most_common()),
                 "outlives": dict(zip(summary["policy"], chances.round(3).tolist(), strict=True)),
@@ -161,7 +161,7 @@ class Predict(FliesPolicies):
                 *comparison.describe_margins(summary),
                 *flight_times.describe_alike(summary, against_best),
                 *loop,
-                *drones.doubts(known),
+                *drones.repeat_doubts(known),
             ],
             value=prediction,
             verdict=verdicts[best].sentence if best else "",
@@ -260,13 +260,16 @@ class Predict(FliesPolicies):
             width = randomization if randomization == names.POSTERIOR else names.ANY_DAY
             over = ("--from", best, "--randomize", width)
         over += ("--task", policy.task) if policy.task else ()
+        yaw = policy.record.get("settings", {}).get("yaw_penalty")
+        over += ("--yaw-penalty", yaw) if yaw else ()
         return ("train", "--drone", self.drone, *over, "-o", place), ""
 
 
 _RIVALS = {
     **{"policy": "{policy}", "drone": "{drone}"},
     **{"reached the time limit": "{time_limit} of {flights}", "mean": "{duration:.1f} s"},
-    **{"error": "{position_error:.1f cm}", "most frequent end": "{end_reason}"},
+    **shared.ERRORS,
+    "most frequent end": "{end_reason}",
 }
 
 
@@ -274,12 +277,12 @@ def _tabulate(summary: list[Row], ends: list[Counter[str]], against_best: list[f
     """Returns a table of flight times, with the most frequent end of each policy's flights."""
     columns = {"policy": "{policy}", "control": "{control}", "mean": "{mean:.2f s}"}
     columns |= {f"{share} %": f"{{quantile_{share}:.2f s}}" for share in (10, 50, 90)}
-    columns |= {"error": "{position_error:.1f cm}", **shared.LARGEST}
+    columns |= {**shared.ERRORS, **shared.LARGEST}
     columns |= {"most frequent end": "{end} ({count} of {trials})"}
     columns |= {"outlives the best": "{outlives:.0%}"}
     rows = []
     for row, reasons, outlives in zip(summary, ends, against_best, strict=True):
         end, count = reasons.most_common(1)[0]
         rows.append({**row, "end": end, "count": count, "outlives": outlives})
-    rare = (*shared.RARE, "control", "error", "10 %", "90 %")
+    rare = (*shared.RARE, "control", *shared.ERRORS, "10 %", "90 %")
     return Table("Predicted flight times, simulated", columns, rows, rare)

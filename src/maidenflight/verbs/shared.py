@@ -46,7 +46,11 @@ LARGEST = {
     "farthest": "{largest_distance:.0f cm}",
 }
 """Columns of the largest tilt, body rate and distance of flights, beside the limits of guards."""
-RARE = ("change of u", *reversed(LARGEST))
+ERRORS = {"error": "{position_error:.1f cm}", "estimated": "{estimated_error:.1f cm}"}
+"""Columns of mean distances from the set-point, true and as the drone estimates them."""
+CHANGE = "change of u\nin 10 ms"
+"""Column of the mean change of commands."""
+RARE = (CHANGE, *reversed(LARGEST))
 """Columns of flights that a narrow terminal leaves out first."""
 
 
@@ -148,8 +152,8 @@ def commands() -> Any:
         choice(*names.COMMANDS),
         None,
         "What commands stand for in logs that do not say it: each acts until the next row, as a "
-        "policy's, or the log is subsampled from the firmware's faster PID, which is assumed "
-        "by default. Taken the wrong way, latency is half a row off.",
+        "policy's or a card's at 500 Hz, or the log is subsampled from the firmware's faster PID. "
+        "maidenflight log shows what is assumed. Taken the wrong way, latency is half a row off.",
         group=LOGS,
         rare=True,
     )

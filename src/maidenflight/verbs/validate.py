@@ -1,5 +1,6 @@
 """`Validate`: a drone's prediction errors on flights."""
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -18,12 +19,12 @@ from maidenflight.verbs.parts.calibration import calibrate
 
 if TYPE_CHECKING:
     from maidenflight.flights.log import Flight
-    from maidenflight.parameters import Parameters
+    from maidenflight.identification.drone_file import DroneFile
 
 _WORSE = 1.2
 """Ratio of errors beyond which a drone is worse."""
-_WRITTEN: tuple[Kind, ...] = ("validation", "windows", "ahead")
-"""Kinds of files that are written, in their order; the last with disturbances alone."""
+_WRITTEN: tuple[Kind, ...] = ("validation", "windows", "ahead", "disturbed")
+"""Kinds of files that are written, in their order; the last two with disturbances alone."""
 _AHEAD_S = (0.02, 0.05, 0.1, 0.25, 0.5)
 """Times ahead that the terminal shows of predictions with disturbances [s]."""
 _JUDGED_S = 0.1
@@ -71,7 +72,8 @@ class Validate(Verb):
         flag(),
         False,
         "Estimate torques and forces that DRONE lacks from past rows, and predict 0.5 s with them, "
-        "by measured rotor speeds where all logs hold them; fitted to every other log, a minute.",
+        "by measured rotor speeds where all logs hold them; fitted to every other log, a minute. "
+        "DRONE_disturbed.toml is DRONE with them, to train for and to fly.",
     )
     calibration: bool = setting(
         flag(),
@@ -99,8 +101,9 @@ class Validate(Verb):
         """Returns the tables that it writes, or that of a calibration."""
         if self.calibration:
             return [output]
-        ahead = [output.with_name(f"{output.stem}_ahead.csv")] if self.disturbances else []
-        return [output, run_folder.windows_path(output), *ahead]
+        more = (f"{output.stem}_ahead.csv", f"{Path(self.drone).stem}_disturbed.toml")
+        further = map(output.with_name, more if self.disturbances else ())
+        return [output, run_folder.windows_path(output), *further]
 
     def check_early(self) -> None:
         """Refuses logs in a drone's place, and a file that is not there."""
@@ -157,7 +160,7 @@ class Validate(Verb):
         record = self.make_record([*drone, *flights.paths], commands=commands)
         run_folder.VALIDATION.write(places[0], errors, record)
         run_folder.WINDOWS.write(places[1], windows, record)
-        ahead = self._predict_ahead(flights.flights, file.parameters, places, record, progress)
+        ahead = self._predict_ahead(flights.flights, file, places, record, progress)
         rivals = models | {_UNTURNED.format(name): without_torque(file.parameters)}
         likelihoods = {
             rival: float(log_likelihood(flights.flights, model)) for rival, model in rivals.items()
@@ -167,7 +170,7 @@ class Validate(Verb):
             *note_other_law(file, law),
             *at_bounds(file.estimates).values(),
             *warning_lines(flights.warnings),
-            *drones.doubts(file),
+            *drones.repeat_doubts(file),
         ]
         simulated, rows = any(one.simulated for one in flights), errors.to_dicts()
         verdict, doubts, remark = _judge(name, likelihoods, rows)
@@ -203,22 +206,34 @@ class Validate(Verb):
     def _predict_ahead(
         self,
         flights: Sequence["Flight"],
-        drone: "Parameters",
+        drone: "DroneFile",
         places: Sequence[Path],
         record: Mapping[str, Any],
         progress: Progress,
     ) -> list[Row]:
-        """Predicts with disturbances, if asked; writes all times and returns rows of some."""
+        """Predicts with disturbances, if asked; writes all times and the drone that has them.
+
+        Returns:
+            Rows of some times.
+        """
         if not self.disturbances:
             return []
         from maidenflight.disturbances.horizons import SUMS, cross_validate
+        from maidenflight.disturbances.kalman import with_disturbances
 
         stage = "fitting disturbances"
         progress.move(0, None, stage)
-        table = cross_validate(
-            flights, drone, lambda done, of: progress.move(done, of, f"evaluations, {stage}")
+        parameters = drone.parameters
+        table, filtered = cross_validate(
+            flights, parameters, lambda done, of: progress.move(done, of, f"evaluations, {stage}")
         )
         run_folder.AHEAD.write(places[2], table, record)
+        disturbed = dataclasses.replace(
+            drone,
+            parameters=with_disturbances(parameters, filtered),
+            record={**drone.record, "disturbances": record},
+        )
+        disturbed.write(places[3])
         times = table["horizon"].unique()
         some = {SUMS, *(min(times, key=lambda one: abs(one - time)) for time in _AHEAD_S)}
         rows = table.filter(table["horizon"].is_in(list(some))).to_dicts()
@@ -311,7 +326,8 @@ def _tabulate(
         "predictions know commands alone: a trim that differs by flight turns the drone from the "
         "first row on, which shows most in body rates; persistence has none",
         "not turned by commands: as if motors were in a wrong order; a sound drone is better",
-        "nats: one more a row makes the data 2.7 times as probable, row by row",
+        "nats: one more a row makes the data 2.7 times as probable, row by row; other words: "
+        "docs/glossary.md",
     ]
 
 

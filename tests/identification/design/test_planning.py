@@ -19,7 +19,11 @@ from maidenflight.identification.design.flight_limits import (
     extremes_of,
 )
 from maidenflight.identification.design.planning import CHUNK, Request
+from maidenflight.identification.drone_file import Advice, DroneFile, Estimate, Search, Source
+from maidenflight.identification.posterior import Posterior
+from maidenflight.parameters import crazyflie
 from maidenflight.simulator.realities.virtual_drone import virtual_drone
+from maidenflight.verbs.plan import _find_gaps
 from maidenflight.verbs.record import Record
 from run_listing import entries, unlisted
 
@@ -70,6 +74,23 @@ def test_drones_about_another_fly_by_its_law_and_differ():
     assert len(found) == planning.OTHERS
     assert all(one.thrust_law == DRONE.thrust_law for one in found)
     assert len({float(one.parameters.motor_time_constant) for one in found}) == len(found)
+
+
+def test_what_the_logs_so_far_lack_is_unknown_in_a_plan_too(tmp_path):
+    """Of a drone whose calm flights leave the curve of thrust open, with what a pilot flies."""
+    advice = Advice("thrust_linear", "climb and sink", None)
+    estimate = Estimate(1.9, (1.2, 2.6), (1.9,), 0.1)
+    source, search = Source(1, 60.0, False, "subsampled", 60000.0), Search("likelihood", -1.0, 6, 1)
+    known = {"thrust_to_weight": estimate}, Posterior({}), source, search
+    unidentified = {"latency": (0.0, 0.012)}
+    file = DroneFile(crazyflie(), *known, unidentified=unidentified, advice=(advice,))
+    file.write(tmp_path / "mine.toml")
+    gaps = _find_gaps(str(tmp_path / "mine.toml"))
+    assert gaps == {"latency": "", "thrust_linear": "climb and sink"}
+    assert _find_gaps("crazyflie") == {}
+    names = planning._names(Request(ROOM, 60.0, gaps=tuple(gaps)), None)
+    usual = planning._names(Request(ROOM, 60.0), None)
+    assert set(names) - set(usual) == {"thrust_linear"}
 
 
 @pytest.fixture(scope="module")

@@ -348,8 +348,7 @@ def test_the_commands_and_the_code_of_the_page_run(tmp_path, monkeypatch, capsys
     if compiler:
         (snippet,) = blocks("docs/export.md", "c")
         Path("firmware/main.c").write_text(snippet)
-        subprocess.run(
-            [compiler, *STRICT, "main.c", "policy.c", "-o", "fly"], cwd="firmware", check=True
-        )
+        (line,) = re.findall(r"/\* cc (.*) \*/", snippet)
+        subprocess.run([compiler, *STRICT, *line.split()], cwd="firmware", check=True)
         spoken = subprocess.run(["firmware/fly"], capture_output=True, text=True, check=True).stdout
         assert len(re.findall(r"0\.\d+", spoken)) == 4

@@ -309,6 +309,19 @@ def test_disarmed_and_landed_rows_are_left_out(tmp_path: Path) -> None:
     assert first == pytest.approx(400, abs=12)
 
 
+def test_what_never_armed_is_told_so_and_not_to_log_motors(tmp_path: Path) -> None:
+    topics = made.topics_of(sensed(rows=600))
+    stamps = topics["sensor_combined"][0][2]
+    disarmed = np.ones(len(stamps), int)
+    topics["vehicle_status"] = [
+        ("timestamp", "uint64_t", stamps),
+        ("arming_state", "uint8_t", disarmed),
+    ]
+    del topics["actuator_motors"]
+    with pytest.raises(InputError, match="never armed"):
+        read(tmp_path, topics)
+
+
 def filtered(topics: dict[str, Any]) -> dict[str, Any]:
     """Topics whose sensors PX4 has low-pass filtered."""
     combined = {field: values for field, _, values in topics.pop("sensor_combined")}

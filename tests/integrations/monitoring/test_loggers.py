@@ -25,13 +25,15 @@ from maidenflight.training import loggers
 from maidenflight.training.evaluation import Evaluation
 from maidenflight.training.train import Progress
 
+SIZES = dict(zip(Evaluation._fields, (1.0, 0.5, 0.25, 4.0), strict=True))
+
 
 def heard(number: int) -> Progress:
     """The score after so many updates of two policies."""
     return Progress(
         number,
         1000 * number,
-        Evaluation(*(jnp.array([size * number, -size * number]) for size in (1.0, 0.5, 0.25))),
+        Evaluation(*(jnp.array([size * number, -size * number]) for size in SIZES.values())),
     )
 
 
@@ -51,7 +53,7 @@ def test_tensorboard_holds_a_run_a_policy_and_each_score_once_after_a_resume(
         assert scalars(runs / name) == [
             (tag, 1000 * number, sign * size * number)
             for number in (1, 2)
-            for tag, size in (("episode_return", 1.0), ("survival", 0.5), ("position_error", 0.25))
+            for tag, size in SIZES.items()
         ]
 
 
@@ -79,7 +81,7 @@ def test_scores_can_be_seen_while_training_goes_on(tmp_path: Path) -> None:
     pytest.importorskip("tensorboardX")
     with tensorboard(tmp_path, 1, {}) as show:
         show(heard(1))
-        assert len(scalars(tmp_path / "tensorboard" / "policy_1")) == 3
+        assert len(scalars(tmp_path / "tensorboard" / "policy_1")) == len(SIZES)
 
 
 def test_an_earlier_log_stays_until_there_is_a_score(tmp_path: Path) -> None:
@@ -88,7 +90,7 @@ def test_an_earlier_log_stays_until_there_is_a_score(tmp_path: Path) -> None:
         show(heard(1))
     with pytest.raises(InputError, match="refused"), tensorboard(tmp_path, 1, {}):
         raise InputError("refused")
-    assert len(scalars(tmp_path / "tensorboard" / "policy_2")) == 3
+    assert len(scalars(tmp_path / "tensorboard" / "policy_2")) == len(SIZES)
     with tensorboard(tmp_path, 1, {}) as show:
         show(heard(1))
     assert scalars(tmp_path / "tensorboard" / "policy_2") == []
@@ -168,10 +170,7 @@ def test_weights_and_biases_gets_a_run_a_policy(fake: Wandb, tmp_path: Path) -> 
         show(heard(2))
         assert [run.ended for run in fake.runs] == [None, None]
     first, second = fake.runs
-    assert second.logged[0] == (
-        1000,
-        {"episode_return": -1.0, "survival": -0.5, "position_error": -0.25},
-    )
+    assert second.logged[0] == (1000, {name: -size for name, size in SIZES.items()})
     assert [step for step, _ in first.logged] == [1000, 2000]
     assert [run.ended for run in fake.runs] == ["finished", "finished"]
     told = {

@@ -36,6 +36,7 @@ from maidenflight.identification.methods import Likelihood
 from maidenflight.identification.outcome.plausible import UNIFORM, prior_ranges
 from maidenflight.identification.search.box import physical_bounds
 from maidenflight.identification.signals.flight_signals import stride, undo_filter_delay
+from maidenflight.identification.unknowns import UNKNOWNS
 from maidenflight.parameters import replace as changed
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone, virtual_drone
 
@@ -82,7 +83,7 @@ class Request:
     seconds: float
     """Length of the flight, without take-off and landing [s]."""
     interest: Sequence[str] | None = None
-    """Parameters to tell; all that may be identified by default."""
+    """Parameters to tell; those of `gaps`, else all that may be identified, by default."""
     rate: int = RATE
     """Rows a second of the log from which they will be identified [Hz]."""
     motors: bool = False
@@ -96,6 +97,9 @@ class Request:
     the drone with it."""
     allowed: FlightLimits = FlightLimits()
     """Limits of the flight."""
+    gaps: Sequence[str] = ()
+    """Parameters that the drone's flights so far hardly tell, which are unknown too: the curve of
+    thrust is where only throttle that varies tells it."""
 
 
 def plan(
@@ -123,7 +127,7 @@ def plan(
         raise InputError(
             f"{seconds:g} s of flight; expected {2 * CHUNK:g} to {flight_plan.LONGEST_PLAN:g} s."
         )
-    _names(request.interest, None)
+    _names(request, None)
     half_height = min(room[2] - MARGIN - height, height - LOWEST)
     half_width = min(room[:2]) / 2 - MARGIN
     library_plans = {
@@ -139,9 +143,10 @@ def plan(
     }
     indices = [number for number, one in enumerate(library_plans) if one.name not in left_out]
     on_stage(OTHERS + 1, OTHERS + 3, "information of each manoeuvre")
-    names = _names(request.interest, flights[0])
+    names = _names(request, flights[0])
     parts = _information(drone, [flights[number] for number in indices], names)
-    interest = [names.index(name) for name in request.interest or names]
+    gaps = [name for name in request.gaps if name in names]
+    interest = [names.index(name) for name in request.interest or gaps or names]
     fitting = {
         list(library_plans)[number]: part for number, part in zip(indices, parts, strict=True)
     }
@@ -161,7 +166,7 @@ def plan(
         left_out |= {one.name: limit for one, limit in wrong.items()}
         fitting = {one: part for one, part in fitting.items() if one not in wrong}
     proposal, unidentifiable = _expecting(
-        drone, replace(proposal, extremes=extremes), keys[-2:], request
+        drone, replace(proposal, extremes=extremes), keys[-2:], request, names
     )
     return PlanResult(proposal, left_out, unidentifiable, excess, tuple(notes))
 
@@ -306,7 +311,7 @@ def _height(room: tuple[float, float, float]) -> float:
     return min(1.0, round((room[2] - MARGIN + LOWEST) / 2, 2))
 
 
-def _names(interest: Sequence[str] | None, flight: Flight | None) -> tuple[str, ...]:
+def _names(request: Request, flight: Flight | None) -> tuple[str, ...]:
     """Parameters that are unknown together, by what a log shows; all there are without a log.
 
     Raises:
@@ -316,8 +321,9 @@ def _names(interest: Sequence[str] | None, flight: Flight | None) -> tuple[str, 
     if flight is not None:
         parameter_groups = parameter_groups[flight.accelerometer is None :][:1]
     groups = (names for some in parameter_groups for group in some.values() for names in group)
-    names = tuple(dict.fromkeys((*selection.ALWAYS, *groups)))
-    for name in interest or ():
+    further = (name for name in request.gaps if name in UNKNOWNS)
+    names = tuple(dict.fromkeys((*selection.ALWAYS, *groups, *further)))
+    for name in request.interest or ():
         if name not in names:
             raise InputError(
                 f"{name}: not a parameter that "
@@ -359,18 +365,23 @@ def _expecting(
     proposal: FlightPlan,
     keys: Array,
     request: Request,
+    names: Sequence[str],
 ) -> tuple[FlightPlan, tuple[str, ...]]:
-    """The plan with what it and a hover tell, and the parameters that it does not tell."""
+    """The plan with what it and a hover tell, and the parameters that it does not tell.
+
+    What earlier flights lack, of which `identify` asks no flight with a state, is unknown with all.
+    """
+    over = names if request.gaps else None
     of = []
     for each, key in ((proposal, keys[0]), (flight_plan.hovering(proposal), keys[1])):
         logs = record_plan(drone, each, key, rate=request.rate, firmware=request.firmware)
-        of.append(expected_intervals(logs, start=drone.parameters))
-    names = [name for name in of[0] if request.interest is None or name in request.interest]
+        of.append(expected_intervals(logs, start=drone.parameters, over=over))
+    wanted = [name for name in of[0] if request.interest is None or name in request.interest]
     expected_widths = {
         name: ExpectedWidths(
             *map(_half, (of[0][name].interval, of[1][name].interval, of[0][name].prior))
         )
-        for name in names
+        for name in wanted
     }
-    unidentifiable = tuple(name for name in names if not of[0][name].identifiable)
+    unidentifiable = tuple(name for name in wanted if not of[0][name].identifiable)
     return replace(proposal, expected=expected_widths), unidentifiable

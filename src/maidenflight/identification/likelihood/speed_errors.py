@@ -30,6 +30,7 @@ from maidenflight.identification.signals.motor_response import (
     LATENCY_OF_SPEEDS,
     LIKE,
     OWN,
+    QUICK,
     SHORTEST,
     MotorResponse,
     random_effects,
@@ -142,8 +143,9 @@ def motors_of_speeds(problem: Problem) -> MotorResponse | None:
     start = with_values(problem.start, **{key: np.float32(value) for key, value in _START.items()})
     problem = replace(problem, start=start, flights=flights, bounds={})
     model = SpeedErrors.of(flights)
-    # Where commands are samples of a faster loop, their noise passes for a law.
-    fits = _FITS if is_zero_order_hold(flights) else (EVALUATIONS,)
+    # The noise of a faster loop's commands passes for a law where rows are far apart.
+    has_law = is_zero_order_hold(flights) or flights[0].period <= QUICK
+    fits = _FITS if has_law else (EVALUATIONS,)
     optimum = fit(problem, fits[0], [model], NAMES, start, {})
     for evaluations in fits[1:]:
         model = model.linearize_commands(optimum.drone)

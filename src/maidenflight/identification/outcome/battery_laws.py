@@ -128,7 +128,7 @@ def average_laws(
     note = (
         f"the log does not name its battery law: thrust_to_weight is {laws}; intervals hold them. "
         f"It is that of u = 1, {full:.2f} V at the motors, {100 * full / volts:.0f} % PWM at the "
-        f"flights' {volts:.2f} V. Give --battery-law if you know it."
+        f"flights' {volts:.2f} V. Give --battery-law if you know it (--help-all)."
     )
     return replace(
         result, posterior=Posterior(samples), estimates=estimates, notes=(note, *result.notes)

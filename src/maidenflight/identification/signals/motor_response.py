@@ -45,7 +45,7 @@ _UNUSUAL = 0.03
 """Share of drones of which nothing of the kind is known."""
 SHORTEST, _LONGEST, _MOST = 3.0, 10.0, 16
 """Length of a stretch at least and at most [s], and stretches beyond which they are longer."""
-_CLEAR, _QUICK = 5.0, 0.0051
+_CLEAR, QUICK = 5.0, 0.0051
 """How much stronger than what their samples fold commands must be, in rows beyond that period [s]:
 quicker ones fold from above 180 Hz, behind the filters of any rate controller."""
 _COHERENT = 0.5
@@ -342,7 +342,7 @@ def _loops_of_parts(
             continue
         for signal, loop in _loops(part, drone):
             clear = loop.clear > _CLEAR and loop.coherence > _COHERENT
-            if zero_order_hold or part.period <= _QUICK or clear:
+            if zero_order_hold or part.period <= QUICK or clear:
                 yield part, signal, loop
 
 

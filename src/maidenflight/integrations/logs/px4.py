@@ -18,6 +18,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float
 
+from maidenflight.errors import InputError
 from maidenflight.flights.checks import airborne
 from maidenflight.flights.log import LONGEST_DELAY, Flight
 from maidenflight.flights.streams import joining, rates, streams
@@ -48,6 +49,8 @@ TOPICS = (
     "vehicle_status",
 )
 """Topics that are read."""
+ARMED = 2
+"""State of a vehicle whose motors run (PX4, vehicle_status.msg: ARMING_STATE_ARMED)."""
 FULL_RATE = 0.8
 """Share of the control loop's rate from which a log holds every command."""
 ACCELEROMETER_CUTOFF = 30.0
@@ -69,9 +72,13 @@ def flight(
         The flight, the time of its rows [s] and what was assumed.
 
     Raises:
-        InputError: a signal is missing or logged too rarely, or it is no quadrotor in X.
+        InputError: a signal is missing or logged too rarely, or it is no quadrotor in X or never
+            armed.
     """
     px4_motors.check_airframe(name, parameters)
+    status = columns(topics, "vehicle_status", "arming_state")
+    if status is not None and not np.any(status[1] == ARMED):
+        raise InputError(f"{name}: never armed. Leave it out.")
     body_rates, gyro_delay, gyro_notes = _gyro(name, topics, parameters)
     force, force_delay = _force(topics, parameters)
     rotors = px4_motors.rotors(name, parameters)
@@ -171,7 +178,7 @@ def _in_the_air(
     status = columns(topics, "vehicle_status", "arming_state")
     if status is not None:
         state = streams.hold_last(at, streams.stream(*status))[:, 0]
-        ground |= np.isfinite(state) & (state != 2)
+        ground |= np.isfinite(state) & (state != ARMED)
     return airborne.leave_out_ground(name, at, ground)
 
 

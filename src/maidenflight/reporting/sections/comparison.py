@@ -29,8 +29,7 @@ _LEADING = {"run": "Run", "panel": "Drone", "policies": "Policies", "flights": "
 _OF_FLIGHTS = {
     "reached": tables.number("Reached the time limit [%]", 0, 100.0),
     "duration": tables.number("Median duration [s]", 2),
-    "position_error": tables.number("Mean position error [cm]", 2, 100.0),
-    **flights.LARGEST,
+    **flights.MEASURED,
 }
 
 
@@ -174,14 +173,13 @@ def _show_flights(runs: Runs, parts: Mapping[str, polars.DataFrame | None]) -> M
         return Markup()
     rows = polars.concat(tables_of, how="diagonal_relaxed")
     reached = polars.col("end_reason") == REACHED
-    largest = [polars.col(name).max() for name in flights.LARGEST if name in rows.columns]
     summary = rows.group_by("run", "panel", maintain_order=True).agg(
         polars.col("policy").n_unique().alias("policies"),
         polars.len().alias("flights"),
         reached.mean().alias("reached"),
         polars.col("duration").median(),
-        *([polars.col("position_error").mean()] if "position_error" in rows.columns else []),
-        *largest,
+        polars.col("^(position|estimated)_error$").mean(),
+        polars.col("^largest_.*$").max(),
     )
     columns = {
         name: one for name, one in (_LEADING | _OF_FLIGHTS).items() if name in summary.columns

@@ -20,15 +20,18 @@ from maidenflight.reporting.html import render
 from maidenflight.reporting.run import Run, viewable
 from maidenflight.reporting.sections.head import describe_realities
 from maidenflight.reporting.tables import Cell, Column
+from maidenflight.simulator.tasks.failures import ERRORS
 
 NAMES = {"pwm": "PWM", "attitude_rate": "Attitude rate", "attitude": "Attitude"}
 """Control structures as people call them."""
-LARGEST: dict[str, Column | str] = {
+MEASURED: dict[str, Column | str] = {
+    "position_error": tables.number("Mean position error [cm]", 2, 100.0),
+    "estimated_error": tables.number("By its estimate [cm]", 2, 100.0),
     "largest_tilt": tables.number("Largest tilt, of 30 [deg]", 1, degrees(1.0)),
     "largest_body_rate": tables.number("Largest rate, of 800 [deg/s]", 0, degrees(1.0)),
     "largest_distance": tables.number("Farthest [cm]", 1, 100.0),
 }
-"""Of the guards' limits."""
+"""Errors, and the largest values, of the guards' limits."""
 _COLUMNS: dict[str, Column | str] = {
     "flight": "Flight",
     "policy": "Policy",
@@ -36,10 +39,10 @@ _COLUMNS: dict[str, Column | str] = {
     "trial": Column("Trial", lambda trial, _: Cell(str(trial), str(trial))),
     "duration": tables.number("Duration [s]", 2),
     "end_reason": "Ended by",
-    "position_error": tables.number("Mean position error [cm]", 2, 100.0),
+    **{name: MEASURED[name] for name in ERRORS},
     "command_change": tables.number("Change of commands in 10 ms [%]", 1, 100.0),
     "at_limits": tables.number("Commands at a limit [%]", 1, 100.0),
-    **LARGEST,
+    **MEASURED,
 }
 """Of test flights, as far as they have them."""
 
@@ -140,7 +143,7 @@ def _predictions(test_flights: polars.DataFrame) -> Markup:
         "end": Column("Most frequent end", usual_end),
     }
     summary = flight_times.summary(test_flights)
-    columns |= {name: column for name, column in LARGEST.items() if name in summary.columns}
+    columns |= {name: column for name, column in MEASURED.items() if name in summary.columns}
     return tables.sortable("prediction", summary, columns)
 
 
@@ -161,10 +164,9 @@ def recorded(run: Run) -> Markup:
 
 
 def _signals(run: Run) -> list[tuple[str, Figure]]:
-    """Name and signals of the first flights that the viewer cannot show, which lack a state."""
-    viewed = {id(runs.flights_to_show(run)[place]) for place in viewable(run)}
+    """Name and signals of the first flights that no viewer can show, which lack a state."""
     others = [
-        one for one in run.recorded if id(one) not in viewed and np.isfinite(one.command).any()
+        one for one in run.recorded if runs.usable(one).stop <= 1 and np.isfinite(one.command).any()
     ]
     return [(one.name, plot_flight(one).figure) for one in others[:12]]
 

@@ -254,11 +254,14 @@ def _of_flights(run: Run) -> list[KeyFigure]:
     median = f"{np.median(run.table['duration'].to_numpy()):.1f}"
     # How far a flight is that a guard soon ends says nothing.
     error = _mean(reached["position_error"].to_numpy())
+    known = "estimated_error" in reached.columns
+    estimated = _mean(reached["estimated_error"].to_numpy()) if known else error
+    by_drone = f"{_centimetres(estimated)} cm as the drone estimates it" if known else "true"
     return [
         KeyFigure(f"{reached.height}", count, text_start, describe_realities(run) or "zero-shot"),
         KeyFigure(median, "s", "their median flight time", longest),
         *(
-            [KeyFigure(_centimetres(error), "cm", "mean position error of those", "over flights")]
+            [KeyFigure(_centimetres(error), "cm", "mean position error of those", by_drone)]
             if np.isfinite(error)
             else []
         ),

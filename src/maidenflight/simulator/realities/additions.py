@@ -1,4 +1,4 @@
-"""What a reality's name adds: `+sensors`, `+10ms`, `+yaw6000`, `+weak10` and `+payload15`.
+"""What a reality's name adds: `+sensors`, `+air`, `+10ms`, `+yaw6000`, `+weak10`, `+payload15`.
 
 Virtual drones get other parameters, from the start or, as `+yaw6000@5`, in the course of a flight.
 Other realities are wrapped: `SensorWrapper` reads them through the noise and delay of a Crazyflie's
@@ -15,7 +15,8 @@ from jaxtyping import Float
 
 from maidenflight import parameters
 from maidenflight.errors import InputError
-from maidenflight.parameters import Parameters, crazyflie, replace
+from maidenflight.parameters import Parameters, arm_length, crazyflie, replace
+from maidenflight.simulator.physics.disturbance import is_disturbed
 from maidenflight.simulator.realities.around import (
     SENSORS,
     DelayWrapper,
@@ -27,12 +28,16 @@ from maidenflight.simulator.realities.virtual_drone import ParameterChange, Virt
 
 _ADDITION = re.compile(
     r"(?P<before>.+)\+(?P<what>"
-    r"(?:sensors|\d+(?:\.\d+)?ms|yaw-?\d{1,5}|weak\d{1,2}|payload\d{1,3})(?:@\d+(?:\.\d+)?)?)"
+    r"(?:sensors|air|\d+(?:\.\d+)?ms|yaw-?\d{1,5}|weak\d{1,2}|payload\d{1,3})(?:@\d+(?:\.\d+)?)?)"
 )
 _PARTS = re.compile(r"(?P<kind>[a-z]*)(?P<amount>-?[0-9.]*)(?P<unit>ms)?(?:@(?P<at>[0-9.]+))?")
 _COUNTS = 65535.0
 """Of full PWM."""
 _LATENCY = "latency"
+AIR_TORQUE = np.array([0.012, 0.016, 0.003], np.float32)
+AIR_FORCE = np.array([0.020, 0.017, 0.018], np.float32)
+"""Disturbances of `+air`: torques over weight times arm, forces over weight. Geometric means of the
+logs of four Crazyflies (paper/nanodrone.py), from 0.4 to 2 times as large in one of them."""
 IN_FLIGHT = ("yaw", "weak", "payload")
 """Additions that may appear in the course of a flight."""
 
@@ -41,7 +46,7 @@ class Perturbation(NamedTuple):
     """What a name adds, read."""
 
     kind: str
-    """`sensors`, `latency`, `yaw`, `weak` or `payload`."""
+    """`sensors`, `air`, `latency`, `yaw`, `weak` or `payload`."""
     amount: float
     """Latency [s], trim [counts of PWM], thrust or mass [%]."""
     at: float | None
@@ -50,7 +55,7 @@ class Perturbation(NamedTuple):
     @property
     def label(self) -> str:
         """As it stands in a name."""
-        amount = "" if self.kind == "sensors" else f"{self.amount:g}"
+        amount = "" if self.kind in ("sensors", "air") else f"{self.amount:g}"
         text = milliseconds(self.amount) if self.kind == _LATENCY else f"{self.kind}{amount}"
         return text if self.at is None else f"{text}@{self.at:g}"
 
@@ -131,6 +136,8 @@ def _changed(own: Parameters, one: Perturbation, name: str) -> Parameters:
     """A virtual drone's parameters with an addition."""
     if one.kind == "sensors":
         return replace(own, **SENSORS)
+    if one.kind == "air":
+        return in_air(own)
     if one.kind == "yaw":
         share = one.amount / _COUNTS
         torque = share * own.torque_to_thrust * own.thrust_to_weight * own.mass * own.gravity
@@ -149,6 +156,18 @@ def _changed(own: Parameters, one: Perturbation, name: str) -> Parameters:
         return parameters.check(heavy, name)
     late = replace(own, latency=float(own.latency) + one.amount)
     return parameters.check(late, name)
+
+
+def in_air(drone: Parameters) -> Parameters:
+    """Returns a drone on which disturbances act: its own, else `AIR_TORQUE` and `AIR_FORCE`."""
+    if is_disturbed(drone):
+        return drone
+    weight = float(drone.mass * drone.gravity)
+    return replace(
+        drone,
+        disturbance_torque=np.float32(weight * arm_length(drone)) * AIR_TORQUE,
+        disturbance_force=np.float32(weight) * AIR_FORCE,
+    )
 
 
 def loaded(drone: Parameters, share: float) -> Parameters:
@@ -176,10 +195,10 @@ def _weak(percent: float) -> Float[np.ndarray, "4"]:
 
 def _wrap(drone: Any, one: Perturbation) -> Any:
     """Another reality with an addition."""
-    if one.kind == "payload" or one.at is not None:
+    if one.kind in ("payload", "air") or one.at is not None:
         raise InputError(
-            f"{drone.name}+{one.label}: {drone.name} has physics of its own, in which neither the "
-            "mass is ours to change nor anything in the course of a flight. Expected a virtual "
+            f"{drone.name}+{one.label}: {drone.name} has physics of its own, in which neither mass "
+            "nor air is ours to change nor anything in the course of a flight. Expected a virtual "
             "drone, such as virtual:7, or a drone's TOML file."
         )
     if one.kind == "sensors":

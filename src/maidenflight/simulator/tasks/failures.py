@@ -83,6 +83,9 @@ def excursion(
     return Excursion(tilt, rate, library.sqrt(x * x + y * y + z * z))
 
 
+ERRORS = ("position_error", "estimated_error")
+"""Columns of mean distances from the set-point, of the true position and of the drone's estimate,
+which is all that a policy can follow [m]."""
 LARGEST = ("largest_tilt", "largest_body_rate", "largest_distance")
 """Columns of the largest values of flights, in SI units."""
 

@@ -80,16 +80,25 @@ class FliesPolicies(Verb):
             drones: names or files of those that fly, or virtual drones about none of them.
         """
         from maidenflight.identification import drone_file
-        from maidenflight.identification.identity import describe_other_drone, identity_of
+        from maidenflight.identification.identity import (
+            describe_other_counts,
+            describe_other_drone,
+            identity_of,
+        )
         from maidenflight.simulator.realities.virtual_drone import RANGES, VARIANTS
 
         lines = []
         for drone in dict.fromkeys(drones):
             is_drawn = drone.partition(":")[0] in VARIANTS
             drawn = {"name": drone, "mass": sum(RANGES["mass"]) / 2.0}
-            other, groups = drawn if is_drawn else identity_of(drone_file.read(drone)), {}
+            flying = None if is_drawn else drone_file.read(drone)
+            other, groups = drawn if flying is None else identity_of(flying), {}
             for name, file in zip(self.fleet.own_names, self.fleet.files, strict=True):
-                groups.setdefault(describe_other_drone(file.identity, other), []).append(name)
+                difference = describe_other_drone(file.identity, other)
+                if flying is not None:
+                    counts = file.policy.interface.full_scale_counts
+                    difference = difference or describe_other_counts(counts, flying)
+                groups.setdefault(difference, []).append(name)
             lines += [
                 f"{first_few(group)}: {difference}. Train for the drone that flies."
                 for difference, group in groups.items()
