@@ -85,11 +85,11 @@ def describe_other_counts(own: float, drone: DroneFile) -> str:
     )
 
 
-def check_same_drone(place: str, own: Mapping[str, Any], other: Mapping[str, Any]) -> None:
+def check_same_drone(source: str, own: Mapping[str, Any], other: Mapping[str, Any]) -> None:
     """Refuses a policy that was made for another drone.
 
     Args:
-        place: the policy's file, for errors.
+        source: the policy's file, for errors.
         own: the policy's identity.
         other: that of the drone that shall fly.
 
@@ -97,6 +97,8 @@ def check_same_drone(place: str, own: Mapping[str, Any], other: Mapping[str, Any
         InputError: mass or battery law differ, or the file says nothing of its drone.
     """
     if "mass" not in own:
-        raise InputError(f"{place}: names no mass of its drone. Train again, or leave out --drone.")
+        raise InputError(
+            f"{source}: names no mass of its drone. Train again, or leave out --drone."
+        )
     if difference := describe_other_drone(own, other):
-        raise InputError(f"{place}: {difference}. Train for the drone that flies.")
+        raise InputError(f"{source}: {difference}. Train for the drone that flies.")

@@ -147,7 +147,7 @@ class Validate(Verb):
         read = partial(read_flights, self.logs, battery_law=law, faulty=self.faulty)
         flights = read(logs_output.count_files(progress), commands=commands)
         known = None if file.source is None else file.source.commands
-        if commands is None and known in COMMANDS and all(one.assumed for one in flights):
+        if commands is None and known in COMMANDS and all(flight.assumed for flight in flights):
             commands = known
             flights = read(commands=commands)
         progress.move(0, None, "compiling and predicting")
@@ -172,7 +172,7 @@ class Validate(Verb):
             *warning_lines(flights.warnings),
             *drones.repeat_doubts(file),
         ]
-        simulated, rows = any(one.simulated for one in flights), errors.to_dicts()
+        simulated, rows = any(flight.simulated for flight in flights), errors.to_dicts()
         verdict, doubts, remark = _judge(name, likelihoods, rows)
         trained = places[3] if self.disturbances else self.drone
         return Result(
@@ -194,7 +194,7 @@ class Validate(Verb):
                 f"in {output}: SI units, and 95 % intervals over {rows[0]['segments']} segments of "
                 "flight",
             ],
-            written=dict(zip(_WRITTEN, ([place] for place in places), strict=False)),
+            written=dict(zip(_WRITTEN, ([path] for path in places), strict=False)),
             read={"drone": drone, "logs": flights.paths},
             record=record,
             rows=[{**row, "log_likelihood": likelihoods.get(row["model"])} for row in rows],
@@ -236,7 +236,7 @@ class Validate(Verb):
         )
         disturbed.write(places[3])
         times = table["horizon"].unique()
-        some = {SUMS, *(min(times, key=lambda one: abs(one - time)) for time in _AHEAD_S)}
+        some = {SUMS, *(min(times, key=lambda ahead: abs(ahead - time)) for time in _AHEAD_S)}
         rows = table.filter(table["horizon"].is_in(list(some))).to_dicts()
         return [{name: value for name, value in row.items() if value == value} for row in rows]
 
@@ -272,7 +272,7 @@ def _compare(
     from maidenflight.identification.outcome.estimates import SURE_NATS
     from maidenflight.reporting.text import ERRORS
 
-    nearest = min((row["horizon"] for row in errors), key=lambda one: abs(one - _JUDGED_S))
+    nearest = min((row["horizon"] for row in errors), key=lambda horizon: abs(horizon - _JUDGED_S))
     rows = {row["model"]: row for row in errors if row["horizon"] == nearest}
     own, doubts = rows[model or name], []
     compared = "attitude" if own["attitude"] == own["attitude"] else "body_rates"
@@ -312,7 +312,7 @@ def _tabulate(
             cells[name] = f"{'* ' if worse else ''}{value}"
         rows.append(cells)
     columns = {"ahead": "{ahead}", "model": "{model}"}
-    columns |= {f"{one.name}\n{one.unit}": f"{{{name}}}" for name, one in ERRORS.items()}
+    columns |= {f"{kind.name}\n{kind.unit}": f"{{{name}}}" for name, kind in ERRORS.items()}
     flight = "simulated" if simulated else "real"
     worse = any(row[name].startswith("*") for row in rows for name in ERRORS)
     return [

@@ -212,7 +212,7 @@ class InRealities(FliesPolicies):
         from maidenflight.simulator.realities.virtual_drone import VARIANTS
 
         places = map(drone_of, self.reality or (self.drone or "virtual:7",))
-        return [one for one in places if is_drone(one) or one.partition(":")[0] in VARIANTS]
+        return [name for name in places if is_drone(name) or name.partition(":")[0] in VARIANTS]
 
     def choose_next(self, best: Path) -> tuple[object, ...]:
         """Returns the words of the command that judges policies; it exports what no judge flies."""
@@ -224,7 +224,9 @@ class InRealities(FliesPolicies):
             return export_command(best, policy)
         drone = next(filter(is_drone, self.flying_drones), "DRONE")
         foreign = set(self.fleet.foreign_files)
-        files = [one for one in self.policies if Path(one).exists() and Path(one) not in foreign]
+        files = [
+            file for file in self.policies if Path(file).exists() and Path(file) not in foreign
+        ]
         more = {"control": self.control, "task": self.task, "reference": self.reference}
         options = [word for name, value in more.items() if value for word in (f"--{name}", value)]
         return ("predict", *files, "--drone", drone, *options)
@@ -248,7 +250,7 @@ class InRealities(FliesPolicies):
 
     def make_flight_record(self, task: str, **more: Any) -> dict[str, Any]:
         """Returns how the flights of a task are made, for their files."""
-        places = [place.name for place in self.realities]
+        places = [reality.name for reality in self.realities]
         return self.make_record(
             self.fleet.inputs, task=task, reality=places, **more, **self.fleet.record
         )
