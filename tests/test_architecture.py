@@ -240,6 +240,16 @@ def test_names_are_nouns_or_verbs_with_their_objects():
     assert len(compound) <= 12, sorted(compound)
 
 
+def test_names_say_what_they_hold():
+    hollow = [
+        f"{module}: {name}"
+        for module in MODULES
+        for name in defined_names(parsed(module))
+        if name in ("one", "place")
+    ]
+    assert not hollow
+
+
 MOST_SHARED = 8
 """Names of functions and classes that more than three modules define; each is one to rename, unless
 a registry or protocol asks for it."""
@@ -278,22 +288,22 @@ MOST = {
     "closure of export": 30,
     "log to drone.toml: stops": 744,
     "log to drone.toml: modules": 120,
-    "log to drone.toml: names": 980,
+    "log to drone.toml: names": 979,
     "drone to policy: stops": 338,
     "drone to policy: modules": 70,
     "drone to policy: names": 501,
     "policy to flight: stops": 273,
     "policy to flight: modules": 55,
-    "policy to flight: names": 417,
+    "policy to flight: names": 416,
     "policy to C: stops": 46,
     "policy to C: modules": 12,
     "policy to C: names": 73,
     "study to table: stops": 75,
     "study to table: modules": 14,
-    "study to table: names": 123,
+    "study to table: names": 122,
     "constants": 750,
     "constants without a source": 587,
-    "lines": 62_082,
+    "lines": 62_203,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
