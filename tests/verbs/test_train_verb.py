@@ -172,7 +172,7 @@ def test_each_score_moves_the_bar_and_is_a_line_where_there_is_none(
     monkeypatch.setattr(TRAINING, no_training)
     train = Train(drone="crazyflie", policies=1, updates=9, randomize=0.1, hidden=(8,))
     train.run(tmp_path, Bar("train"))
-    line = "return 0.0, survival 0%, error 0.0 cm"
+    line = "return 0.0, survival 0% (0.0 s), error 0.0 cm"
     assert moves == [(0, 9, "compiling"), (1, 9, line), (9, 9, "flying the drone itself")]
     assert capsys.readouterr().err == f"update 0 of 9: compiling\nupdate 1 of 9: {line}\n"
 
