@@ -52,10 +52,9 @@ SOURCES = {
 }
 
 
-def make(name: str, data: Path, output: Path) -> tuple[Path, Path]:
-    """Identifies a drone and trains policies for it; returns its file and their folder."""
-    folder, source = output / name, SOURCES[name]
-    logs, drone, policies = folder / "logs", folder / "drone.toml", folder / "policies"
+def identify_drone(source: Source, data: Path, folder: Path) -> Path:
+    """Returns a drone's file in a folder, identified from its logs unless it is there."""
+    logs, drone = folder / "logs", folder / "drone.toml"
     if not drone.is_file():
         logs.mkdir(parents=True, exist_ok=True)
         for file in sorted(data.glob(source.pattern)):
@@ -63,6 +62,13 @@ def make(name: str, data: Path, output: Path) -> tuple[Path, Path]:
             (logs / file.name).symlink_to(file.resolve())
         logs = data / source.pattern if (data / source.pattern).is_dir() else logs
         Identify(logs=logs, start=source.start, mass=source.mass).run(drone)
+    return drone
+
+
+def make(name: str, data: Path, output: Path) -> tuple[Path, Path]:
+    """Identifies a drone and trains policies for it; returns its file and their folder."""
+    folder = output / name
+    drone, policies = identify_drone(SOURCES[name], data, folder), folder / "policies"
     if not (policies / "policy_1.json").is_file():
         Train(drone=str(drone), yaw_penalty=0.1, accept_bounds=True).run(policies)
     return drone, policies

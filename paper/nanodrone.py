@@ -21,11 +21,12 @@ import polars
 from truth_board import DRONES, Drone, read_drone_flights
 
 import maidenflight as mf
-from maidenflight.disturbances.fitting import fit_disturbances
+from maidenflight.disturbances.fitting import filter_flights, fit_disturbances
 from maidenflight.disturbances.horizons import SUMS, predict_windows, tabulate_horizons
+from maidenflight.disturbances.kalman import with_disturbances
 from maidenflight.flights.log import Flight
 from maidenflight.identification.signals.speed_inertia import inertia_of_speeds
-from maidenflight.parameters import Parameters, replace
+from maidenflight.parameters import Parameters, arm_length, replace
 
 SHOWN_S = (0.02, 0.05, 0.1, 0.25, 0.5)
 """Times ahead that are printed [s]."""
@@ -77,12 +78,25 @@ def with_inertia(start: Parameters, flights: Sequence[Flight]) -> Parameters:
     return replace(start, inertia=inertia.astype(np.float32))
 
 
+def describe_air(drone: Parameters) -> str:
+    """Returns how large and slow disturbances of a drone are, over its weight and its arm."""
+    weight = float(drone.mass * drone.gravity)
+    torque = drone.disturbance_torque / (weight * arm_length(drone))
+    force = drone.disturbance_force / weight
+    return (
+        f"disturbances: torque {np.round(torque, 4)} of weight times arm, for "
+        f"{drone.disturbance_torque_time:.2f} s; force {np.round(force, 4)} of weight, for "
+        f"{drone.disturbance_force_time:.2f} s"
+    )
+
+
 def predict_fold(logs: Logs, flights: Sequence[Flight], fold: str) -> polars.DataFrame:
     """Returns errors on the flights of a fold, by what the others tell."""
     training = [one for one in flights if logs.fold(one.name) != fold]
     judged = [one for one in flights if logs.fold(one.name) == fold]
     drone = with_inertia(logs.drone.parameters, training)
     model = fit_disturbances(training, drone)
+    print(describe_air(with_disturbances(drone, filter_flights(judged, model))))
     return tabulate_horizons([predict_windows(judged, model, drone, every=logs.every)])
 
 

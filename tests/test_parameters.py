@@ -60,6 +60,11 @@ def test_toml_reads_back_to_the_same_float32(drone):
         np.testing.assert_array_equal(value, getattr(drone, name), err_msg=name)
 
 
+def test_a_file_that_says_nothing_of_disturbances_has_none():
+    still = GOOD[: GOOD.index("[disturbance]")]
+    jax.tree.map(np.testing.assert_array_equal, from_toml(still), crazyflie())
+
+
 @pytest.mark.parametrize("name", FIELDS)
 def test_every_quantity_says_what_it_is(name):
     quantity = QUANTITIES[name]

@@ -29,21 +29,21 @@ def find_private_folder(name: str) -> Path | None:
         The folder; none where neither can be written to, or others may write to them.
     """
     owner = os.getuid() if hasattr(os, "getuid") else 0
-    for place in (folder(), Path(tempfile.gettempdir(), f"maidenflight-{owner}")):
+    for parent in (folder(), Path(tempfile.gettempdir(), f"maidenflight-{owner}")):
         with suppress(OSError):
-            for each in (place, place / name):
+            for each in (parent, parent / name):
                 each.mkdir(mode=0o700, parents=True, exist_ok=True)
                 if not _is_own(each, owner):
                     break
             else:
-                with tempfile.TemporaryFile(dir=place / name):
-                    return place / name
+                with tempfile.TemporaryFile(dir=parent / name):
+                    return parent / name
     return None
 
 
-def _is_own(place: Path, owner: int) -> bool:
+def _is_own(path: Path, owner: int) -> bool:
     """Whether a folder is no link, and nobody but its owner may write to it."""
-    status = place.lstat()
+    status = path.lstat()
     is_private = status.st_uid == owner and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
     return stat.S_ISDIR(status.st_mode) and (is_private or os.name == "nt")
 
@@ -59,7 +59,7 @@ def keep_compiled() -> None:
     with suppress(OSError):
         entries = [(entry.stat(), entry) for entry in programs.glob("*-cache")]
         surplus = sum(status.st_size for status, _ in entries) - _CACHE_BYTES
-        for status, entry in sorted(entries, key=lambda one: one[0].st_mtime):
+        for status, entry in sorted(entries, key=lambda entry: entry[0].st_mtime):
             if surplus > 0:
                 entry.unlink()
                 surplus -= status.st_size

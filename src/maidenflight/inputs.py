@@ -237,18 +237,18 @@ class Fields:
     Every method that takes an entry raises InputError where it is missing or of another kind.
     """
 
-    def __init__(self, content: Any, place: str, title: str, cure: str):
+    def __init__(self, content: Any, source: str, title: str, cure: str):
         """Begins with the content of a file's table of that title; errors have the cure.
 
         Raises:
             InputError: it is no table.
         """
         self.content: dict[str, Any] = content
-        self._where, self._title, self._cure = place, title, cure
+        self._where, self._title, self._cure = source, title, cure
         self._taken: set[str] = set()
         if not isinstance(content, dict):
             raise InputError(
-                f"{place}: {title} is {str(content)[:40]!r}, expected a table [{title}]. {cure}"
+                f"{source}: {title} is {str(content)[:40]!r}, expected a table [{title}]. {cure}"
             )
 
     def refused(self, name: str, expected: str) -> InputError:
@@ -287,7 +287,7 @@ class Fields:
         """Returns a list of texts, of one of some lengths."""
         value = self.get(name)
         sound = isinstance(value, list) and len(value) in counts
-        if not sound or not all(isinstance(one, str) for one in value):
+        if not sound or not all(isinstance(text, str) for text in value):
             raise self.refused(name, f"a list of {' or '.join(map(str, counts))} texts")
         return tuple(value)
 

@@ -8,6 +8,7 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import chain
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
@@ -26,6 +27,7 @@ Kind = Literal[
     "validation",
     "windows",
     "ahead",
+    "disturbed",
     "calibration",
     "policies",
     "training",
@@ -136,7 +138,7 @@ def append(
     release = results.claim(folder / NAME, _LOCK_TIMEOUT)
     try:
         entries = _replace(read_manifest(folder).entries, entry)
-        content = {"format": FORMAT, "entries": [asdict(one) for one in entries]}
+        content = {"format": FORMAT, "entries": [asdict(entry) for entry in entries]}
         return results.write(folder / NAME, f"{json.dumps(content, indent=1)}\n")
     except InputError as error:
         message = f"{error} The results of {verb} in {output} are whole, but not listed there."
@@ -160,29 +162,29 @@ def read_manifest(folder: StrPath) -> Manifest:
     return Manifest(folder, tuple(map(_entry, fields.tables("entries"))))
 
 
-def find_manifest(place: StrPath) -> Manifest | None:
+def find_manifest(path: StrPath) -> Manifest | None:
     """Finds the manifest that a path belongs to, with the entries that it is about.
 
     Args:
-        place: a run folder; or a file or folder that the nearest manifest above it lists.
+        path: a run folder; or a file or folder that the nearest manifest above it lists.
 
     Returns:
-        All entries of a run folder; else those that wrote `place` or something in it, of a log that
+        All entries of a run folder; else those that wrote `path` or something in it, of a log that
         alone. Nothing where no manifest lists it.
 
     Raises:
         InputError: the manifest is damaged.
     """
-    place = Path(place)
-    if os.path.lexists(place / NAME):
-        return read_manifest(place)
-    parents = Path(os.path.abspath(place)).parents
+    path = Path(path)
+    if os.path.lexists(path / NAME):
+        return read_manifest(path)
+    parents = Path(os.path.abspath(path)).parents
     home = next((folder for folder in parents if os.path.lexists(folder / NAME)), None)
     if home is None:
         return None
     # As the user wrote it, where that is possible, for messages.
-    run_path = place.parent if Path(os.path.abspath(place.parent)) == home else home
-    name = _name(place, home) or ""
+    run_path = path.parent if Path(os.path.abspath(path.parent)) == home else home
+    name = _name(path, home) or ""
     entries = []
     for entry in read_manifest(run_path).entries:
         kinds = [kind for kind, names in entry.written.items() if name in names]
@@ -190,7 +192,7 @@ def find_manifest(place: StrPath) -> Manifest | None:
             entries.append(replace(entry, written={"logs": [name]}, inputs={}))
         elif any(
             PurePosixPath(each).is_relative_to(name)
-            for each in (entry.output, *(one for names in entry.written.values() for one in names))
+            for each in (entry.output, *chain.from_iterable(entry.written.values()))
         ):
             entries.append(entry)
     return Manifest(run_path, tuple(entries)) if entries else None

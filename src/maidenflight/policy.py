@@ -104,22 +104,22 @@ class Policy:
                 "exports hold. Fly it in Python, or train a Policy."
             )
 
-    def check(self, place: str = "policy") -> None:
+    def check(self, source: str = "policy") -> None:
         """Checks that shapes and numbers make sense.
 
         Args:
-            place: what errors name, such as the file.
+            source: what errors name, such as the file.
 
         Raises:
             InputError: they do not.
         """
-        _check_sizes(self, place)
+        _check_sizes(self, source)
         if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(self)):
             raise InputError(
-                f"{place}: a weight is not a finite number. Train again or restore the file."
+                f"{source}: a weight is not a finite number. Train again or restore the file."
             )
         if not np.all(np.asarray(self.observation_std) > 0):
-            raise InputError(f"{place}: an observation's standard deviation is not positive.")
+            raise InputError(f"{source}: an observation's standard deviation is not positive.")
 
     @property
     def layer_sizes(self) -> tuple[int, ...]:
@@ -272,45 +272,45 @@ def _act(
     return history, action, memory, policy.interface.command(action)
 
 
-def _check_sizes(policy: Policy, place: str) -> None:
+def _check_sizes(policy: Policy, source: str) -> None:
     spec = policy.spec
     if not policy.weights or len(policy.weights) != len(policy.biases):
         raise InputError(
-            f"{place}: {len(policy.weights)} layers of weights and {len(policy.biases)} of biases; "
-            "expected as many, and one or more."
+            f"{source}: {len(policy.weights)} layers of weights and {len(policy.biases)} of biases"
+            "; expected as many, and one or more."
         )
     form, size = spec.policy_form, spec.layer_sizes[0]
     if policy.observation_mean.shape != (size,) or policy.observation_std.shape != (size,):
         raise InputError(
-            f"{place}: the normaliser has {policy.observation_mean.shape} values, expected {size} "
+            f"{source}: the normaliser has {policy.observation_mean.shape} values, expected {size} "
             f"({form.name if form.inputs else '20 x history, and 3 x points of the look-ahead'})."
         )
     for number, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True), 1):
         if weight.ndim != 2 or weight.shape[1] != size or bias.shape != weight.shape[:1]:
             raise InputError(
-                f"{place}: layer {number} has weights {weight.shape} and biases {bias.shape}, "
+                f"{source}: layer {number} has weights {weight.shape} and biases {bias.shape}, "
                 f"expected ({size} inputs)."
             )
         size = weight.shape[0]
         if number == 1 and policy.gru is not None:
-            _check_gru(policy.gru, size, place)
+            _check_gru(policy.gru, size, source)
             size = policy.gru.size if form.through_memory else size + policy.gru.size
     if size != ACTION_SIZE:
-        raise InputError(f"{place}: {size} outputs, expected {ACTION_SIZE}.")
+        raise InputError(f"{source}: {size} outputs, expected {ACTION_SIZE}.")
     memory = 0 if policy.gru is None else policy.gru.size
     if (policy.layer_sizes, memory) != (spec.layer_sizes, spec.memory):
         raise InputError(
-            f"{place}: layers {policy.layer_sizes} and a memory of {memory}, but its spec says "
+            f"{source}: layers {policy.layer_sizes} and a memory of {memory}, but its spec says "
             f"{spec.layer_sizes} and {spec.memory}."
         )
-    form.check(policy.interface, place)
+    form.check(policy.interface, source)
 
 
-def _check_gru(gru: Gru, inputs: int, place: str) -> None:
+def _check_gru(gru: Gru, inputs: int, source: str) -> None:
     shapes = gru.shapes_for(inputs) if np.ndim(gru.recurrent) == 2 else {}
     wrong = {name: pair for name, pair in shapes.items() if pair[0] != pair[1]}
     if wrong or not shapes:
         raise InputError(
-            f"{place}: recurrent unit of {np.shape(gru.recurrent)} with shapes {wrong}; expected "
+            f"{source}: recurrent unit of {np.shape(gru.recurrent)} with shapes {wrong}; expected "
             "the second of each."
         )

@@ -131,7 +131,7 @@ class PolicyFile:
             return None
         rows = [rotors[name] for name in GEOMETRY]
         numbers = all(
-            isinstance(row, list) and len(row) == 4 and all(isinstance(one, float) for one in row)
+            isinstance(row, list) and len(row) == 4 and all(isinstance(cell, float) for cell in row)
             for row in rows
         )
         return dict(zip(GEOMETRY, rows, strict=True)) if numbers else None
@@ -168,14 +168,14 @@ def to_json(policy: Policy, record: Mapping[str, Any] | None = None) -> str:
     return json.dumps(content)
 
 
-def from_json(text: str, place: str = "policy", control: str | None = None) -> PolicyFile:
+def from_json(text: str, source: str = "policy", control: str | None = None) -> PolicyFile:
     """Reads the text of a policy file, ours or the authors', recognised by content.
 
     Args:
         text: content of the file.
-        place: what errors name, usually the file.
+        source: what errors name, usually the file.
         control: what the authors' policy commands, one of `interface.CONTROLS`, which also sets the
-            rate; by default, what `place` begins with or its folder is called. Ours say it
+            rate; by default, what `source` begins with or its folder is called. Ours say it
             themselves.
 
     Raises:
@@ -185,29 +185,29 @@ def from_json(text: str, place: str = "policy", control: str | None = None) -> P
     try:
         content = inputs.from_json(text)
     except ValueError as error:
-        damage = f" ({error})" if Path(place).suffix == ".json" else ""
+        damage = f" ({error})" if Path(source).suffix == ".json" else ""
         raise InputError(
-            f"{place}: not a policy, ours or the authors': not valid JSON{damage}. {_SUCH_AS}"
+            f"{source}: not a policy, ours or the authors': not valid JSON{damage}. {_SUCH_AS}"
         ) from error
     keys = content.keys() if isinstance(content, dict) else set()
     ours = "format" in keys and content["format"] == FORMAT
     other = None if ours else _format_of(keys)
     if not ours and other is None:
         raise InputError(
-            f"{place}: not a policy, neither ours (format is not {FORMAT!r}) nor the authors' (no "
+            f"{source}: not a policy, neither ours (format is not {FORMAT!r}) nor the authors' (no "
             f"check_sum and layers). {_SUCH_AS}"
         )
-    policy = _own(content, place) if other is None else other.read(content, place, control)
-    policy.check(place)
+    policy = _own(content, source) if other is None else other.read(content, source, control)
+    policy.check(source)
     if control not in (None, policy.interface.name):
         raise InputError(
-            f"{place}: a {policy.interface.name} policy, as its file says, not {control}. Leave "
+            f"{source}: a {policy.interface.name} policy, as its file says, not {control}. Leave "
             "out --control, which is for the authors' policies."
         )
-    return PolicyFile(policy, content["record"] if ours else {}, Path(place).stem)
+    return PolicyFile(policy, content["record"] if ours else {}, Path(source).stem)
 
 
-def _own(content: Mapping[str, Any], place: str) -> Policy:
+def _own(content: Mapping[str, Any], source: str) -> Policy:
     try:
         weights = tuple(_numbers(layer["weights"]) for layer in content["layers"])
         biases = tuple(_numbers(layer["biases"]) for layer in content["layers"])
@@ -227,19 +227,19 @@ def _own(content: Mapping[str, Any], place: str) -> Policy:
             spec=PolicySpec.from_dict(observed_fields),
         )
     except InputError as error:
-        raise InputError(f"{place}: {error}") from error
+        raise InputError(f"{source}: {error}") from error
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise InputError(
-            f"{place}: damaged policy ({type(error).__name__}: {error}). Export it again."
+            f"{source}: damaged policy ({type(error).__name__}: {error}). Export it again."
         ) from error
-    _check_rest(content, place)
+    _check_rest(content, source)
     return policy
 
 
 def _format_of(keys: AbstractSet[str]) -> PolicyFormat | None:
     """The format by others of a file with some keys."""
     formats = (POLICY_FORMATS[name] for name in POLICY_FORMATS)
-    return next((one for one in formats if keys >= one.keys), None)
+    return next((policy_format for policy_format in formats if keys >= policy_format.keys), None)
 
 
 def _numbers(nested: Any) -> Array:
@@ -252,14 +252,14 @@ def _numbers(nested: Any) -> Array:
     return jnp.asarray(array.astype(np.float32))
 
 
-def _check_rest(content: Mapping[str, Any], place: str) -> None:
+def _check_rest(content: Mapping[str, Any], source: str) -> None:
     """What a file says beside the policy's fields."""
     for name, expected in (("instant", INSTANT), ("activation", "relu")):
         if content.get(name) != expected:
-            raise InputError(f"{place}: {name} = {content.get(name)!r}, expected {expected!r}.")
+            raise InputError(f"{source}: {name} = {content.get(name)!r}, expected {expected!r}.")
     if not isinstance(content.get("record"), dict):
         raise InputError(
-            f"{place}: record = {content.get('record')!r}, expected how the policy was made, {{}} "
+            f"{source}: record = {content.get('record')!r}, expected how the policy was made, {{}} "
             "if unknown."
         )
 

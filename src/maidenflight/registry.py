@@ -93,7 +93,7 @@ def import_part(name: str, kind: str) -> Any:
     if not hasattr(imported, attribute):
         raise InputError(
             f"{name}: {module} has no {kind} {attribute!r}. It has "
-            f"{', '.join(one for one in vars(imported) if not one.startswith('_'))}."
+            f"{', '.join(member for member in vars(imported) if not member.startswith('_'))}."
         )
     return getattr(imported, attribute)
 

@@ -155,18 +155,18 @@ def record(
 def _printable(value: Any) -> Any:
     """Replaces bytes of names that are no UTF-8, which no file in UTF-8 can hold."""
     if isinstance(value, Mapping):
-        return {name: _printable(one) for name, one in value.items()}
+        return {name: _printable(entry) for name, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [_printable(one) for one in value]
+        return [_printable(entry) for entry in value]
     return printable(value) if isinstance(value, str) else value
 
 
-def recorded_inputs(record: Mapping[str, Any], place: str) -> dict[str, str]:
+def recorded_inputs(record: Mapping[str, Any], source: str) -> dict[str, str]:
     """Returns the files that a record names: their names by the digest of their content.
 
     Args:
         record: as `record` made it.
-        place: the file that holds it, for errors.
+        source: the file that holds it, for errors.
 
     Raises:
         InputError: its `inputs` are no list of names with digests.
@@ -179,7 +179,7 @@ def recorded_inputs(record: Mapping[str, Any], place: str) -> dict[str, str]:
         name, mark, digest = str(entry).rpartition(" sha256:")
         if not isinstance(entry, str) or not mark:
             raise InputError(
-                f"{place}: its record names the input {str(entry)[:40]!r}, expected 'NAME "
+                f"{source}: its record names the input {str(entry)[:40]!r}, expected 'NAME "
                 "sha256:DIGEST'. Write the file again, or remove its record."
             )
         digests[digest] = name
@@ -202,18 +202,18 @@ def table_text(heading: str, record: Mapping[str, Any], rows: str) -> str:
     return f"{heading}\n{record_line(record)}\n{rows}"
 
 
-def parse_record(lines: Iterable[str], place: StrPath) -> dict[str, Any]:
+def parse_record(lines: Iterable[str], path: StrPath) -> dict[str, Any]:
     """Returns the record in the comment lines of a file; empty where there is none.
 
     Raises:
-        InputError: it is no JSON object; `place` is the file.
+        InputError: it is no JSON object; `path` is the file.
     """
     line = next((line for line in lines if line.startswith(_RECORD)), f"{_RECORD}{{}}")
     with suppress(ValueError):
         record = inputs.from_json(line.removeprefix(_RECORD))
         if isinstance(record, dict):
             return record
-    raise InputError(f"{place}: the line {line[:40]!r} holds no valid JSON. Write '{_RECORD}{{}}'.")
+    raise InputError(f"{path}: the line {line[:40]!r} holds no valid JSON. Write '{_RECORD}{{}}'.")
 
 
 def read_record(path: StrPath) -> dict[str, Any]:

@@ -103,7 +103,7 @@ class Table:
             raise InputError(f"{path}: not a readable CSV table ({reason}).") from error
         return self.checked(rows, str(path)), record
 
-    def checked(self, rows: "DataFrame", place: str) -> "DataFrame":
+    def checked(self, rows: "DataFrame", source: str) -> "DataFrame":
         """Returns the rows with each column in its type.
 
         An empty cell becomes NaN or an empty text.
@@ -118,7 +118,7 @@ class Table:
         if missing or rows.height == 0:
             problem = f"missing column {', '.join(missing)}" if missing else "no rows"
             expected = ", ".join(self.columns) or "a row a flight"
-            raise InputError(f"{place}: {problem}; expected a table with {expected}.")
+            raise InputError(f"{source}: {problem}; expected a table with {expected}.")
         filled = {float: float("nan"), str: "", int: None}
         try:
             typed = rows.with_columns(
@@ -130,7 +130,7 @@ class Table:
         except polars.exceptions.PolarsError as error:
             reason = str(error).splitlines()[0]
             raise InputError(
-                f"{place}: {reason}; expected numbers in the columns of numbers."
+                f"{source}: {reason}; expected numbers in the columns of numbers."
             ) from error
         for name in (name for name, kind in self.columns.items() if kind is float):
             number = typed[name]
@@ -141,7 +141,7 @@ class Table:
                 expected = "seconds"
             if wrong.any():
                 raise InputError(
-                    f"{place}: {name} is {number[wrong.arg_max() or 0]} in a row; expected "
+                    f"{source}: {name} is {number[wrong.arg_max() or 0]} in a row; expected "
                     f"{expected}. Make the table again."
                 )
         return typed

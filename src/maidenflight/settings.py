@@ -121,39 +121,39 @@ def flag() -> Values:
     return Values("true or false", lambda value: isinstance(value, bool), metavar="")
 
 
-def several(one: Values, expected: str = "", empty: bool = False) -> Values:
+def several(entry: Values, expected: str = "", empty: bool = False) -> Values:
     """Takes lists of values; the command line repeats the option.
 
     Args:
-        one: of the list's entries.
+        entry: of the list's entries.
         expected: what they are, for errors.
         empty: whether the list may be empty.
     """
     return Values(
-        expected or f"a list, each {one.expected}",
+        expected or f"a list, each {entry.expected}",
         lambda value: (
             isinstance(value, list | tuple)
             and (empty or len(value) > 0)
-            and all(map(one.accepts, value))
+            and all(map(entry.accepts, value))
         ),
-        one.parse,
-        lambda value: tuple(map(one.convert, value)),
-        one.metavar,
-        one.choices,
+        entry.parse,
+        lambda value: tuple(map(entry.convert, value)),
+        entry.metavar,
+        entry.choices,
         repeats=True,
-        names_code=one.names_code,
+        names_code=entry.names_code,
     )
 
 
 def listed(
-    one: Values, expected: str, metavar: str, separator: str = ",", count: int | None = None
+    entry: Values, expected: str, metavar: str, separator: str = ",", count: int | None = None
 ) -> Values:
     """Takes lists of values, any number or `count`; the command line has one word for all."""
-    values = several(one, expected)
+    values = several(entry, expected)
     return dataclasses.replace(
         values,
         accepts=lambda value: values.accepts(value) and count in (None, len(value)),
-        parse=lambda word: [one.parse(part.strip()) for part in word.split(separator)],
+        parse=lambda word: [entry.parse(part.strip()) for part in word.split(separator)],
         metavar=metavar,
         choices=(),
         repeats=False,
@@ -201,14 +201,14 @@ def is_code(value: Any) -> bool:
     return bool(mark) and all(part.isidentifier() for part in parts)
 
 
-def table(one: Values, expected: str, metavar: str = "NAME=VALUE") -> Values:
+def table(entry: Values, expected: str, metavar: str = "NAME=VALUE") -> Values:
     """Takes a value by name, each; the command line repeats `NAME=VALUE`."""
 
     def parse(word: str) -> tuple[str, Any]:
         name, mark, value = word.partition("=")
         if not name or not mark:
             raise ValueError(word)
-        return name, one.parse(value)
+        return name, entry.parse(value)
 
     def pairs(value: Any) -> Sequence[tuple[str, Any]]:
         return list(value.items()) if isinstance(value, Mapping) else value
@@ -217,13 +217,13 @@ def table(one: Values, expected: str, metavar: str = "NAME=VALUE") -> Values:
         expected,
         lambda value: (
             isinstance(value, Mapping | list | tuple)
-            and all(isinstance(name, str) and one.accepts(each) for name, each in pairs(value))
+            and all(isinstance(name, str) and entry.accepts(each) for name, each in pairs(value))
         ),
         parse,
-        lambda value: {name: one.convert(each) for name, each in pairs(value)},
+        lambda value: {name: entry.convert(each) for name, each in pairs(value)},
         metavar,
         repeats=True,
-        names_code=one.names_code,
+        names_code=entry.names_code,
     )
 
 
@@ -234,7 +234,7 @@ def find_code(values: Values, value: Any) -> str | None:
     inner = value.values() if isinstance(value, Mapping) else value
     if not isinstance(value, Mapping | list | tuple):
         return None
-    return next((code for one in inner if (code := find_code(values, one))), None)
+    return next((code for entry in inner if (code := find_code(values, entry))), None)
 
 
 @dataclass(frozen=True)
@@ -272,14 +272,14 @@ class Setting:
         value = self.default
         return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
 
-    def check(self, value: Any, place: str) -> Any:
+    def check(self, value: Any, label: str) -> Any:
         """Returns the value that the verb sees.
 
         Raises:
-            InputError: the setting takes no such value, or has none; `place` names it.
+            InputError: the setting takes no such value, or has none; `label` names it.
         """
         if value is REQUIRED:
-            raise InputError(f"{place} is missing; expected {self.values.expected}.")
+            raise InputError(f"{label} is missing; expected {self.values.expected}.")
         if value is PENDING:
             return value
         endless = isinstance(value, float) and not math.isfinite(value)
@@ -290,7 +290,7 @@ class Setting:
         try:
             return self.values.check(value)
         except (ValueError, TypeError, OverflowError):
-            wrong = f"{place} = {str(value)[:60]!r}"
+            wrong = f"{label} = {str(value)[:60]!r}"
             hint = similar(str(value), self.values.choices)
             raise InputError(f"{wrong}; {hint}expected {self.values.expected}.") from None
 
@@ -316,7 +316,7 @@ def plain(value: Any) -> Any:
     if isinstance(value, Path):
         return str(value)
     if isinstance(value, Mapping):
-        return {name: plain(one) for name, one in value.items()}
+        return {name: plain(entry) for name, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(one) for one in value]
+        return [plain(entry) for entry in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

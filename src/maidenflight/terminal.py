@@ -187,7 +187,7 @@ def print_table(
         rows: a text for each column.
         rare: columns to leave out, in this order.
     """
-    texts = {head: [printable(row[place]) for row in rows] for place, head in enumerate(columns)}
+    texts = {head: [printable(row[index]) for row in rows] for index, head in enumerate(columns)}
     width, left_out = columns_of(sys.stdout), list[str]()
     widths = _widths(texts, fold=False)
     if width is not None and _total(widths) > width:

@@ -96,8 +96,8 @@ class Verb:
         cls.name = cls.__dict__.get("name", cls.__name__.lower())
 
     def __post_init__(self) -> None:
-        for name, (attribute, one) in self.settings().items():
-            value = one.check(getattr(self, attribute), name)
+        for name, (attribute, setting) in self.settings().items():
+            value = setting.check(getattr(self, attribute), name)
             object.__setattr__(self, attribute, value)
 
     @classmethod
@@ -105,10 +105,10 @@ class Verb:
         """Returns the settings by the names that users write, each with its field's name."""
         settings: dict[str, tuple[str, Setting]] = {}
         group = "Options"
-        for one in dataclasses.fields(cls):  # type: ignore[arg-type]
-            declared: Setting = one.metadata["setting"]
+        for member in dataclasses.fields(cls):  # type: ignore[arg-type]
+            declared: Setting = member.metadata["setting"]
             group = declared.group or group
-            settings[declared.name or one.name] = one.name, replace(declared, group=group)
+            settings[declared.name or member.name] = (member.name, replace(declared, group=group))
         return settings
 
     @classmethod
@@ -153,8 +153,8 @@ class Verb:
 
     def choose_output(self, output: StrPath | None) -> Any:
         """Returns where to write: a path, or an address such as s3://BUCKET; None: nowhere."""
-        place = self.output.default if output is None else output
-        return place if place is None or "://" in str(place) else Path(place)
+        path = self.output.default if output is None else output
+        return path if path is None or "://" in str(path) else Path(path)
 
     def places(self, output: Path) -> list[Path]:
         """Returns the files and folders that are written, the output first."""
@@ -163,7 +163,7 @@ class Verb:
     def discard(self, output: Any) -> None:
         """Removes results of an earlier run that would not be computed again."""
 
-    def may_replace(self, place: Path) -> bool:
+    def may_replace(self, path: Path) -> bool:
         """Returns whether what is there may be replaced unasked."""
         return False
 
@@ -195,10 +195,10 @@ class Verb:
         vars(verb).update((name, getattr(self, name)) for name, _ in self.settings().values())
         verb.check_early()
         verb.check()
-        place = verb.choose_output(output)
-        result = verb.compute(place, progress)
+        destination = verb.choose_output(output)
+        result = verb.compute(destination, progress)
         if result.written:
-            manifest.append(place, verb.name, result.written, result.record, result.read)
+            manifest.append(destination, verb.name, result.written, result.record, result.read)
         return result
 
     def make_record(self, inputs: Sequence[StrPath] = (), **more: Any) -> dict[str, Any]:
@@ -211,10 +211,10 @@ class Verb:
             more: further settings, or others in place of the fields' own.
         """
         settings: dict[str, Any] = {}
-        for name, (attribute, one) in self.settings().items():
-            if one.recorded and name != "seed":
+        for name, (attribute, setting) in self.settings().items():
+            if setting.recorded and name != "seed":
                 value = getattr(self, attribute)
-                settings[name] = _without_folders(value) if one.files else plain(value)
+                settings[name] = _without_folders(value) if setting.files else plain(value)
         values = {name: value for name, value in (settings | more).items() if value not in ([], {})}
         return results.record(seed=getattr(self, "seed", None), inputs=inputs, settings=values)
 
@@ -222,7 +222,7 @@ class Verb:
 def _without_folders(value: Any) -> Any:
     """Returns names of files; results are the same wherever these are."""
     if isinstance(value, list | tuple):
-        return [_without_folders(one) for one in value]
+        return [_without_folders(entry) for entry in value]
     return None if value is None else Path(value).name
 
 

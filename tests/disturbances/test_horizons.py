@@ -76,6 +76,17 @@ def test_a_constant_torque_is_found(planted):
     assert np.allclose(found.velocity[200:], planted.velocity[200:], atol=0.08)
 
 
+def test_a_velocity_that_is_logged_too_large_is_taken_for_what_it_is(planted):
+    logged = dataclasses.replace(planted, velocity=1.2 * planted.velocity)
+    known, unknown = (
+        filter_flights([logged], model(planted, velocity_scale=np.full(3, scale)))[0].velocity
+        for scale in (1.2, 1.0)
+    )
+    (right,) = filter_flights([planted], model(planted))
+    off = [np.abs(one[200:] - right.velocity[200:]).mean() for one in (known, unknown)]
+    assert off[0] < 0.2 * off[1]
+
+
 @pytest.fixture(scope="module")
 def table(planted):
     predictions = horizons.predict_windows([planted], model(planted), DRONE, every=7)

@@ -21,7 +21,7 @@ from maidenflight.disturbances.motion import (
     rotation_vector,
 )
 from maidenflight.parameters import crazyflie, replace
-from maidenflight.simulator.physics import dynamics
+from maidenflight.simulator.physics import dynamics, rotations
 
 PERIOD = 0.01
 DRONE = jax.tree.map(lambda one: np.asarray(one, float), crazyflie())
@@ -85,8 +85,11 @@ def test_slow_torques_turn_and_forces_push_and_both_decay():
 
 def test_a_logged_velocity_is_off_in_the_bodys_axes_and_moves_nothing():
     motion, (still, speed) = any_motion(), hover(DRONE)
-    off = difference(motion, as_logged(motion))
-    assert np.allclose(off, np.concatenate([np.zeros(3), motion.slow.drift, np.zeros(6)]))
+    larger = PROCESSES._replace(velocity_scale=np.array([1.1, 1.0, 0.9]))
+    off = difference(motion, as_logged(motion, larger))
+    own = rotations.to_matrix(motion.quaternion).T @ motion.velocity
+    expected = motion.slow.drift + np.array([0.1, 0.0, -0.1]) * own
+    assert np.allclose(off, np.concatenate([np.zeros(3), expected, np.zeros(6)]))
     drifting = still._replace(slow=still.slow._replace(drift=jnp.ones(3)))
     later = advance(drifting, speed, DRONE, PROCESSES, PERIOD)
     assert np.allclose(difference(still, later), 0.0, atol=1e-6)

@@ -22,14 +22,14 @@ def said(path: Path) -> str:
     return str(refused.value)
 
 
-@pytest.mark.parametrize("kind", not_logs.KINDS, ids=lambda kind: kind.one)
+@pytest.mark.parametrize("kind", not_logs.KINDS, ids=lambda kind: kind.single)
 def test_a_file_of_another_kind_is_named_alone_and_in_a_folder(
     kind: not_logs.Foreign, tmp_path: Path
 ) -> None:
     path = put(tmp_path / f"flight{kind.suffix or '.csv'}", kind.begins)
-    assert f"this is {kind.one}, which is not read. {kind.remedy}." in said(path)
+    assert f"this is {kind.single}, which is not read. {kind.remedy}." in said(path)
     other = put(tmp_path / "logs" / "one" / f"flight{kind.suffix or '.bin'}", kind.begins)
-    assert f"logs: no flight logs that are read, but {kind.one}" in said(tmp_path / "logs")
+    assert f"logs: no flight logs that are read, but {kind.single}" in said(tmp_path / "logs")
     other.with_stem("second").write_bytes(other.read_bytes())
     assert f"but 2 {kind.several}, which are not read. {kind.remedy}." in said(tmp_path / "logs")
 

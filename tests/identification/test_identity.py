@@ -8,7 +8,14 @@ import pytest
 from maidenflight import names, policy_file
 from maidenflight.errors import InputError
 from maidenflight.identification import drone_file
-from maidenflight.identification.identity import check_same_drone, identity_of, propellers_of
+from maidenflight.identification.drone_file import DroneFile, Source
+from maidenflight.identification.identity import (
+    check_same_drone,
+    describe_other_counts,
+    identity_of,
+    propellers_of,
+)
+from maidenflight.parameters import crazyflie
 from maidenflight.policy import untrained_policy
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.verbs.export import Export
@@ -51,3 +58,15 @@ def test_identity_of_a_named_drone_is_its_mass() -> None:
     assert identity["mass"] == pytest.approx(0.029, abs=0.002)
     assert propellers_of(identity) == ""
     assert propellers_of(OURS) == "legacy"
+
+
+@pytest.mark.parametrize(("own", "words"), [(60000.0, "9% too strong"), (65535.0, "")])
+def test_simulated_thrust_is_off_where_full_commands_are_other_counts(
+    own: float, words: str
+) -> None:
+    """Full PWM of 65,535 counts is 9 % more than 60,000."""
+    flights = Source(1, 9.0, True, "subsampled", 65535.0)
+    drone = DroneFile(crazyflie(), name="mine.toml", source=flights)
+    difference = describe_other_counts(own, drone)
+    assert words in difference
+    assert bool(difference) == bool(words)

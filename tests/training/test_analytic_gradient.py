@@ -7,14 +7,14 @@ import optax
 import pytest
 
 from maidenflight.parameters import crazyflie, noiseless, replace
-from maidenflight.policy import untrained_policy
+from maidenflight.policy import Policy, untrained_policy
 from maidenflight.simulator import environment
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import relative_box, stacked
 from maidenflight.simulator.rollouts import EnvInstance
-from maidenflight.training import analytic_gradient
+from maidenflight.training import analytic_gradient, devices
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.devices import DRONES
 
@@ -136,6 +136,28 @@ def test_gradient_through_the_simulator_is_the_slope_of_the_cost() -> None:
     assert slope == pytest.approx(np.mean(numeric), rel=0.05)
 
 
+def test_the_gradient_by_outputs_and_then_weights_is_that_by_weights() -> None:
+    simulated, drone = Environment(spec=PolicySpec(hidden=(8, 8), memory=3)), crazyflie()
+    settings = AnalyticGradient(horizon=4)
+    env_state = environment.reset(simulated, drone, jax.random.key(2))
+    policy = untrained_policy(jax.random.key(1), simulated.controller.interface, simulated.spec)
+    rest = EnvInstance(env_state, drone), jax.random.key(3)
+
+    @jax.jit
+    def both(policy: Policy) -> tuple[Any, Any]:
+        def cost(network: Any) -> Any:
+            changed = policy.with_network(network)
+            return analytic_gradient.segment(simulated, settings, changed, *rest)
+
+        by_weights = jax.grad(cost, has_aux=True)(policy.network)
+        return by_weights, analytic_gradient.gradient_by_outputs(simulated, settings, policy, *rest)
+
+    expected, found = (jax.tree.leaves(one) for one in both(policy))
+    assert any(np.any(leaf) for leaf in expected[:4])
+    for one, other in zip(expected, found, strict=True):
+        np.testing.assert_allclose(one, other, rtol=2e-4, atol=1e-6)
+
+
 @pytest.mark.slow
 def test_a_lost_drone_is_held_and_gives_no_gradient() -> None:
     simulated, drone = Environment(), noiseless(crazyflie())
@@ -194,9 +216,9 @@ def test_no_environment_outweighs_the_others_by_more_than_it_may_on_any_device()
     # Norms on two devices: 5, 1, 10, 2 and not finite, 3, 1000, 4; of medians of 4.5.
     slopes = [[[3, 4], [0, 1], [-8, 6], [2, 0]], [[np.nan, 0], [0, 3], [1000, 0], [0, -4]]]
     gradients = jnp.array(slopes, jnp.float32)[:, :, None]
-    means = jax.vmap(
-        lambda gradient: analytic_gradient.limited_mean([gradient], 1.0)[0], axis_name=DRONES
-    )(gradients)
+    means = jax.vmap(lambda gradient: devices.limited_mean([gradient], 1.0)[0], axis_name=DRONES)(
+        gradients
+    )
     expected = [[2.7 - 3.6 + 2, 3.6 + 1 + 2.7], [4.5, 3 - 4]]
     np.testing.assert_allclose(4 * means[:, 0], expected, rtol=1e-6)
 

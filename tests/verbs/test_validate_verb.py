@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import polars
 import pytest
 
@@ -10,9 +11,11 @@ from made_flights import calm
 from maidenflight import run_folder
 from maidenflight.disturbances import horizons
 from maidenflight.disturbances.horizons import PERSISTENCE, SUMS, WITH_DISTURBANCES
+from maidenflight.disturbances.kalman import Filtered
 from maidenflight.flights.checkup.result import PASSES, CheckResult
 from maidenflight.flights.reading import Flights
-from maidenflight.parameters import crazyflie
+from maidenflight.identification.drone_file import DroneFile
+from maidenflight.parameters import QUANTITIES, crazyflie
 from maidenflight.run_folder import ERROR_UNITS
 from maidenflight.verb import Progress
 from maidenflight.verbs import validate
@@ -76,22 +79,38 @@ def ahead_rows() -> list[dict[str, Any]]:
     ]
 
 
+def filtered() -> Filtered:
+    """A flight on which a torque about x sways."""
+    none = np.zeros((400, 3))
+    torque = none + np.sin(np.arange(400)[:, None] / 50.0) * np.array([2e-4, 0.0, 0.0])
+    small = 1e-12 * np.eye(3)
+    return Filtered(none, none, np.zeros((400, 4)), none, torque, none, small, small, 0.01)
+
+
 def test_predictions_with_disturbances_are_written_whole_and_shown_in_part(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     table = polars.DataFrame(ahead_rows())
-    monkeypatch.setattr(horizons, "cross_validate", lambda *_: table)
+    monkeypatch.setattr(horizons, "cross_validate", lambda *_: (table, [filtered()]))
     verb = validate.Validate(drone="crazyflie", logs=tmp_path, disturbances=True)
     places = verb.places(tmp_path / "mine.csv")
-    rows = verb._predict_ahead([], crazyflie(), places, {}, Progress())
-    assert places[2].name == "mine_ahead.csv"
+    file = DroneFile(crazyflie(), record={"seed": 1})
+    rows = verb._predict_ahead([], file, places, {"seed": 2}, Progress())
+    assert [one.name for one in places[2:]] == ["mine_ahead.csv", "crazyflie_disturbed.toml"]
+    disturbed = DroneFile.read(places[3])
+    assert disturbed.record == {"seed": 1, "disturbances": {"seed": 2}}
+    assert disturbed.parameters.disturbance_torque[0] > 1e-4
+    same = [name for name in QUANTITIES if QUANTITIES[name].table != "disturbance"]
+    for name in same:
+        before, after = (getattr(one.parameters, name) for one in (file, disturbed))
+        np.testing.assert_array_equal(before, after)
     assert len(run_folder.AHEAD.read(places[2])[0]) == 6
     assert {row["horizon"] for row in rows} == {0.02, 0.33, SUMS}
     printed = validate._tabulate_ahead(rows)
     assert len(printed[0].rows) == 6  # type: ignore[union-attr]
     assert "(80/95)" in printed[0].rows[0]["attitude"]  # type: ignore[union-attr]
     plain = validate.Validate(drone="crazyflie", logs=tmp_path)
-    assert plain._predict_ahead([], crazyflie(), places, {}, Progress()) == []
+    assert plain._predict_ahead([], file, places, {}, Progress()) == []
     assert len(plain.places(tmp_path / "mine.csv")) == 2
     assert validate._tabulate_ahead([]) == []
 

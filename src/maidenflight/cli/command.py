@@ -62,7 +62,10 @@ class VerbCommand(click.Command):
         self.verb, self.declared = verb, {k: v for k, (_, v) in verb.settings().items()}
         rare = any(setting.rare for setting in self.declared.values())
         self.project = settings_for(verb, project)
-        own = [_parameter(name, one, name in self.project) for name, one in self.declared.items()]
+        own = [
+            _parameter(name, setting, name in self.project)
+            for name, setting in self.declared.items()
+        ]
         params = [*own, *_common_options(verb, rare)]
         super().__init__(verb.name, params=params, callback=self._run, help=verb.__doc__)
         self.allow_extra_args = True
@@ -196,20 +199,20 @@ def run_verb(verb: Verb, output: str | None, as_json: bool, overwrite: bool) -> 
         InputError: a place is taken, or see `Verb.run`.
     """
     verb.check_early()
-    place, resume = verb.choose_output(output), getattr(verb, "resume", None)
-    for each in [] if place is None else verb.places(place):
+    destination, resume = verb.choose_output(output), getattr(verb, "resume", None)
+    for each in [] if destination is None else verb.places(destination):
         claim(each, overwrite or verb.may_replace(each), resume)
     if overwrite:
-        verb.discard(place)
+        verb.discard(destination)
     state = None
-    if place is not None and verb.resumable_from is not None:
-        state = Path(place, verb.resumable_from)
+    if destination is not None and verb.resumable_from is not None:
+        state = Path(destination, verb.resumable_from)
     with (
         terminal.Bar(verb.name, remaining=verb.steady) as bar,
         resumable(state, "" if resume is None else "--resume"),
     ):
         _set_up_jax(verb)
-        result = verb.run(place, bar)
+        result = verb.run(destination, bar)
     for note in result.notes:
         bar.note(note)
     _print(result, as_json)
@@ -231,26 +234,26 @@ def _set_up_jax(verb: Verb) -> None:
         compiler.as_devices()
 
 
-def claim(place: Path, overwrite: bool, resume: bool | None) -> None:
-    """Refuses a place where something is or another process writes, and locks it for this one.
+def claim(path: Path, overwrite: bool, resume: bool | None) -> None:
+    """Refuses a path where something is or another process writes, and locks it for this one.
 
     Args:
-        place: where the command is to write.
+        path: where the command is to write.
         overwrite: whether it may replace what is there.
         resume: whether it is to go on with what is there; None for a verb that cannot.
 
     Raises:
         InputError: something is there, or another process writes there.
     """
-    click.get_current_context().call_on_close(results.claim(place))
+    click.get_current_context().call_on_close(results.claim(path))
     # What a killed run leaves of a file that it was writing is nothing to keep.
-    leftovers = set(results.leftovers(place))
-    occupied = set(place.iterdir()) > leftovers if place.is_dir() else place.exists()
+    leftovers = set(results.leftovers(path))
+    occupied = set(path.iterdir()) > leftovers if path.is_dir() else path.exists()
     if occupied and not (overwrite or resume):
         ways = ["Choose another place with -o", "or allow it with --overwrite"]
         if resume is not None:
             ways.insert(1, "go on with what was interrupted there by --resume")
-        raise InputError(f"{place}: already there. {', '.join(ways)}.")
+        raise InputError(f"{path}: already there. {', '.join(ways)}.")
 
 
 def _print(result: Result, as_json: bool) -> None:
@@ -258,7 +261,7 @@ def _print(result: Result, as_json: bool) -> None:
     if as_json:
         print(json.dumps(result.content))
         return
-    summary = [one if isinstance(one, str) else _as_event(one) for one in result.summary]
+    summary = [entry if isinstance(entry, str) else _as_event(entry) for entry in result.summary]
     if events.tell(summary=summary, next=[*map(str, result.next)]):
         return
     terminal.show(*result.summary)

@@ -153,7 +153,7 @@ def resumable(checkpoint: Path | None, again: str = "--resume") -> Iterator[None
     def reached() -> bool:
         return checkpoint.exists() and (earlier is None or _written(checkpoint) != earlier)
 
-    arguments = [one for one in sys.argv[1:] if one not in ("--resume", "--overwrite")]
+    arguments = [word for word in sys.argv[1:] if word not in ("--resume", "--overwrite")]
     command = shlex.join(["maidenflight", *arguments, *([again] if again else [])])
 
     def how() -> str:

@@ -54,7 +54,7 @@ def settings_for(verb: type[Verb], content: Mapping[str, Any]) -> dict[str, Any]
     Raises:
         InputError: its table names no setting, or one that only the command line sets.
     """
-    declared = {name: one for name, (_, one) in verb.settings().items()}
+    declared = {name: setting for name, (_, setting) in verb.settings().items()}
     table = content.get(verb.name, {})
     own = table if isinstance(table, dict) else {}
     shared = {

@@ -140,15 +140,15 @@ def golden_observations(policy: Policy, seed: int) -> Numbers:
     """
     random = np.random.default_rng(seed)
     shape = (GOLDEN_COUNT, policy.spec.history, OBSERVATION_SIZE)
-    place = random.uniform(-1.8, 1.8, (GOLDEN_COUNT, 1, OBSERVATION_SIZE))
-    place = place + random.uniform(-0.2, 0.2, shape)
+    deviation = random.uniform(-1.8, 1.8, (GOLDEN_COUNT, 1, OBSERVATION_SIZE))
+    deviation = deviation + random.uniform(-0.2, 0.2, shape)
     middle, spread = _normalizer(policy)
     size = OBSERVATION_SIZE * policy.spec.history
-    instants = middle[:size].reshape(shape[1:]) + spread[:size].reshape(shape[1:]) * place
+    instants = middle[:size].reshape(shape[1:]) + spread[:size].reshape(shape[1:]) * deviation
     instants[..., _QUATERNION] /= np.linalg.norm(instants[..., _QUATERNION], axis=-1, keepdims=True)
     flat = instants.reshape(GOLDEN_COUNT, -1)
-    place = random.uniform(-2.0, 2.0, (GOLDEN_COUNT, len(middle) - size))
-    ahead = middle[size:] + spread[size:] * place
+    deviation = random.uniform(-2.0, 2.0, (GOLDEN_COUNT, len(middle) - size))
+    ahead = middle[size:] + spread[size:] * deviation
     remembered = random.uniform(-1.0, 1.0, (GOLDEN_COUNT, policy.spec.memory))
     return np.concatenate([flat, ahead, remembered], axis=1).astype(np.float32)
 

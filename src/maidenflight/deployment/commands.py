@@ -25,8 +25,8 @@ def described(interface: ControlInterface) -> str:
     """Returns what the four commands are, in one paragraph."""
     commands = zip(interface.centre, interface.span, interface.units, strict=True)
     ranges = [
-        f"[{place}] {np.float32(centre - span):.6g} to {np.float32(centre + span):.6g} {unit}"
-        for place, (centre, span, unit) in enumerate(commands)
+        f"[{index}] {np.float32(centre - span):.6g} to {np.float32(centre + span):.6g} {unit}"
+        for index, (centre, span, unit) in enumerate(commands)
     ]
     parts = [f"command = centre + span clip(action, -1, 1), in {'; '.join(ranges)}."]
     if THRUST in interface.units:

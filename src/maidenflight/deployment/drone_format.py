@@ -121,7 +121,7 @@ def losses(drone: Parameters, nearest: Parameters) -> list[str]:
     """Returns a line for each quantity that another drone does not have as this one: its value."""
     lines = []
     for name, quantity in QUANTITIES.items():
-        value, other = (np.asarray(getattr(one, name), np.float64) for one in (drone, nearest))
+        value, other = (np.asarray(getattr(model, name), np.float64) for model in (drone, nearest))
         is_off = np.all(value == NEUTRAL.get(name, 0.0))
         if quantity.table not in TABLES or name in NOISE or is_off:
             continue
@@ -205,7 +205,7 @@ def hash_comment(lines: Sequence[str]) -> str:
 
 def digits(*values: Any) -> str:
     """Returns numbers as the shortest decimals of their float32, with spaces between them."""
-    return " ".join(f"{rounded(value):.9g}" for one in values for value in np.ravel(one))
+    return " ".join(f"{rounded(value):.9g}" for array in values for value in np.ravel(array))
 
 
 def rounded(value: Any) -> float:

@@ -72,6 +72,7 @@ def start_processes() -> Processes:
         demand_time=thrice(0.5),
         drift_size=thrice(0.03),
         drift_time=thrice(1.0),
+        velocity_scale=thrice(1.0),
         rate_gain=thrice(5.0),
         tilt_gain=np.full(2, 25.0),
         regulator_delay=np.array(0.02),

@@ -20,9 +20,15 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import t as student
 
 from maidenflight import compiler
-from maidenflight.disturbances.fitting import AHEAD, DisturbanceModel, fit_disturbances
+from maidenflight.disturbances.fitting import (
+    AHEAD,
+    DisturbanceModel,
+    filter_flights,
+    fit_disturbances,
+)
 from maidenflight.disturbances.kalman import (
     QUANTITY,
+    Filtered,
     delay_speeds,
     filter_rows,
     gains,
@@ -124,7 +130,8 @@ def _predicted(
     first, unrest = jax.tree.map(lambda one: one[starts], filtered)
     errors = predict_rows(rows, model, speeds, first, starts, every.ahead, period)
     none = logged_motion(rows, starts, jax.tree.map(jnp.zeros_like, first.slow))
-    alone = (other, processes), speeds, none, starts, jnp.zeros_like(every.ahead)
+    as_it_is = processes._replace(velocity_scale=jnp.ones(3))
+    alone = (other, as_it_is), speeds, none, starts, jnp.zeros_like(every.ahead)
     variance = scale_variance(every, unrest, processes)
     return errors, variance, predict_rows(rows, *alone, period)
 
@@ -158,7 +165,7 @@ def cross_validate(
     flights: Sequence[Flight],
     drone: Parameters,
     on_evaluation: Callable[[int, int], None] | None = None,
-) -> polars.DataFrame:
+) -> tuple[polars.DataFrame, list[Filtered]]:
     """Predicts flights by disturbances that are fitted to others of them.
 
     Every other log stands on one side; each side is predicted by what is fitted to the other. Of a
@@ -170,7 +177,7 @@ def cross_validate(
         on_evaluation: called with (evaluations, about how many).
 
     Returns:
-        See `tabulate_horizons`.
+        See `tabulate_horizons`; and what `filter_flights` says of each flight.
 
     Raises:
         InputError: see `fit_disturbances`.
@@ -180,7 +187,7 @@ def cross_validate(
         whole = max(logs[0], key=len)
         logs = [[whole.part(0, len(whole) // 2)], [whole.part(len(whole) // 2, len(whole))]]
     sides = [[one for log in logs[side::2] for one in log] for side in (0, 1)]
-    parts = []
+    parts, filtered = [], []
     for number, (fitted, judged) in enumerate((sides, sides[::-1])):
 
         def report(done: int, of: int, number: int = number) -> None:
@@ -190,7 +197,8 @@ def cross_validate(
         model = fit_disturbances(fitted, drone, report)
         every = max(1, sum(map(len, judged)) // _WINDOWS)
         parts.append(predict_windows(judged, model, drone, every=every))
-    return tabulate_horizons(parts)
+        filtered += filter_flights(judged, model)
+    return tabulate_horizons(parts), filtered
 
 
 def tabulate_horizons(parts: Sequence[Predictions]) -> polars.DataFrame:

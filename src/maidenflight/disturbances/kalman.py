@@ -8,6 +8,7 @@ Source: Kalman 1960, A new approach to linear filtering and prediction problems;
 2017, The invariant extended Kalman filter as a stable observer.
 """
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -35,7 +36,7 @@ from maidenflight.disturbances.motion import (
     times,
 )
 from maidenflight.disturbances.rows import FIRST, Rows, Stretches
-from maidenflight.parameters import Parameters
+from maidenflight.parameters import Parameters, replace
 
 GAINS = 300
 """Rows after which the gain is taken as constant."""
@@ -76,6 +77,7 @@ def gains(drone: Parameters, processes: Processes, period: float | Array, length
     growth, answer = linearise(drone, processes, period)
     noise, start, errors = _covariances(processes, period)
     logged = jnp.eye(MEASURED, SIZE).at[3:6, -3:].set(jnp.eye(3))
+    logged = logged.at[3:6, 3:6].set(jnp.diag(processes.velocity_scale))
     measured = jnp.concatenate([logged, answer])
 
     def correct(covariance: Array, slope: Array, error: Array) -> tuple[Array, Array]:
@@ -155,7 +157,7 @@ def filter_rows(
             (motion, unrest), (row, speed, number) = before, now
             gain = every.filtering[jnp.minimum(number, GAINS - 1)]
             left = _unexplained(motion, speed, drone, processes)
-            new = jnp.concatenate([difference(as_logged(motion), row), left])
+            new = jnp.concatenate([difference(as_logged(motion, processes), row), left])
             after = move(motion, gain @ new)
             excess = jnp.mean((new**2 / every.surprise).reshape(5, 3), axis=1) - unrest
             unrest = unrest + share * excess
@@ -180,8 +182,10 @@ def scale_variance(
     """
     logs, powers = jnp.log(jnp.maximum(unrest, 1e-3)), processes.unrest_power[None]
     loud = jnp.mean(logs[:, 3:], axis=1, keepdims=True)
-    shares = jnp.exp(powers[..., 0] * logs[:, :4] + powers[..., 1] * loud)
-    return every.variance[:, None] * shares[None, :, QUANTITY]
+    quiet, growing = jnp.exp(powers[..., 0] * logs[:, :4]), jnp.exp(powers[..., 1] * loud)
+    now = jnp.minimum(every.variance[:1], every.variance)[:, None]
+    later = every.variance[:, None] - now
+    return now * quiet[None, :, QUANTITY] + later * growing[None, :, QUANTITY]
 
 
 def predict_rows(
@@ -215,7 +219,8 @@ def predict_rows(
 
         later = jax.vmap(step)(motion, speeds[stretch, row + number])
         logged = logged_motion(rows, (stretch, row + number + 1), later.slow)
-        return later, jax.vmap(difference)(jax.vmap(as_logged)(later), logged)
+        own = jax.vmap(as_logged, (0, None))(later, processes)
+        return later, jax.vmap(difference)(own, logged)
 
     return lax.scan(predict, first, (jnp.arange(len(ahead)), ahead))[1]
 
@@ -262,6 +267,8 @@ class Filtered(NamedTuple):
     """Of the torque's error, once the filter has settled [N2 m2]."""
     force_covariance: Float[np.ndarray, "3 3"]
     """[N2]."""
+    period: float
+    """[s]."""
 
 
 @partial(jax.jit, compiler_options=compiler.loop())
@@ -296,6 +303,53 @@ def filter_stretches(
         torque = inertia * (slow.gust + slow.trim)[parts][own]
         force, forces = mass * slow.push[parts][own], mass**2 * covariance[18:21, 18:21]
         flights.append(
-            Filtered(position, velocity, quaternion, rates, torque, force, torques, forces)
+            Filtered(
+                *(position, velocity, quaternion, rates, torque, force, torques, forces),
+                period=stretches.period,
+            )
         )
     return flights
+
+
+def with_disturbances(drone: Parameters, flights: Sequence[Filtered]) -> Parameters:
+    """Returns a drone on which act what flights show, as large and as slow, for simulations of it.
+
+    Variances are those about each flight's mean, which is a trim, and those of the filter's errors.
+    A correlation time is that after which the autocorrelation has fallen to 1/e.
+
+    Args:
+        drone: a point.
+        flights: of `filter_flights`.
+
+    Source: law of total variance; Uhlenbeck and Ornstein 1930, On the theory of the Brownian
+    motion.
+    """
+    errors = [[one.torque_covariance, one.force_covariance] for one in flights]
+    rows = np.array([len(one.torque) for one in flights])
+    unknown = np.average(np.diagonal(errors, axis1=2, axis2=3), axis=0, weights=rows)
+    period, parts = (
+        flights[0].period,
+        ([one.torque for one in flights], [one.force for one in flights]),
+    )
+    (torque, turning), (force, pushing) = (_spread(some, period) for some in parts)
+    return replace(
+        drone,
+        disturbance_torque=np.sqrt(torque + unknown[0]).astype(np.float32),
+        disturbance_torque_time=np.float32(turning),
+        disturbance_force=np.sqrt(force + unknown[1]).astype(np.float32),
+        disturbance_force_time=np.float32(pushing),
+    )
+
+
+def _spread(
+    parts: Sequence[Float[np.ndarray, "N 3"]], period: float
+) -> tuple[Float[np.ndarray, "3"], float]:
+    """Returns the variance of each axis about the mean of each part, and a correlation time [s]."""
+    off = [one - one.mean(axis=0) for one in parts]
+    variance = np.maximum(np.concatenate(off).var(axis=0), np.finfo(float).tiny)
+    longest = max(map(len, off)) - 1
+    for lag in range(1, longest):
+        pairs = np.concatenate([one[:-lag] * one[lag:] for one in off if len(one) > lag])
+        if np.mean(pairs.mean(axis=0) / variance) < np.exp(-1.0):
+            return variance, lag * period
+    return variance, longest * period

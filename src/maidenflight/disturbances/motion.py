@@ -55,6 +55,8 @@ class Processes(NamedTuple):
     demand_time: Float[Any, "3"]
     drift_size: Float[Any, "3"]
     drift_time: Float[Any, "3"]
+    velocity_scale: Float[Any, "3"]
+    """Logged velocity over that of the logged position, body axes, an estimator's gain [-]."""
     rate_gain: Float[Any, "3"]
     """Angular acceleration by which the regulator answers a body rate [1/s]."""
     tilt_gain: Float[Any, "2"]
@@ -80,8 +82,9 @@ class Processes(NamedTuple):
     unrest_time: Float[Any, ""]
     """Over which it is averaged how much more than expected rows before surprise [s]."""
     unrest_power: Float[Any, "4 2"]
-    """With which that share of variance carries over to predictions of each quantity, of its own
-    surprises and of the body rates' and the regulator's; 0 is not at all."""
+    """With which that share of variance carries over to predictions of each quantity: of its own
+    surprises to that of the next row, of the body rates' and the regulator's to what is added
+    later, which comes from turns; 0 is not at all."""
 
 
 class Motion(NamedTuple):
@@ -182,10 +185,11 @@ def move(motion: Motion, error: Float[Array, "27"]) -> Motion:
     )
 
 
-def as_logged(motion: Motion) -> Motion:
+def as_logged(motion: Motion, processes: Processes) -> Motion:
     """Returns a motion with the velocity that its log holds."""
     rotation = rotations.to_matrix(motion.quaternion)
-    return motion._replace(velocity=motion.velocity + rotation @ motion.slow.drift)
+    own = processes.velocity_scale * (rotation.T @ motion.velocity)
+    return motion._replace(velocity=rotation @ (own + motion.slow.drift))
 
 
 def difference(motion: Motion, other: Motion) -> Float[Array, "12"]:

@@ -114,10 +114,10 @@ def describe_unstable(
 ) -> list[str]:
     """Returns a sentence on each virtual drone that the firmware's rate loop cannot hold."""
     return [
-        describe_rate_loop(one.name, one.parameters, full_scale_counts)
-        for one in realities
-        if isinstance(one, VirtualDrone)
-        and rate_margin(one.parameters, full_scale_counts).phase < 0.0
+        describe_rate_loop(reality.name, reality.parameters, full_scale_counts)
+        for reality in realities
+        if isinstance(reality, VirtualDrone)
+        and rate_margin(reality.parameters, full_scale_counts).phase < 0.0
     ]
 
 
@@ -130,8 +130,10 @@ def describe_unknown(file: DroneFile) -> list[str]:
 
 def repeat_doubts(file: DroneFile) -> list[str]:
     """Returns the sure doubts of a drone's file, and how many others `identify` has said."""
-    others = [one for one in file.warnings if not one.sure]
-    lines = doubts(replace(file, warnings=tuple(one for one in file.warnings if one.sure)))
+    others = [warning for warning in file.warnings if not warning.sure]
+    lines = doubts(
+        replace(file, warnings=tuple(warning for warning in file.warnings if warning.sure))
+    )
     if len(others) < 2:
         return [*lines, *doubts(replace(file, warnings=tuple(others)))]
     name = Path(file.name).name

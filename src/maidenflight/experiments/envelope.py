@@ -208,9 +208,9 @@ def _speeds_reached(
         path, slowest = pace.of(pace.fastest), 0.0
     task = tasks.tracking(path, trajectories.RAMP_DURATION_S)
     scenario, reached = Scenario(task, trajectories.RAMP_DURATION_S), []
-    for one in fly_all(reality, pilot, scenario, keys, LOST):
-        done = steps_done(one.rows, one.rate, one.estimated)
-        share = done / round(trajectories.RAMP_DURATION_S * one.rate)
+    for flight in fly_all(reality, pilot, scenario, keys, LOST):
+        done = steps_done(flight.rows, flight.rate, flight.estimated)
+        share = done / round(trajectories.RAMP_DURATION_S * flight.rate)
         reached.append(slowest + (pace.fastest - slowest) * share if share else float("nan"))
     return reached
 
@@ -277,7 +277,7 @@ def summary(flights: polars.DataFrame) -> polars.DataFrame:
     Source: Efron and Tibshirani 1993, An introduction to the bootstrap, sec. 13.3.
     """
     rows: list[dict[str, Any]] = []
-    for (policy, place, axis), part in flights.group_by(
+    for (policy, reality, axis), part in flights.group_by(
         "policy", "reality", "axis", maintain_order=True
     ):
         reached = np.nan_to_num(part["reached"].to_numpy(), nan=-np.inf)
@@ -293,7 +293,7 @@ def summary(flights: polars.DataFrame) -> polars.DataFrame:
             "median": float(np.quantile(reached, 0.5, method="lower")),
         }
         rows.append(
-            {"policy": policy, "reality": place, "axis": axis, "flights": len(reached)}
+            {"policy": policy, "reality": reality, "axis": axis, "flights": len(reached)}
             | {name: float(v) if np.isfinite(v) else float("nan") for name, v in values.items()}
             | {name: part[name][0] for name in ("unit", "hardest", "limit")}
         )

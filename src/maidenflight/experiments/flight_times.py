@@ -51,10 +51,10 @@ AT_ONCE_ELSEWHERE = 64
 
 
 def _of_files(
-    place: StrPath, names: Sequence[str] | None, policy_tasks: Sequence[Task] | None
+    path: StrPath, names: Sequence[str] | None, policy_tasks: Sequence[Task] | None
 ) -> tuple[Sequence[Policy], Sequence[str], Sequence[Task]]:
     """Policies of a file or folder, with names and tasks where none are given."""
-    files = read_policies([place])
+    files = read_policies([path])
     trained, _ = files.choose_tasks(None)
     return files.own, names or files.own_names, policy_tasks or [*map(tasks.find_task, trained)]
 
@@ -125,20 +125,20 @@ def predict_flight_times(
     limits = guarded.Limits(np.int32(rows), Guard(*map(np.float32, conditions.guard)))  # type: ignore[arg-type]
     flown_tasks = list(policy_tasks or [tasks.paper_circle()] * len(policies))
     kinds: dict[tuple, list[int]] = {}
-    for place, (policy, task) in enumerate(zip(policies, flown_tasks, strict=True)):
-        kinds.setdefault((policy.interface, policy.spec, task), []).append(place)
+    for index, (policy, task) in enumerate(zip(policies, flown_tasks, strict=True)):
+        kinds.setdefault((policy.interface, policy.spec, task), []).append(index)
     by_policy: dict[int, FlightOutcome] = {}
     drawn: dict[int, np.ndarray] = {}
     for places in kinds.values():
-        kind = [policies[place] for place in places]
+        kind = [policies[index] for index in places]
         settings = key, trials, limits, conditions.start, conditions.controller_for
         every = _fly_kind(kind, flown_tasks[places[0]], drones, *settings)
-        for place, (outcome, indices) in zip(places, every, strict=True):
-            by_policy[place], drawn[place] = outcome, indices
+        for index, (outcome, indices) in zip(places, every, strict=True):
+            by_policy[index], drawn[index] = outcome, indices
             if on_policy is not None:
                 on_policy(len(by_policy), len(policies))
     end, largest, *distances = tree.map(
-        lambda *parts: np.concatenate(parts), *(by_policy[place] for place in range(len(policies)))
+        lambda *parts: np.concatenate(parts), *(by_policy[index] for index in range(len(policies)))
     )
     return polars.DataFrame(
         {
@@ -148,7 +148,7 @@ def predict_flight_times(
             "duration": end.steps / GUARD_RATE,
             "end_reason": [END_REASONS[reason] for reason in end.reason],
             "trial": np.tile(np.arange(1, trials + 1), len(policies)),
-            "drone": np.concatenate([drawn[place] + 1 for place in range(len(policies))]),
+            "drone": np.concatenate([drawn[index] + 1 for index in range(len(policies))]),
             **failures.largest(tree.map(lambda part: part[:, None], largest)),
             **{
                 name: (np.asarray(distance, np.float64) / end.steps).round(6)
@@ -213,7 +213,7 @@ def _fly_kind(
     def fly(
         places: np.ndarray, is_active: np.ndarray, drone_indices: np.ndarray, keys: Array
     ) -> FlightOutcome:
-        flying = tree.map(lambda *leaves: np.stack(leaves), *(policies[place] for place in places))
+        flying = tree.map(lambda *leaves: np.stack(leaves), *(policies[index] for index in places))
         flights = guarded.Trials(
             flying, tree.map(lambda leaf: leaf[drone_indices], drones), keys, is_active
         )
@@ -223,9 +223,9 @@ def _fly_kind(
     # Drones are drawn first: waiting for a draw would be waiting for the flights before it.
     portions = [portion(first) for first in range(0, blocks * len(policies), size)]
     landed = (
-        tree.map(lambda part, place=place: part[place], flights)
+        tree.map(lambda part, index=index: part[index], flights)
         for flights in _landed(starmap(fly, portions))
-        for place in range(size)
+        for index in range(size)
     )
     indices = (row for portion in portions for row in portion[2])
     for _ in policies:

@@ -49,7 +49,7 @@ class Policies:
     @property
     def names(self) -> list[str]:
         """Returns what tables call all."""
-        return [*self.own_names, *(one.name for one in self.foreign)]
+        return [*self.own_names, *(policy.name for policy in self.foreign)]
 
     @property
     def inputs(self) -> list[Path]:
@@ -59,7 +59,7 @@ class Policies:
     @property
     def record(self) -> dict[str, Any]:
         """Returns the policies by others, for records."""
-        return {"policies": None, "foreign": [one.name for one in self.foreign] or None}
+        return {"policies": None, "foreign": [policy.name for policy in self.foreign] or None}
 
     def path_of(self, name: str | None) -> Path | None:
         """Returns the file that tables call so; nothing of no name."""
@@ -81,8 +81,8 @@ class Policies:
         """
         own_tasks = {_usual(file.task) for file in self.files if file.task}
         alike = own_tasks or ({names.PAPER_TASK} if self.files else {USUAL_TASK})
-        one = len(alike) == 1 and alike <= set(names.TASKS)
-        chosen = task or (alike.pop() if one else USUAL_TASK)
+        is_clear = len(alike) == 1 and alike <= set(names.TASKS)
+        chosen = task or (alike.pop() if is_clear else USUAL_TASK)
         return chosen, self._note_others([chosen] * len(self.files))
 
     def choose_tasks(self, task: str | None) -> tuple[list[str], list[str]]:

@@ -38,9 +38,9 @@ class PolicySet(NamedTuple):
 def changed_drones(drone: VirtualDrone) -> tuple[list[VirtualDrone], list[str]]:
     """Returns a drone with each of `names.CHANGES`, and notes on what it cannot bear."""
     drones, notes = [], []
-    for one in names.CHANGES:
+    for change in names.CHANGES:
         try:
-            drones.append(additions.with_additions(drone, [one]))
+            drones.append(additions.with_additions(drone, [change]))
         except InputError as error:
             notes.append(str(error))
     return drones, notes
@@ -98,7 +98,7 @@ def fly_controllers(
     """Flies the firmware's controllers on drones; see `fly_firmware`."""
     how: dict[str, Any] = {"counts": counts, "task": task, "duration": duration}
     tables, notes = fly_firmware(controllers, drones, 1, key, **how)
-    rows = [summarize(one, str(one["reality"][0])) for one in tables]
+    rows = [summarize(table, str(table["reality"][0])) for table in tables]
     return rows, notes[:1]
 
 

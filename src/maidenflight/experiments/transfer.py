@@ -118,17 +118,17 @@ def transfer(
             policies.
     """
     several: Any = [policies] if isinstance(policies, AnyPolicy | str | PathLike) else policies
-    if several and all(isinstance(one, PATHS) for one in several):
+    if several and all(isinstance(policy, PATHS) for policy in several):
         files = read_policies(several)
         several, names = files.every, names or files.names
         task = task or tasks.find_task(files.choose_task(None)[0])
-    for one in several:
-        if not isinstance(one, AnyPolicy | FirmwarePilot):
+    for item in several:
+        if not isinstance(item, AnyPolicy | FirmwarePilot):
             raise InputError(
-                f"{str(one)[:60]!r} is no Policy; give policies, or their files alone."
+                f"{str(item)[:60]!r} is no Policy; give policies, or their files alone."
             )
     places: Any = realities if isinstance(realities, list | tuple) else [realities]
-    places = [check_reality(one) for one in places]
+    places = [check_reality(reality) for reality in places]
     if not several or not places or trials < 1:
         raise InputError("a transfer needs at least one policy, one reality and one trial.")
     by_firmware = isinstance(several[0], FirmwarePilot)
@@ -144,21 +144,21 @@ def transfer(
         flown_pilots = [pilots[policy] for policy, _ in plan]
         guard = APP if by_firmware else ZERO_SHOT
         simulated = fly_all(reality, flown_pilots, scenario, keys, guard)
-        for (policy, trial), one in zip(plan, simulated, strict=True):
-            flight = one.to_flight(f"flight_{len(table) + 1:02d}")
+        for (policy, trial), outcome in zip(plan, simulated, strict=True):
+            flight = outcome.to_flight(f"flight_{len(table) + 1:02d}")
             table.append(
                 {
                     # A printed table shows the first four and the last four columns.
                     "policy": names[policy],
                     "reality": reality.name,
-                    "duration": round(one.duration, 6),
-                    "end_reason": one.end_reason,
+                    "duration": round(outcome.duration, 6),
+                    "end_reason": outcome.end_reason,
                     "flight": len(table) + 1,
                     "trial": trial + 1,
                     **activity(flight),
-                    **failures.largest(one.excursion),
+                    **failures.largest(outcome.excursion),
                     **{
-                        name: round(float(np.mean(one.rows.excursion(by).position_error)), 6)
+                        name: round(float(np.mean(outcome.rows.excursion(by).position_error)), 6)
                         for name, by in zip(failures.ERRORS, (False, True), strict=True)
                     },
                 }
@@ -201,10 +201,10 @@ def fly_firmware(
     """
     tables, notes = [], []
     for name in controllers:
-        for place in realities:
+        for reality in realities:
             try:
                 pilot, label = firmware_pilot(name, counts), f"{name} (firmware)"
-                tables.append(transfer([pilot], place, trials, key, names=[label], **how).table)
+                tables.append(transfer([pilot], reality, trials, key, names=[label], **how).table)
             except InputError as error:
-                notes.append(f"the firmware's {name} does not fly in {place.name}: {error}")
+                notes.append(f"the firmware's {name} does not fly in {reality.name}: {error}")
     return tables, notes

@@ -85,5 +85,5 @@ def _decides(
         for name, values in samples.items()
         if len(set(values[drone])) > 1
     }
-    name = min(chances, key=lambda one: chances[one], default=None)
+    name = min(chances, key=lambda name: chances[name], default=None)
     return name if name and chances[name] * len(chances) < _SURE else None

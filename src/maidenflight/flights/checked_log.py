@@ -39,8 +39,8 @@ class CheckedLog(NamedTuple):
     def without_wrong_speeds(self, piece: Flight) -> Flight:
         """Returns a piece without rotor speeds that contradict the motion."""
         wrong = any(
-            one.verdict == WARNS and one.name == rotor_speeds.NAME
-            for one in self.checks.get(piece.name, ())
+            result.verdict == WARNS and result.name == rotor_speeds.NAME
+            for result in self.checks.get(piece.name, ())
         )
         return replace(piece, rotor_speed=None) if wrong else piece
 

@@ -150,7 +150,7 @@ class FlightPlan:
                 {**dataclasses.asdict(block.manoeuvre), "seconds": block.seconds}
                 for block in self.blocks
             ],
-            "expected": {name: _rounded(one) for name, one in self.expected.items()},
+            "expected": {name: _rounded(widths) for name, widths in self.expected.items()},
             "extremes": _rounded(self.extremes) if self.extremes else {},
             "record": dict(self.record),
         }
@@ -184,9 +184,9 @@ def read(path: StrPath) -> FlightPlan:
     Raises:
         InputError: no file that can be read, or something in it is damaged.
     """
-    place = str(path)
-    document = inputs.toml_file(path, "a flight plan", f"Make one: maidenflight plan -o {place}.")
-    table = Fields(document, place, "plan", _CURE)
+    source = str(path)
+    document = inputs.toml_file(path, "a flight plan", f"Make one: maidenflight plan -o {source}.")
+    table = Fields(document, source, "plan", _CURE)
     if table.get("format") != FORMAT:
         raise table.refused("format", f"{FORMAT}, that of a flight plan of this version")
     room, seed = table.numbers("room"), table.get("seed")
@@ -194,7 +194,7 @@ def read(path: StrPath) -> FlightPlan:
         raise table.refused("room", "[width, depth, height] of 0.5 to 100 m")
     if type(seed) is not int or not 0 <= seed < 2**31:
         raise table.refused("seed", "a whole number from 0 on")
-    blocks = tuple(_block(one, place) for one in table.tables("manoeuvres"))
+    blocks = tuple(_block(entry, source) for entry in table.tables("manoeuvres"))
     if not blocks:
         raise table.refused("manoeuvres", "at least one table [[manoeuvres]]")
     expected = table.table("expected") if "expected" in table.content else None
@@ -202,7 +202,7 @@ def read(path: StrPath) -> FlightPlan:
     record = table.get("record") or {}
     if not isinstance(record, dict):
         raise table.refused("record", "a table [record]")
-    results.recorded_inputs(record, place)
+    results.recorded_inputs(record, source)
     result = FlightPlan(
         blocks,
         (room[0], room[1], room[2]),
@@ -211,7 +211,7 @@ def read(path: StrPath) -> FlightPlan:
         {} if expected is None else _expectations(expected),
         None if extremes is None else _extremes(extremes),
         record,
-        place,
+        source,
     )
     table.end()
     return _fitting(result)
@@ -235,11 +235,11 @@ def _fitting(plan: FlightPlan) -> FlightPlan:
     return plan
 
 
-def _block(table: Fields, place: str) -> Block:
+def _block(table: Fields, source: str) -> Block:
     part = Manoeuvre(
         table.text("kind"), table.number("size", 0.0), table.number("period", SHORTEST, LONGEST)
     )
-    block = Block(part.checked(place), table.number("seconds", 0.5, LONGEST_PLAN))
+    block = Block(part.checked(source), table.number("seconds", 0.5, LONGEST_PLAN))
     table.end()
     return block
 
@@ -257,7 +257,7 @@ def _expectations(table: Fields) -> dict[str, ExpectedWidths]:
 
 
 def _extremes(table: Fields) -> Extremes:
-    names = [one.name for one in dataclasses.fields(Extremes)]
+    names = [field.name for field in dataclasses.fields(Extremes)]
     result = Extremes(*(table.number(name) for name in names))
     table.end()
     return result

@@ -288,21 +288,22 @@ def _table(file: Path, name: str, names: Iterable[str]) -> Table:
 
 def _formats(kind: type[Kind], names: Iterable[str] = LOG_FORMATS) -> Iterator[Kind]:
     """The formats of a kind that can be used, ours before those of installed packages."""
-    return (one for one in map(_imported, names) if isinstance(one, kind))
+    return (log_format for log_format in map(_imported, names) if isinstance(log_format, kind))
 
 
 def _imported(name: str) -> LogFormat | str:
     """A format by name; of an installed package that is damaged, what is wrong."""
     try:
-        one = LOG_FORMATS[name]
+        log_format = LOG_FORMATS[name]
     except InputError as error:
         return str(error)
-    if not isinstance(one, LogFormat):
-        return f"log format {name!r}: a {type(one).__name__}; expected a flights.formats.LogFormat."
-    return one
+    if not isinstance(log_format, LogFormat):
+        wrong = f"a {type(log_format).__name__}; expected a flights.formats.LogFormat."
+        return f"log format {name!r}: {wrong}"
+    return log_format
 
 
 def _unusable(names: Iterable[str] = LOG_FORMATS) -> str:
     """Sentences on formats of installed packages that cannot be used."""
-    logs = [one for one in map(_imported, names) if isinstance(one, str)]
-    return "".join(f" {one}" for one in logs)
+    logs = [problem for problem in map(_imported, names) if isinstance(problem, str)]
+    return "".join(f" {problem}" for problem in logs)

@@ -21,13 +21,16 @@ def flight_of_frame(
 ) -> Flight:
     """Returns the flight in a table; see `Flight.from_frame`."""
     if not isinstance(frame, polars.DataFrame):
-        frame = polars.DataFrame({str(one): np.asarray(frame[one]) for one in frame.columns})
+        frame = polars.DataFrame({str(key): np.asarray(frame[key]) for key in frame.columns})
     entries = {
         signal: entry if isinstance(entry, Mapping) else {"columns": entry}
         for signal, entry in columns.items()
     }
     entries = {
-        signal: {**entry, "columns": [one] if isinstance(one := entry.get("columns"), str) else one}
+        signal: {
+            **entry,
+            "columns": [names] if isinstance(names := entry.get("columns"), str) else names,
+        }
         for signal, entry in entries.items()
     }
     flight, time, notes = column_map.flight(

@@ -13,13 +13,13 @@ TURNING = 0.3
 """Of full speed, above which a row counts, chosen: idling rotors say little."""
 
 
-def full_speed(flights: Sequence[Flight], drone: Parameters, place: str) -> float:
+def full_speed(flights: Sequence[Flight], drone: Parameters, source: str) -> float:
     """Returns the rotors' speed at u = 1 [rad/s], the median of what rows say.
 
     Args:
         flights: logs; those without measured speeds say nothing.
         drone: whose motors follow the logged commands.
-        place: of the logs, for errors.
+        source: of the logs, for errors.
 
     Raises:
         InputError: no log has measured rotor speeds.
@@ -35,7 +35,7 @@ def full_speed(flights: Sequence[Flight], drone: Parameters, place: str) -> floa
             ratios.append((measured / share)[(share > TURNING) & (measured > 0.0)])
     if not sum(map(len, ratios)):
         raise InputError(
-            f"{place}: no log has measured rotor speeds. Give logs that have them, or a number: "
+            f"{source}: no log has measured rotor speeds. Give logs that have them, or a number: "
             "--full-speed RPM."
         )
     return float(np.median(np.concatenate(ratios)))

@@ -345,10 +345,10 @@ def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
             for.
     """
     if table.head.get("commands") not in (ZERO_ORDER_HOLD, SUBSAMPLED):
-        place, sign = ("line 2 is not", "# ") if table.first_line else ("its metadata lack", "")
+        lack, sign = ("line 2 is not", "# ") if table.first_line else ("its metadata lack", "")
         command_comments = f"'{sign}commands: {ZERO_ORDER_HOLD}' or '{sign}commands: {SUBSAMPLED}'"
         raise InputError(
-            f"{table.name}: {place} {command_comments}. Add it; see docs/flight-log.md."
+            f"{table.name}: {lack} {command_comments}. Add it; see docs/flight-log.md."
         )
     logged = {
         group: names

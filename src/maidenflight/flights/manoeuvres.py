@@ -149,7 +149,7 @@ class Manoeuvre:
         time = np.arange(round(seconds * RATE)) / RATE
         return self.size * KINDS[self.kind](time, self.period, np.random.default_rng(seed))
 
-    def checked(self, place: str) -> "Manoeuvre":
+    def checked(self, source: str) -> "Manoeuvre":
         """Returns the manoeuvre.
 
         Raises:
@@ -158,7 +158,7 @@ class Manoeuvre:
         sound = 0.0 <= self.size <= LARGEST and SHORTEST <= self.period <= LONGEST
         if not sound or self.kind not in KINDS:
             raise InputError(
-                f"{place}: manoeuvre {self.kind[:40]!r} of size {self.size:g} and period "
+                f"{source}: manoeuvre {self.kind[:40]!r} of size {self.size:g} and period "
                 f"{self.period:g} s; expected one of {', '.join(KINDS)}, a size up to {LARGEST:g} "
                 f"and a period of {SHORTEST:g} to {LONGEST:g} s. Plan again: maidenflight plan."
             )
@@ -178,13 +178,13 @@ def library(half_width: float, half_height: float, motors: bool) -> list[Manoeuv
     manoeuvres += [Manoeuvre("circle", size, 3.0) for size in radii if size <= half_width]
     reach = {"x": half_width, "y": half_width, "z": half_height}
     for axis, most in reach.items():
-        for size in (one for one in (0.1, 0.15, 0.2) if one <= most):
+        for size in (size for size in (0.1, 0.15, 0.2) if size <= most):
             manoeuvres.append(Manoeuvre(f"chirp_{axis}", size, 2.0))
             manoeuvres += [Manoeuvre(f"steps_{axis}", size, period) for period in (0.4, 0.6, 1.0)]
     manoeuvres += [
         Manoeuvre("steps_yaw", size, period) for size in (0.1, 0.2, 0.3) for period in (0.4, 0.8)
     ]
-    for size in (one for one in (0.08, 0.15) if one <= min(half_width, 2 * half_height)):
+    for size in (size for size in (0.08, 0.15) if size <= min(half_width, 2 * half_height)):
         manoeuvres += [Manoeuvre(kind, size, 0.8) for kind in ("random", "random_yaw")]
     if motors:
         manoeuvres += [Manoeuvre(MOTORS, size) for size in (0.03, 0.06, 0.1)]

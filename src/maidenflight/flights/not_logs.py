@@ -17,7 +17,7 @@ class Foreign(NamedTuple):
 
     begins: bytes
     """Its first bytes."""
-    one: str
+    single: str
     several: str
     remedy: str = _CSV
     """What to do, a sentence without its full stop."""
@@ -65,12 +65,12 @@ def kind_of(head: bytes, name: str) -> Foreign | None:
 def below(folder: Path) -> tuple[Counter[Foreign], int]:
     """Returns how many files of each kind a folder and all its folders hold, and of no kind."""
     names = (
-        Path(place, name)
-        for place, _, names in os.walk(folder)
+        Path(parent, name)
+        for parent, _, names in os.walk(folder)
         for name in sorted(names)
         if name != run_folder.CHECKPOINT
         and not name.lower().endswith(READ)
-        and Path(place, name).is_file()
+        and Path(parent, name).is_file()
     )
     kinds: Counter[Foreign] = Counter()
     others = 0
@@ -88,7 +88,7 @@ def below(folder: Path) -> tuple[Counter[Foreign], int]:
 
 def describe(kinds: Counter[Foreign]) -> str:
     """Returns what files are, such as "2 MATLAB files", and what to do with them."""
-    counts = [kind.one if n == 1 else f"{n} {kind.several}" for kind, n in kinds.items()]
+    counts = [kind.single if n == 1 else f"{n} {kind.several}" for kind, n in kinds.items()]
     verb = "is" if kinds.total() == 1 else "are"
     remedies = ". ".join(dict.fromkeys(kind.remedy for kind in kinds))
     return f"{' and '.join(counts)}, which {verb} not read. {remedies}."

@@ -154,13 +154,13 @@ def read_flights(
         reasons = [*reading.refused, *notes, *reading.others]
         raise InputError(_nothing(path, count, reasons))
     loads = {
-        name: one.statistic
+        name: result.statistic
         for name, results in reading.checks.items()
-        for one in results
-        if one.name == "thrust to weight" and one.statistic is not None
+        for result in results
+        if result.name == "thrust to weight" and result.statistic is not None
     }
     if dead := check_battery(flights):
-        flights = [replace(one, battery=np.full_like(one.battery, np.nan)) for one in flights]
+        flights = [replace(piece, battery=np.full_like(piece.battery, np.nan)) for piece in flights]
     selection = Flights(
         tuple(flights),
         (*reading.others, *reading.notes),
@@ -201,8 +201,8 @@ class _ReadOptions(NamedTuple):
     law_of_drone: str | None
 
     @classmethod
-    def of(cls, settings: LogSettings, place: str) -> "_ReadOptions":
-        """Checks settings; the place is what errors name."""
+    def of(cls, settings: LogSettings, source: str) -> "_ReadOptions":
+        """Checks settings; the source is what errors name."""
         faulty = settings.get("faulty", names.FAULTY_LOGS[0])
         commands, law = settings.get("commands"), settings.get("battery_law")
         ignore = settings.get("ignore", ())
@@ -211,7 +211,7 @@ class _ReadOptions(NamedTuple):
         if commands not in (*COMMANDS, None):
             raise InputError(f"commands {commands!r}; expected {' or '.join(COMMANDS)}.")
         if law is not None:
-            compensation.logged_law({compensation.LAW_OF_THE_HEAD: law}, place)
+            compensation.logged_law({compensation.LAW_OF_THE_HEAD: law}, source)
         for signal in ignore:
             if signal not in log.OPTIONAL:
                 expected = " or ".join(log.OPTIONAL)
@@ -310,10 +310,10 @@ def _nothing(path: Path, files: int, reasons: list[str]) -> str:
         kinds, others = not_logs.below(path)
         if kinds:
             return f"{path}: no flight logs that are read, but {not_logs.describe(kinds)}"
-        place = path / "flights" if others or not path.name else path
+        example = path / "flights" if others or not path.name else path
         return (
             f"{path}: no flight logs ({', '.join(formats.suffixes())}) in this folder or below it. "
-            f"Give the folder that holds yours, or record some (maidenflight record -o {place})."
+            f"Give the folder that holds yours, or record some (maidenflight record -o {example})."
         )
     return (
         f"{path}: no usable flight in {files} files ({first_few(reasons, '; ')}). A flight "

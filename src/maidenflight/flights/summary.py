@@ -74,8 +74,8 @@ def rank(logs: Sequence[Summary]) -> list[tuple[Summary, dict[str, float]]]:
         {name: log.information.get(name, 0.0) / all_ for name, all_ in totals.items() if all_ > 0}
         for log in logs
     ]
-    order = sorted(range(len(logs)), key=lambda place: -sum(shares[place].values()))
-    return [(logs[place], shares[place]) for place in order]
+    order = sorted(range(len(logs)), key=lambda index: -sum(shares[index].values()))
+    return [(logs[index], shares[index]) for index in order]
 
 
 def choose_most_telling(

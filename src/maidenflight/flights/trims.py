@@ -101,8 +101,8 @@ def with_standard_errors(
     trims: Sequence[Trim],
 ) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 4"]]:
     """Returns k_F [-] and torques [N m] of trims whose errors are known, and the errors."""
-    values = [[one.thrust_to_weight, *one.torque_bias] for one in trims]
-    errors = [[one.thrust_to_weight_error, *one.torque_bias_error] for one in trims]
+    values = [[trim.thrust_to_weight, *trim.torque_bias] for trim in trims]
+    errors = [[trim.thrust_to_weight_error, *trim.torque_bias_error] for trim in trims]
     values, errors = np.reshape(values, (-1, 4)), np.reshape(errors, (-1, 4))
     is_finite = np.isfinite(errors).all(axis=1)
     return values[is_finite], errors[is_finite]

@@ -77,7 +77,9 @@ def must_have_one_rate(flights: Iterable[Flight]) -> None:
     """
     ranked = sorted(flights, key=lambda flight: flight.period)
     if ranked and ranked[-1].period > (1 + SAME_RATE) * ranked[0].period:
-        (fast, high), (slow, low) = ((one.name, 1 / one.period) for one in (ranked[0], ranked[-1]))
+        (fast, high), (slow, low) = (
+            (flight.name, 1 / flight.period) for flight in (ranked[0], ranked[-1])
+        )
         raise InputError(
             f"flights of different rates: {slow} has {low:.6g} Hz, {fast} {high:.6g} Hz. Identify "
             "from flights of one rate at a time: put the others into a folder of their own."

@@ -63,7 +63,7 @@ def simulate(
     state = dynamics.at_hover(env.task.reference(jnp.asarray(start)) + offset, parameters)
     first = environment.begin(env, state, jnp.asarray(start), parameters, begin_key)
 
-    def one(
+    def advance(
         env_state: environment.EnvState, now: tuple[Array, Array]
     ) -> tuple[environment.EnvState, Rows]:
         number, key = now
@@ -89,7 +89,7 @@ def simulate(
             rotor_speed=env_state.state.rotor_speed,
         )
 
-    return jax.lax.scan(one, first, (jnp.arange(steps), jax.random.split(key, steps)))[1]
+    return jax.lax.scan(advance, first, (jnp.arange(steps), jax.random.split(key, steps)))[1]
 
 
 def fly_all(
@@ -125,35 +125,35 @@ def fly_all(
             fly(reality, pilot, scenario, key, guard) for pilot, key in zip(each, keys, strict=True)
         ]
     drones = scenario.drones or [reality.parameters] * len(keys)
-    batch = [place for place, pilot in enumerate(each) if isinstance(pilot, PilotOfMany)]
+    batch = [index for index, pilot in enumerate(each) if isinstance(pilot, PilotOfMany)]
     flights: dict[int, SimulatedFlight] = {}
-    for place in set(range(len(each))).difference(batch):
+    for index in set(range(len(each))).difference(batch):
         if scenario.during is not None:
             raise InputError(
                 f"{reality.name}: what changes in the course of a flight is flown by our own "
                 "policies only. Leave it out of --along."
             )
-        stepped = Stepped(replace(reality, parameters=drones[place]))
-        flights[place] = fly(stepped, each[place], scenario, keys[place], guard)
+        stepped = Stepped(replace(reality, parameters=drones[index]))
+        flights[index] = fly(stepped, each[index], scenario, keys[index], guard)
     if batch:
-        pilot = [each[place] for place in batch] if isinstance(pilots, Sequence) else pilots
+        pilot = [each[index] for index in batch] if isinstance(pilots, Sequence) else pilots
         if len(batch) < len(each):
-            drones = [drones[place] for place in batch]
-            keys = jnp.stack([keys[place] for place in batch])
+            drones = [drones[index] for index in batch]
+            keys = jnp.stack([keys[index] for index in batch])
         for some in _kinds(pilot, len(batch)):
             flights |= zip(
-                [batch[place] for place in some],
+                [batch[index] for index in some],
                 _fly_together(
                     reality,
-                    [pilot[place] for place in some] if isinstance(pilot, list) else pilot,
-                    [drones[place] for place in some],
+                    [pilot[index] for index in some] if isinstance(pilot, list) else pilot,
+                    [drones[index] for index in some],
                     scenario,
                     keys[np.array(some)],
                     guard,
                 ),
                 strict=True,
             )
-    return [flights[place] for place in range(len(each))]
+    return [flights[index] for index in range(len(each))]
 
 
 def _kinds(pilots: Any, count: int) -> list[list[int]]:
@@ -161,9 +161,9 @@ def _kinds(pilots: Any, count: int) -> list[list[int]]:
     if not isinstance(pilots, list):
         return [list(range(count))]
     kinds: dict[Any, list[int]] = {}
-    for place, pilot in enumerate(pilots):
+    for index, pilot in enumerate(pilots):
         shapes = tuple(map(np.shape, jax.tree.leaves(pilot)))
-        kinds.setdefault((jax.tree.structure(pilot), shapes), []).append(place)
+        kinds.setdefault((jax.tree.structure(pilot), shapes), []).append(index)
     return list(kinds.values())
 
 
@@ -180,20 +180,20 @@ def _fly_together(
     first = pilots[0] if several else pilots
     env = first.environment(reality, scenario)
     # Those of policies are stacked, also where they are one drone: as many drones fly the same.
-    one = isinstance(first, FirmwarePilot) and scenario.drones is None
+    has_one_drone = isinstance(first, FirmwarePilot) and scenario.drones is None
     rows = _simulate(
         env,
         round(scenario.duration * env.controller.interface.rate),
         several,
         _stack(pilots) if several else pilots,
-        reality.parameters if one else _stack(drones),
+        reality.parameters if has_one_drone else _stack(drones),
         keys,
         reality.later if scenario.changing else scenario.during,
     )
     rows = jax.tree.map(np.asarray, rows)
-    for place, drone in enumerate(drones):
+    for index, drone in enumerate(drones):
         yield _cut_at_end(
-            jax.tree.map(lambda values, place=place: values[place], rows),
+            jax.tree.map(lambda values, index=index: values[index], rows),
             guard,
             rate=env.controller.interface.rate,
             zero_order_hold=env.commands_per_action == 1,
@@ -218,12 +218,12 @@ def _simulate(
     keys: Array,
     during: Change | None,
 ) -> Rows:
-    def one(pilot: PilotOfMany, drone: Parameters, key: Array) -> Rows:
+    def fly_pilot(pilot: PilotOfMany, drone: Parameters, key: Array) -> Rows:
         own, act, key = pilot.begin(env, key, steps)
         return simulate(own, act, drone, key, steps, during=during)
 
     axes = 0 if several else None, 0 if drones.mass.ndim else None, 0
-    return jax.vmap(one, axes)(pilots, drones, keys)
+    return jax.vmap(fly_pilot, axes)(pilots, drones, keys)
 
 
 def _cut_at_end(rows: Rows, guard: Guard | None, **logged: Any) -> SimulatedFlight:

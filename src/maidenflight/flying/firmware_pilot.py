@@ -140,8 +140,8 @@ class FirmwarePilot:
         table = jnp.asarray(self.setpoints)[:, :3]
 
         def reference(time: Float[Array, ""]) -> Float[Array, "3"]:
-            place = jnp.floor(time * PLAN_RATE + 0.01).astype(int)
-            return table[jnp.clip(place, 0, len(table) - 1)]
+            index = jnp.floor(time * PLAN_RATE + 0.01).astype(int)
+            return table[jnp.clip(index, 0, len(table) - 1)]
 
         return task._replace(reference=reference)
 

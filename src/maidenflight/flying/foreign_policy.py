@@ -46,7 +46,7 @@ def _imported(name: str) -> ForeignPolicy:
     part = import_part(name, "policy")
     policy = part() if callable(part) else part
     if not isinstance(policy, ForeignPolicy):
-        lacking = [one for one in _MEMBERS if not hasattr(policy, one)]
+        lacking = [member for member in _MEMBERS if not hasattr(policy, member)]
         raise InputError(
             f"{name}: {str(policy)[:60]!r} is no policy; it lacks {', '.join(lacking)}. Expected "
             "a class or function that makes a ForeignPolicy (docs/evaluation.md)."

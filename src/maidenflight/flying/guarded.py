@@ -77,13 +77,13 @@ def draw(
 ) -> tuple[Int[Array, "policies lanes"], Array]:
     """Draws one of `count` drones for each trial, and its key, by itself."""
 
-    def one(own: Array, trial: Array) -> tuple[Array, Array]:
+    def draw_trial(own: Array, trial: Array) -> tuple[Array, Array]:
         drone_key, flight_key = jax.random.split(
             jax.random.fold_in(jax.random.fold_in(key, own), trial)
         )
         return jax.random.randint(drone_key, (), 0, count), flight_key
 
-    return jax.vmap(jax.vmap(one, in_axes=(None, 0)))(own, trials)
+    return jax.vmap(jax.vmap(draw_trial, in_axes=(None, 0)))(own, trials)
 
 
 @partial(jax.jit, static_argnums=(0, 1))

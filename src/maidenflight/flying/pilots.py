@@ -176,10 +176,10 @@ def pilots_of(
         )
     counts = own[0].interface.full_scale_counts if own else COUNTS
     return [
-        PolicyPilot(one, _controller_of(one, controller))
-        if isinstance(one, Policy)
-        else ForeignPilot(one, counts)
-        for one in policies
+        PolicyPilot(policy, _controller_of(policy, controller))
+        if isinstance(policy, Policy)
+        else ForeignPilot(policy, counts)
+        for policy in policies
     ]
 
 

@@ -117,8 +117,8 @@ def must_divide(rate: int) -> None:
 
 def _logs(simulated: Sequence[SimulatedFlight], keys: Int[Array, "F"], rate: int) -> list[Flight]:
     return [
-        flight_log(one, f"flight_{number:02d}", rate, key)
-        for number, (one, key) in enumerate(zip(simulated, keys, strict=True), 1)
+        flight_log(flight, f"flight_{number:02d}", rate, key)
+        for number, (flight, key) in enumerate(zip(simulated, keys, strict=True), 1)
     ]
 
 

@@ -111,7 +111,7 @@ def _commands(
 ) -> Float[Array, "policies rows 4"]:
     """What each policy commands, fed with logged estimates and its own last actions."""
 
-    def one(policy: Policy) -> Array:
+    def replay(policy: Policy) -> Array:
         def step(carry: tuple[Array, Array, Array], row: tuple) -> tuple[tuple, Array]:
             history, action, memory = carry
             measured, target = row
@@ -128,7 +128,7 @@ def _commands(
         start = history, level, jnp.zeros(policy.spec.memory)
         return lax.scan(step, start, (measurement, setpoint))[1]
 
-    return jax.vmap(one)(policies)
+    return jax.vmap(replay)(policies)
 
 
 def stacked(policies: Sequence[Policy]) -> Policy:

@@ -60,14 +60,14 @@ def draw_calibrations(
     """
     if not file.posterior:
         raise InputError(f"{file.name}: no [posterior] to draw drones from. Identify it again.")
-    for one in flights:
-        require_path(one)
+    for flight in flights:
+        require_path(flight)
     count = len(next(iter(file.posterior.values())))
     order_key, key = jax.random.split(key)
     for number in np.asarray(jax.random.permutation(order_key, count)):
         fly_key, identify_key = jax.random.split(jax.random.fold_in(key, int(number)))
         values = {name: float(samples[number]) for name, samples in file.posterior.items()}
-        drone = replace(file.parameters, **{one: np.float32(v) for one, v in values.items()})
+        drone = replace(file.parameters, **{name: np.float32(v) for name, v in values.items()})
         drone = check(drone, f"{file.name} [posterior]")
         logs = fly_paths(drone, file.parameters, flights, fly_key)
         yield [] if logs is None else _compare(values, file, identify(logs, identify_key))
@@ -78,8 +78,8 @@ def _compare(
 ) -> list[dict[str, Any]]:
     """Returns a row for each parameter; see `draw_calibrations`."""
     before, after = with_total(file.posterior), with_total(result.posterior)
-    ends = {name: one.interval for name, one in file.estimates.items()}
-    own = {name: one.interval for name, one in result.estimates.items()}
+    ends = {name: estimate.interval for name, estimate in file.estimates.items()}
+    own = {name: estimate.interval for name, estimate in result.estimates.items()}
     rows: list[dict[str, Any]] = []
     for name, value in with_total(truth).items():
         row: dict[str, Any] = {"parameter": name, "truth": value}
@@ -128,6 +128,6 @@ def summarize(rows: polars.DataFrame) -> list[dict[str, Any]]:
         summary.append(
             {"parameter": name, "draws": part.height, "in_model": count, "held": held}
             | {"width_ratio": tested["width_ratio"].median(), "ranks": ranks}
-            | {"enough": enough, "uniform": all(low <= one <= high for one in ranks)}
+            | {"enough": enough, "uniform": all(low <= rank <= high for rank in ranks)}
         )
     return summary

@@ -170,7 +170,7 @@ def match(
         InputError: no policy flew long enough, or the policies are of different kinds.
     """
     settings = settings or ClosedLoop()
-    age = attitude_delay(every or [one for own in flight.values() for one in own])
+    age = attitude_delay(every or [piece for own in flight.values() for piece in own])
     estimates: dict[str, tuple[float, float]] = {}
     if age is not None and age[0] > max(YOUNGEST, 3.0 * age[1]):
         estimates["estimator_delay"] = age
@@ -348,7 +348,7 @@ def _simulation(
                 _until_it_falls(flights, policy, flight, nominal, period)
                 for flight in range(settings.flights)
             ]
-            available_channels = [one for one in observation if one is not None]
+            available_channels = [channel for channel in observation if channel is not None]
             if available_channels:
                 out[policy] = np.mean(available_channels, axis=0)
         return out

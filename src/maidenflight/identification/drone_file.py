@@ -190,7 +190,7 @@ class DroneFile:
             extra["identification"] = {
                 **_table(self.search),
                 "source": _table(self.source),
-                "estimates": {name: _table(one) for name, one in self.estimates.items()},
+                "estimates": {name: _table(estimate) for name, estimate in self.estimates.items()},
             }
             if self.unidentified:
                 extra["identification"]["unidentified"] = {
@@ -199,7 +199,7 @@ class DroneFile:
             for key in ("gains", "advice", "warnings"):
                 entries = getattr(self, key)
                 if entries:
-                    extra["identification"][key] = [_table(one) for one in entries]
+                    extra["identification"][key] = [_table(entry) for entry in entries]
         if self.posterior:
             samples = np.stack(list(self.posterior.values()), axis=1)[:SAVED]
             extra["posterior"] = {
@@ -221,17 +221,17 @@ class DroneFile:
         if str(drone) in DRONES:
             return cls(parameters.read_drone(drone), name=str(drone))
         document = parameters.document(drone)
-        place = str(drone)
+        path = str(drone)
         result = cls(
-            parameters.from_document(document, place),
-            posterior=_posterior(document, place),
-            record=_record(document, place),
-            name=place,
+            parameters.from_document(document, path),
+            posterior=_posterior(document, path),
+            record=_record(document, path),
+            name=path,
         )
         if "identification" not in document:
-            _check_body(result.parameters, place)
+            _check_body(result.parameters, path)
             return result
-        table = Fields(document["identification"], place, "identification", _CURE)
+        table = Fields(document["identification"], path, "identification", _CURE)
         estimates, source = table.table("estimates"), table.table("source")
         gains = tuple(map(_gain, table.tables("gains")))
         advice = tuple(map(_advice, table.tables("advice")))
@@ -272,7 +272,7 @@ TRIANGLE = 1.2
 """Inertia about z by the sum of those about x and y, which no body exceeds, but estimates may."""
 
 
-def _check_body(drone: Parameters, place: str) -> None:
+def _check_body(drone: Parameters, source: str) -> None:
     """Refuses masses, inertias and places of rotors that cannot be of one body.
 
     Source: Goldstein, Classical mechanics, sec. 5.3 (inertia obeys the triangle inequality).
@@ -283,14 +283,14 @@ def _check_body(drone: Parameters, place: str) -> None:
     low, high = GYRATION
     if not (low < radius / arm).all() or not (radius / arm < high).all():
         raise InputError(
-            f"{place}: mass {1e3 * mass:.3g} g, inertia {inertia[0]:.3g}, {inertia[1]:.3g} kg m2 "
+            f"{source}: mass {1e3 * mass:.3g} g, inertia {inertia[0]:.3g}, {inertia[1]:.3g} kg m2 "
             f"and rotors {1e3 * arm:.3g} mm from the centre are not of one drone: the radius of "
             f"gyration is {radius.max() / arm:.2g} times the rotors' distance; expected {low:g} to "
             f"{high:g}. Compare the units: kg, kg m2 (1 kg cm2 is 1e-4), m."
         )
     if inertia[2] > TRIANGLE * (inertia[0] + inertia[1]):
         raise InputError(
-            f"{place}: inertia_z {inertia[2]:.3g} kg m2 is larger than inertia_x and inertia_y "
+            f"{source}: inertia_z {inertia[2]:.3g} kg m2 is larger than inertia_x and inertia_y "
             f"together ({inertia[0] + inertia[1]:.3g}), which no body has. Mend one."
         )
 
@@ -361,10 +361,10 @@ def _advice(table: Fields) -> Advice:
     return result
 
 
-def _posterior(document: Mapping[str, Any], place: str) -> Posterior:
+def _posterior(document: Mapping[str, Any], source: str) -> Posterior:
     if "posterior" not in document:
         return Posterior({})
-    table = Fields(document["posterior"], place, "posterior", _CURE)
+    table = Fields(document["posterior"], source, "posterior", _CURE)
     names, rows = table.get("names"), table.get("samples")
     table.end()
     sound = (
@@ -381,15 +381,15 @@ def _posterior(document: Mapping[str, Any], place: str) -> Posterior:
     )
     if not sound or not names:
         raise InputError(
-            f"{place}: [posterior] needs names = parameters and samples = [[a number for each of "
+            f"{source}: [posterior] needs names = parameters and samples = [[a number for each of "
             "them], ...]. Identify again."
         )
     return Posterior(dict(zip(names, np.array(rows, np.float64).T, strict=True)))
 
 
-def _record(document: Mapping[str, Any], place: str) -> dict[str, Any]:
+def _record(document: Mapping[str, Any], source: str) -> dict[str, Any]:
     record = document.get("record", {})
     if not isinstance(record, dict):
-        raise InputError(f"{place}: record is a value, expected a table [record]. Remove it.")
-    results.recorded_inputs(record, place)
+        raise InputError(f"{source}: record is a value, expected a table [record]. Remove it.")
+    results.recorded_inputs(record, source)
     return record

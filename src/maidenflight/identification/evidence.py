@@ -52,9 +52,9 @@ def agreements(evidence: Iterable[Evidence]) -> dict[str, Agreement]:
     Source: Cochran 1954, The combination of estimates from different experiments.
     """
     by_parameter: dict[str, list[Evidence]] = {}
-    for one in evidence:
-        if not one.is_taken and 0.0 < one.error < np.inf:
-            by_parameter.setdefault(one.parameter, []).append(one)
+    for estimate in evidence:
+        if not estimate.is_taken and 0.0 < estimate.error < np.inf:
+            by_parameter.setdefault(estimate.parameter, []).append(estimate)
     result = {}
     for parameter, some in by_parameter.items():
         if len(some) < 2:

@@ -99,11 +99,13 @@ def identify(
         find = without_state.find if stateless else with_state.find
         result = _result(problem, find(problem, settings))
     result = average_laws(result, flights, problem.generator)
-    searched = {name: one.bounds or one.interval for name, one in result.estimates.items()}
+    searched = {
+        name: estimate.bounds or estimate.interval for name, estimate in result.estimates.items()
+    }
     plausible = prior_ranges(problem.start, searched)
     estimates = {
-        name: dataclasses.replace(one, plausible=plausible[name])
-        for name, one in result.estimates.items()
+        name: dataclasses.replace(estimate, plausible=plausible[name])
+        for name, estimate in result.estimates.items()
     }
     worse = note_worse_than_start(result.value, result.start_value, result.objective)
     notes = (*worse, *left_out, *result.notes)
@@ -117,17 +119,19 @@ def _result(problem: Problem, found: Found) -> Identification:
     """Puts together what likelihoods found, whatever they are of."""
     joint, motors, unidentifiable = found.joint, found.signals.motors, found.unidentifiable
     delays = lag.delay_evidence(motors, joint.draws, unidentifiable, joint.drone)
-    gains = tuple(gain for one in found.answers for gain in one.gains)
+    gains = tuple(gain for answer in found.answers for gain in answer.gains)
     segments = found.answers[0].best.model.segments
     inseparable = inseparable_from_thrust(joint.estimates, joint.draws, problem.flights)
-    others = {name: one for name, one in joint.estimates.items() if name not in inseparable}
+    others = {
+        name: estimate for name, estimate in joint.estimates.items() if name not in inseparable
+    }
     return Identification(
         parameters=check(joint.drone, "identified parameters"),
         estimates=joint.estimates,
         unidentified=unidentifiable,
         expected=found.expected,
         objective="likelihood",
-        value=sum(one.best.value for one in found.answers),
+        value=sum(answer.best.value for answer in found.answers),
         start_value=found.start_value,
         source=problem.source,
         windows=found.windows,

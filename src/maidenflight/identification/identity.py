@@ -64,11 +64,32 @@ def describe_other_drone(own: Mapping[str, Any], other: Mapping[str, Any]) -> st
     return ""
 
 
-def check_same_drone(place: str, own: Mapping[str, Any], other: Mapping[str, Any]) -> None:
+def describe_other_counts(own: float, drone: DroneFile) -> str:
+    """Returns how far simulated thrust is off where a policy's full command is not the drone's.
+
+    Simulation takes a command of 1 as the drone's own; its firmware takes the counts. Empty where
+    they are the same.
+
+    Args:
+        own: counts of PWM of the policy's full command.
+        drone: that flies.
+    """
+    share = drone.full_scale_counts / own - 1.0
+    if not share:
+        return ""
+    name = Path(drone.name).name.removesuffix(".toml")
+    return (
+        f"made for commands up to {own:,.0f} counts, but {name} for up to "
+        f"{drone.full_scale_counts:,.0f}, so that thrust is simulated {abs(share):.0%} too "
+        f"{'strong' if share > 0 else 'weak'}"
+    )
+
+
+def check_same_drone(source: str, own: Mapping[str, Any], other: Mapping[str, Any]) -> None:
     """Refuses a policy that was made for another drone.
 
     Args:
-        place: the policy's file, for errors.
+        source: the policy's file, for errors.
         own: the policy's identity.
         other: that of the drone that shall fly.
 
@@ -76,6 +97,8 @@ def check_same_drone(place: str, own: Mapping[str, Any], other: Mapping[str, Any
         InputError: mass or battery law differ, or the file says nothing of its drone.
     """
     if "mass" not in own:
-        raise InputError(f"{place}: names no mass of its drone. Train again, or leave out --drone.")
+        raise InputError(
+            f"{source}: names no mass of its drone. Train again, or leave out --drone."
+        )
     if difference := describe_other_drone(own, other):
-        raise InputError(f"{place}: {difference}. Train for the drone that flies.")
+        raise InputError(f"{source}: {difference}. Train for the drone that flies.")

@@ -114,7 +114,7 @@ def fly_paths(
     )
     steps = max(map(len, flights)) * every
     thrust = float(design.thrust_to_weight / drone.thrust_to_weight)
-    paths = [_path(one, design, rate, steps, thrust) for one in flights]
+    paths = [_path(flight, design, rate, steps, thrust) for flight in flights]
     virtual = VirtualDrone("calibration", drone, thrust_law=None)
     counts = flights[0].full_scale_counts
     world = virtual.environment(tasks.hover(), control.pwm(rate, counts))
@@ -125,12 +125,12 @@ def fly_paths(
         rows = jax.tree.map(np.asarray, _fly(world, drone, design, gain, together, keys))
         simulated = [
             SimulatedFlight(own, rate, True, world.supply, virtual.name, drone=drone)
-            for own in _parts(rows, [len(one) * every for one in flights])
+            for own in _parts(rows, [len(flight) * every for flight in flights])
         ]
-        if all(one.rows.end(_LOST).reason == TIME_LIMIT for one in simulated):
+        if all(flight.rows.end(_LOST).reason == TIME_LIMIT for flight in simulated):
             return [
-                _with_signals(one, log, every, own_key)
-                for one, log, own_key in zip(simulated, flights, keys, strict=True)
+                _with_signals(flight, log, every, own_key)
+                for flight, log, own_key in zip(simulated, flights, keys, strict=True)
             ]
     return None
 
@@ -138,7 +138,7 @@ def fly_paths(
 def _parts(rows: Rows, lengths: Sequence[int]) -> list[Rows]:
     """Returns the first rows of each flight."""
     return [
-        Rows(*(values[place, :length] for values in rows)) for place, length in enumerate(lengths)
+        Rows(*(values[index, :length] for values in rows)) for index, length in enumerate(lengths)
     ]
 
 
@@ -177,7 +177,7 @@ def _path(flight: Flight, design: Parameters, rate: int, steps: int, thrust: flo
     own = np.arange(len(flight)) * flight.period
     # A command of a zero-order hold is one of a row, else one of many between two rows.
     at = np.arange(steps) * (flight.period if flight.zero_order_hold else 1 / rate)
-    table = np.column_stack([np.interp(at, own, one) for one in columns.T]).astype(np.float32)
+    table = np.column_stack([np.interp(at, own, column) for column in columns.T]).astype(np.float32)
     return _Path(table[:, :4], table[:, 4:16], table[:, 16:])
 
 
@@ -192,7 +192,7 @@ def _fly(
 ) -> Rows:
     period = 1.0 / world.controller.interface.rate
 
-    def one(path: _Path, key: Array) -> Rows:
+    def fly_path(path: _Path, key: Array) -> Rows:
         steps = len(path.command)
 
         def command(
@@ -226,7 +226,7 @@ def _fly(
         )
         return simulate(own, lambda *_: jnp.zeros(4), drone, key, steps)
 
-    return jax.vmap(one)(paths, keys)
+    return jax.vmap(fly_path)(paths, keys)
 
 
 def _in_heading(vector: Float[Array, "3"], yaw: Float[Array, ""]) -> Float[Array, "3"]:
@@ -251,9 +251,9 @@ def _gain(drone: Parameters, rate: int, allowed: float) -> Float[np.ndarray, "4 
     hover = np.float32(1 / np.sqrt(float(drone.thrust_to_weight)))
 
     def derivative(deviation: Float[Array, "20"]) -> Float[Array, "16"]:
-        place, velocity, attitude, rates = deviation[:12].reshape(4, 3)
+        position, velocity, attitude, rates = deviation[:12].reshape(4, 3)
         speed, command = hover + deviation[12:16], hover**2 + deviation[16:]
-        state = State(place, velocity, rotations.from_attitude(attitude), rates, speed)
+        state = State(position, velocity, rotations.from_attitude(attitude), rates, speed)
         spin_up = dynamics.motor_derivative(speed, jnp.sqrt(command), slow)
         force = dynamics.linear_acceleration(state, slow)
         turning = dynamics.angular_acceleration(state, spin_up, slow)

@@ -54,31 +54,31 @@ class Posterior(Mapping[str, Float[np.ndarray, "N"]]):
         """Returns a line for each parameter: its median and 95 % interval."""
         head = f"posterior: {self.size} samples; SI units: median, 95 % interval"
         rows = (
-            f"{one['parameter']:24}{one['median']:12.4g}  [{one['low']:.4g}, {one['high']:.4g}]"
-            for one in self.summary().iter_rows(named=True)
+            f"{row['parameter']:24}{row['median']:12.4g}  [{row['low']:.4g}, {row['high']:.4g}]"
+            for row in self.summary().iter_rows(named=True)
         )
         return "\n".join([head, *rows])
 
-    def ensemble(self, drone: Parameters, place: str = "drone.toml") -> Ensemble:
+    def ensemble(self, drone: Parameters, source: str = "drone.toml") -> Ensemble:
         """Returns the samples as drones to train over.
 
         Args:
             drone: of the other parameters.
-            place: the drone's file, for errors.
+            source: the drone's file, for errors.
 
         Raises:
             InputError: there are no samples, or one is outside its physical range.
         """
         if not self.size:
             raise InputError(
-                f"{place}: no [posterior] to draw drones from. Make the file with: maidenflight "
-                f"identify LOGS -o {place}."
+                f"{source}: no [posterior] to draw drones from. Make the file with: maidenflight "
+                f"identify LOGS -o {source}."
             )
         rows = np.stack(list(self.values()), axis=1).astype(np.float32)
         return ensemble(
             [
                 check(
-                    replace(drone, **dict(zip(self, row, strict=True))), f"{place} [posterior] {i}"
+                    replace(drone, **dict(zip(self, row, strict=True))), f"{source} [posterior] {i}"
                 )
                 for i, row in enumerate(rows, 1)
             ]

@@ -20,14 +20,14 @@ class Ends(NamedTuple):
 
     def about(self, start: Parameters, name: str) -> tuple[float, float]:
         """Returns the ends of a parameter about a drone, SI units, within its physical range."""
-        one = 1.0
+        unit = 1.0
         if self.of == "start":
-            one = float(component(start, name))
+            unit = float(component(start, name))
         elif self.of:
-            one = arm_length(start)
-            one *= float(start.mass * start.gravity) if self.of == "torque" else 1.0
+            unit = arm_length(start)
+            unit *= float(start.mass * start.gravity) if self.of == "torque" else 1.0
         quantity = QUANTITIES[COMPONENTS[name][0]]
-        return max(self.low * one, quantity.lower), min(self.high * one, quantity.upper)
+        return max(self.low * unit, quantity.lower), min(self.high * unit, quantity.upper)
 
 
 class Unknown(NamedTuple):

@@ -23,10 +23,10 @@ def part_names(size: int) -> str:
 COMPONENTS: dict[str, tuple[str, int | None]] = {
     **{name: (name, None) for name, quantity in QUANTITIES.items() if quantity.size == 1},
     **{
-        f"{name}_{axis}": (name, place)
+        f"{name}_{axis}": (name, index)
         for name, quantity in QUANTITIES.items()
         if quantity.size > 1
-        for place, axis in enumerate(part_names(quantity.size))
+        for index, axis in enumerate(part_names(quantity.size))
     },
 }
 """Every single number of `Parameters` by name, such as `latency`, `inertia_x` or `rotor_thrust_1`:
@@ -55,9 +55,9 @@ def check_names(names: Iterable[str]) -> None:
 
 def component(parameters: Parameters, name: str) -> Any:
     """Returns one number of a drone, by a name of `COMPONENTS`."""
-    field_name, place = COMPONENTS[name]
+    field_name, index = COMPONENTS[name]
     value = getattr(parameters, field_name)
-    return value if place is None else value[..., place]
+    return value if index is None else value[..., index]
 
 
 def replace(parameters: Parameters, /, **changes: Any) -> Parameters:
@@ -71,7 +71,7 @@ def replace(parameters: Parameters, /, **changes: Any) -> Parameters:
             raise InputError(f"unknown parameter {name!r}; known are {', '.join(QUANTITIES)}.")
     vectors: dict[str, list[Any]] = {}
     for name in [name for name in changes if name in COMPONENTS and name not in QUANTITIES]:
-        field_name, place = COMPONENTS[name]
+        field_name, index = COMPONENTS[name]
         parts = vectors.setdefault(
             field_name,
             [
@@ -79,7 +79,7 @@ def replace(parameters: Parameters, /, **changes: Any) -> Parameters:
                 for axis in range(QUANTITIES[field_name].size)
             ],
         )
-        parts[place if place is not None else 0] = changes.pop(name)
+        parts[index if index is not None else 0] = changes.pop(name)
     stacked = {name: _stacked(parts) for name, parts in vectors.items()}
     return dataclasses.replace(parameters, **changes, **stacked)
 
@@ -99,15 +99,21 @@ def noiseless(parameters: Parameters) -> Parameters:
         if ("noise" in name and not name.endswith("rate")) or name.endswith("_walk")
     ]
     further = "gyro_turn_on_bias", "turn_drift"
-    return replace(parameters, **dict.fromkeys([*sizes, *further], np.float32(0.0)))
+    return calm(replace(parameters, **dict.fromkeys([*sizes, *further], np.float32(0.0))))
 
 
-def check(parameters: Parameters, place: str = "parameters") -> Parameters:
+def calm(parameters: Parameters) -> Parameters:
+    """Returns the same drone without disturbances."""
+    sizes = "disturbance_torque", "disturbance_force"
+    return replace(parameters, **{name: 0.0 * getattr(parameters, name) for name in sizes})
+
+
+def check(parameters: Parameters, source: str = "parameters") -> Parameters:
     """Returns one drone's parameters if every value lies in its physical range.
 
     Args:
         parameters: a point, without batch axes.
-        place: what the error names, usually a file.
+        source: what the error names, usually a file.
 
     Raises:
         InputError: a value is not a finite number, has the wrong number of components or is out of
@@ -117,7 +123,7 @@ def check(parameters: Parameters, place: str = "parameters") -> Parameters:
         value = np.asarray(getattr(parameters, name))
         if value.shape != (() if quantity.size == 1 else (quantity.size,)):
             raise InputError(
-                f"{place}: {name} has shape {value.shape}, expected "
+                f"{source}: {name} has shape {value.shape}, expected "
                 f"{'one number' if quantity.size == 1 else f'{quantity.size} numbers'}."
             )
         if not (
@@ -126,11 +132,11 @@ def check(parameters: Parameters, place: str = "parameters") -> Parameters:
             and np.all(value <= np.float32(quantity.upper))
         ):
             raise InputError(
-                f"{place}: {name} = {plain(value)} {quantity.unit} is outside its physical range"
+                f"{source}: {name} = {plain(value)} {quantity.unit} is outside its physical range"
                 f" [{quantity.lower:g}, {quantity.upper:g}]. Check the unit; values are SI."
             )
-    platform_of(parameters.platform, place)
-    return frames.check(parameters, place)
+    platform_of(parameters.platform, source)
+    return frames.check(parameters, source)
 
 
 def plain(value: Any) -> Any:

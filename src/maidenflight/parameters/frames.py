@@ -123,12 +123,12 @@ def effectiveness(drone: "Parameters") -> Float[np.ndarray, "4 4"]:
     return np.concatenate([np.ones((1, 4)), turned.T])
 
 
-def check(drone: "Parameters", place: str) -> "Parameters":
+def check(drone: "Parameters", source: str) -> "Parameters":
     """Returns a drone whose rotors can hover it and turn it about every axis.
 
     Args:
         drone: a point.
-        place: what the error names, usually a file.
+        source: what the error names, usually a file.
 
     Raises:
         InputError: a direction is neither 1 nor -1, the rotors' thrusts cannot make thrust and
@@ -137,7 +137,7 @@ def check(drone: "Parameters", place: str) -> "Parameters":
     direction = np.asarray(drone.rotor_direction)
     if not np.all(np.abs(direction) == 1.0):
         raise InputError(
-            f"{place}: rotor_direction = {direction.tolist()}, expected 1 or -1 for each rotor: 1 "
+            f"{source}: rotor_direction = {direction.tolist()}, expected 1 or -1 for each rotor: 1 "
             "where it turns clockwise from above, and so turns the body to the left."
         )
     works = effectiveness(drone)
@@ -146,7 +146,7 @@ def check(drone: "Parameters", place: str) -> "Parameters":
         x, y = (np.round(np.asarray(getattr(drone, name), float), 5).tolist() for name in PLACES)
         lack = "hover" if steered else "steer roll, pitch, yaw and thrust independently"
         raise InputError(
-            f"{place}: rotors at x = {x} m, y = {y} m with directions {direction.tolist()} do not "
+            f"{source}: rotors at x = {x} m, y = {y} m with directions {direction.tolist()} do not "
             f"{lack}. Give their places from the centre of mass, which must lie between them, in "
             "the order front right, back right, back left, front left, and the direction of each; "
             "neighbours usually turn opposite ways."

@@ -86,7 +86,7 @@ def crazyflie() -> Parameters:
     thrust-to-weight ratio, motor time constant and latency those that its Bayesian optimisation
     found for T = 30 (table:results-sim-opt); noise is that of the authors' code.
     """
-    return Parameters(**{name: one.paper for name, one in QUANTITIES.items()})
+    return Parameters(**{name: quantity.paper for name, quantity in QUANTITIES.items()})
 
 
 _COUNTS = 60000.0 / 65535.0
@@ -155,9 +155,9 @@ def crazyflie_brushless() -> Parameters:
 
 def x500() -> Parameters:
     """Returns the Holybro X500 v2 as PX4 simulates it; sources are in `DRONES`."""
-    body, rotor, place = 2.0, 0.016076923, 0.174
+    body, rotor, offset = 2.0, 0.016076923, 0.174
     mass, thrust = body + 4 * rotor, 8.54858e-6 * 1000.0**2
-    along, about = 4 * rotor * place**2, 8 * rotor * place**2
+    along, about = 4 * rotor * offset**2, 8 * rotor * offset**2
     return replace(
         crazyflie(),
         thrust_to_weight=4 * thrust / (mass * _GRAVITY),
@@ -168,7 +168,7 @@ def x500() -> Parameters:
         torque_offset=0.0,
         mass=mass,
         inertia=(0.02166667 + along, 0.02166667 + along, 0.04 + about),
-        **h_frame(place, place),
+        **h_frame(offset, offset),
         ground_effect=11.37 * (0.127 / 4) ** 2,
     )
 

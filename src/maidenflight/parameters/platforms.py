@@ -89,18 +89,18 @@ PLATFORMS: dict[str, Platform] = {
 """By name. The first has the mass of firmware 2021.10, as the paper's drone."""
 
 
-def platform_of(name: str, place: str = "drone") -> Platform:
+def platform_of(name: str, source: str = "drone") -> Platform:
     """Returns the platform of a name.
 
     Args:
         name: of `PLATFORMS`.
-        place: what the error names, usually a file.
+        source: what the error names, usually a file.
 
     Raises:
         InputError: there is none.
     """
     if name not in PLATFORMS:
         raise InputError(
-            f"{place}: platform = {str(name)[:40]!r}; expected one of {', '.join(PLATFORMS)}."
+            f"{source}: platform = {str(name)[:40]!r}; expected one of {', '.join(PLATFORMS)}."
         )
     return PLATFORMS[name]

@@ -17,54 +17,17 @@ import jax
 import numpy as np
 
 from maidenflight.parameters.platforms import CRAZYFLIE
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """What is known of one physical constant."""
-
-    symbol: str
-    unit: str
-    """SI; "-" for a pure number."""
-    paper: Any
-    """The value of the paper's Crazyflie: a number, or one of each component."""
-    lower: float
-    """Smallest value with a physical meaning."""
-    upper: float
-    """Largest plausible value for a drone of 5 g to 5 kg."""
-    meaning: str
-    source: str
-    """Where the model or the named drone's value comes from."""
-    table: str
-    """The table of the TOML file in which it stands."""
-
-    @property
-    def size(self) -> int:
-        """Number of components."""
-        return len(self.paper) if isinstance(self.paper, tuple) else 1
-
-
-def quantity(
-    table: str,
-    label: str,
-    paper: Any,
-    bounds: tuple[float, float],
-    meaning: str,
-    source: str,
-) -> Any:
-    """Returns a field of `Parameters`, with what is known of it; labelled as `T_m [s]`."""
-    symbol, _, unit = label.removesuffix("]").partition(" [")
-    return field(
-        metadata={"quantity": Quantity(symbol, unit, paper, *bounds, meaning, source, table)}
-    )
-
+from maidenflight.parameters.quantity import Quantity, quantity
 
 _PAPER = "Gronauer et al. 2022"
 _THRUST_CURVE = "affine-quadratic curves fitted to load cells by others, such as crazyflow's"
 _AUTHORS = "the authors' code (phoenix-drone-simulation c5d6907)"
 _ARM = 0.0396 / math.sqrt(2.0)
 _motors, _body, _air = (partial(quantity, table) for table in ("motors", "body", "air"))
-_sensors, _battery = partial(quantity, "sensors"), partial(quantity, "battery")
+_sensors, _battery, _disturbance = (
+    partial(quantity, table) for table in ("sensors", "battery", "disturbance")
+)
+_SLOW = "measured from flights, by validate --disturbances"
 
 
 @jax.tree_util.register_dataclass
@@ -372,6 +335,27 @@ class Parameters:
         (1e-5, 0.02),
         "mean physics step",
         f"{_PAPER}, sec. Simulation Environment: 200 Hz",
+    )
+    disturbance_torque: Any = _disturbance(
+        "sigma_tau [N m]",
+        (0.0, 0.0, 0.0),
+        (0.0, 1.0),
+        "standard deviation of torques on the body about x, y, z that change slowly; 0 in the "
+        "paper's model",
+        _SLOW,
+    )
+    disturbance_torque_time: Any = _disturbance(
+        "tau_tau [s]", 0.6, (1e-3, 1e3), "correlation time of those torques", _SLOW
+    )
+    disturbance_force: Any = _disturbance(
+        "sigma_F [N]",
+        (0.0, 0.0, 0.0),
+        (0.0, 50.0),
+        "the same of forces along body x, y, z; 0 in the paper's model",
+        _SLOW,
+    )
+    disturbance_force_time: Any = _disturbance(
+        "tau_F [s]", 0.35, (1e-3, 1e3), "correlation time of those forces", _SLOW
     )
     platform: str = field(default=CRAZYFLIE, metadata={"static": True})
     """Whose gains the firmware's inner loops have, a name of `platforms.PLATFORMS`."""

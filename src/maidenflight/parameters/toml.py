@@ -20,6 +20,12 @@ from maidenflight.parameters.quantities import QUANTITIES, Parameters
 
 FORMAT = 7
 """Version of the TOML layout."""
+_STILL = {
+    name: list(quantity.paper) if quantity.size > 1 else quantity.paper
+    for name, quantity in QUANTITIES.items()
+    if quantity.table == "disturbance"
+}
+"""What a file without that table says."""
 _LARGEST = float(np.finfo(np.float32).max)
 
 
@@ -69,21 +75,21 @@ def to_toml(
     return tomlkit.dumps(document)
 
 
-def from_toml(text: str, place: str = "drone.toml") -> Parameters:
+def from_toml(text: str, source: str = "drone.toml") -> Parameters:
     """Reads one drone from TOML text; see `from_document` for the errors."""
-    return from_document(_parsed(text, place), place)
+    return from_document(_parsed(text, source), source)
 
 
-def _parsed(text: str, place: str) -> dict[str, Any]:
+def _parsed(text: str, source: str) -> dict[str, Any]:
     try:
         return inputs.from_toml(text)
     except ValueError as error:  # TOMLDecodeError, or a number of more digits than Python reads
         raise InputError(
-            f"{place}: not valid TOML: {error}. Mend it there, or write the file again."
+            f"{source}: not valid TOML: {error}. Mend it there, or write the file again."
         ) from error
 
 
-def from_document(document: Mapping[str, Any], place: str) -> Parameters:
+def from_document(document: Mapping[str, Any], source: str) -> Parameters:
     """Takes the parameters from what a drone's TOML file says.
 
     In [body], `layout = "x"` or `"+"` with `arm_length` [m] stand for the places and directions of
@@ -91,7 +97,7 @@ def from_document(document: Mapping[str, Any], place: str) -> Parameters:
 
     Args:
         document: the file's content.
-        place: the file's name, for errors.
+        source: the file's name, for errors.
 
     Raises:
         InputError: an unknown format or key, a missing value, a value that is no number or outside
@@ -101,35 +107,36 @@ def from_document(document: Mapping[str, Any], place: str) -> Parameters:
     if type(layout) is not int or layout != FORMAT:
         now = "; rotor_x, rotor_y and rotor_direction are what arm_length was"
         raise InputError(
-            f"{place}: format = {str(layout)[:40]}, expected {FORMAT}. If it is a drone file of "
+            f"{source}: format = {str(layout)[:40]}, expected {FORMAT}. If it is a drone file of "
             f"another version, identify or write the drone again{now if layout == 4 else ''}."
         )
     astray = next((name for name in document if name in QUANTITIES), None)
     if astray:
         raise InputError(
-            f"{place}: {astray} stands outside its table. Put it into [{QUANTITIES[astray].table}]."
+            f"{source}: {astray} stands outside its table. Put it into "
+            f"[{QUANTITIES[astray].table}]."
         )
     fields: dict[str, Any] = {}
     for table in dict.fromkeys(quantity.table for quantity in QUANTITIES.values()):
-        content = document.get(table, {})
+        content = document.get(table, _STILL if table == "disturbance" else {})
         if not isinstance(content, dict):
-            raise InputError(f"{place}: {table} is a value, expected a table [{table}].")
+            raise InputError(f"{source}: {table} is a value, expected a table [{table}].")
         if table == "body":
-            content = _laid_out(content, place)
+            content = _laid_out(content, source)
         for name, value in content.items():
             if name not in QUANTITIES or QUANTITIES[name].table != table:
-                raise InputError(f"{place}: unknown key {name!r} in [{table}]{_suggestion(name)}")
-            fields[name] = _numbers(value, name, place)
+                raise InputError(f"{source}: unknown key {name!r} in [{table}]{_suggestion(name)}")
+            fields[name] = _numbers(value, name, source)
     missing = [name for name in QUANTITIES if name not in fields]
     if missing:
         raise InputError(
-            f"{place}: missing {', '.join(missing)}. Start from a complete file: maidenflight "
+            f"{source}: missing {', '.join(missing)}. Start from a complete file: maidenflight "
             "drone crazyflie -o mine.toml."
         )
-    return check(Parameters(**fields, platform=document.get("platform", CRAZYFLIE)), place)
+    return check(Parameters(**fields, platform=document.get("platform", CRAZYFLIE)), source)
 
 
-def _laid_out(body: Mapping[str, Any], place: str) -> Mapping[str, Any]:
+def _laid_out(body: Mapping[str, Any], source: str) -> Mapping[str, Any]:
     """What the table [body] says, with a `layout` and its `arm_length` as places of the rotors."""
     geometry = {name: body[name] for name in ("layout", "arm_length") if name in body}
     if not geometry:
@@ -139,7 +146,7 @@ def _laid_out(body: Mapping[str, Any], place: str) -> Mapping[str, Any]:
     known = layout if isinstance(layout, str) and layout in LAYOUTS else None
     if twice or known is None or not isinstance(arm, float | int) or isinstance(arm, bool):
         raise InputError(
-            f"{place}: layout = {layout!r} and arm_length = {arm!r}"
+            f"{source}: layout = {layout!r} and arm_length = {arm!r}"
             f"{f' beside {twice[0]}' if twice else ''}. Give either both, layout as one of "
             f"{', '.join(map(repr, LAYOUTS))} and arm_length [m] from the centre to a rotor, or "
             f"{', '.join(GEOMETRY)} of the four rotors."
@@ -147,7 +154,7 @@ def _laid_out(body: Mapping[str, Any], place: str) -> Mapping[str, Any]:
     try:
         frame = LAYOUTS[known](float(arm))
     except InputError as error:
-        raise InputError(f"{place}: {error}") from error
+        raise InputError(f"{source}: {error}") from error
     rest = {name: value for name, value in body.items() if name not in geometry}
     return {**rest, **{name: list(values) for name, values in frame.items()}}
 
@@ -159,20 +166,20 @@ def _suggestion(name: str) -> str:
     return f"; did you mean {close[0]!r} in [{QUANTITIES[close[0]].table}]?" if close else "."
 
 
-def _numbers(value: Any, name: str, place: str) -> Any:
+def _numbers(value: Any, name: str, source: str) -> Any:
     entries = value if isinstance(value, list) else [value]
     if not all(isinstance(entry, float | int) and not isinstance(entry, bool) for entry in entries):
         raise InputError(
-            f"{place}: {name} = {value!r}, expected "
+            f"{source}: {name} = {value!r}, expected "
             f"{f'{QUANTITIES[name].size} numbers' if QUANTITIES[name].size > 1 else 'a number'}."
         )
     if isinstance(value, list) != (QUANTITIES[name].size > 1):
         raise InputError(
-            f"{place}: {name} has {len(entries)} values, expected {QUANTITIES[name].size}."
+            f"{source}: {name} has {len(entries)} values, expected {QUANTITIES[name].size}."
         )
     if any(_LARGEST < abs(entry) < math.inf for entry in entries):
         raise InputError(
-            f"{place}: {name} = {str(value)[:40]} is outside what a number here can be. Check the "
+            f"{source}: {name} = {str(value)[:40]} is outside what a number here can be. Check the "
             "unit; values are SI."
         )
     return tuple(map(float, entries)) if isinstance(value, list) else float(value)

@@ -115,10 +115,9 @@ def report_comparison(
     """
     if not isinstance(sources, Mapping):
         # Of drone.toml its folder is the name.
-        places = [Path(one) for one in sources]
+        places = [Path(source) for source in sources]
         paths = [
-            (place.parent if place.name == run_folder.DRONE else place).resolve()
-            for place in places
+            (path.parent if path.name == run_folder.DRONE else path).resolve() for path in places
         ]
         if len(set(paths)) < len(paths):
             raise InputError(f"{places[0]}: the same run twice; give others to compare.")

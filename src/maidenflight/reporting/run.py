@@ -165,7 +165,9 @@ def read_run(source: StrPath | None = None, options: FileOptions | None = None) 
         controls={} if table is None else trained.controls(policies, table["policy"]),
         table=table,
         flights=flights,
-        records={name: one for name, one in records.items() if isinstance(one, dict) and one},
+        records={
+            name: record for name, record in records.items() if isinstance(record, dict) and record
+        },
         refused=tuple(refused),
         missing_files=files.missing,
         other_files=files.others,
@@ -215,7 +217,9 @@ def _recorded(
     for path in files.files.get("logs", ())[:MAX_FLIGHTS]:
         own = _is_own(path)
         try:
-            flights += [(path, one) for one in ([_own(path, records)] if own else _pieces(path))]
+            flights += [
+                (path, flight) for flight in ([_own(path, records)] if own else _pieces(path))
+            ]
         except InputError as error:
             if path in files.required_logs or own:
                 raise
@@ -229,7 +233,7 @@ def _pieces(path: Path) -> Sequence[Flight]:
         return read_flights(path, faulty="use").flights
     except InputError:
         whole = whole_flights(path)
-        pieces = [one for one in whole if one.duration < BRIEF_S and usable(one).stop > 1]
+        pieces = [piece for piece in whole if piece.duration < BRIEF_S and usable(piece).stop > 1]
         if not pieces:
             raise
         return pieces

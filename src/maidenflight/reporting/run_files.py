@@ -114,29 +114,29 @@ def find_files(source: StrPath | None, options: FileOptions) -> RunFiles:
     return RunFiles(files, required, run.missing, _others(run, run_paths))
 
 
-def drone_file_of(place: StrPath) -> Path | None:
+def drone_file_of(source: StrPath) -> Path | None:
     """Returns the drone file that a path is, or that lies in it by the usual name."""
-    path = Path(place)
+    path = Path(source)
     file = path / run_folder.DRONE if path.is_dir() else path
     return file if file.suffix == ".toml" and file.is_file() else None
 
 
-def nothing_here(place: Path, missing: Sequence[str] = ()) -> InputError:
+def nothing_here(path: Path, missing: Sequence[str] = ()) -> InputError:
     """Returns the error where there is nothing for a report, with what may hold flights."""
-    kinds = not_logs.below(place)[0] if place.is_dir() else None
-    wrong = "nothing of a run here" if os.path.lexists(place) else "no such file or folder"
+    kinds = not_logs.below(path)[0] if path.is_dir() else None
+    wrong = "nothing of a run here" if os.path.lexists(path) else "no such file or folder"
     return InputError(
-        f"{place}: {wrong}. "
+        f"{path}: {wrong}. "
         + (f"{manifest.NAME} lists {missing[0]}, which is no longer there. " if missing else "")
         + f"Give a folder with {manifest.NAME}, which commands write beside their output, a file "
-        f"or folder that it lists, or others by options: --logs {place} for flight logs, "
+        f"or folder that it lists, or others by options: --logs {path} for flight logs, "
         "--drone FILE, --policies FOLDER, --flights TABLE."
         + (f" Found: {not_logs.describe(kinds)}" if kinds else "")
     )
 
 
 def _paths_of_option(kind: str, value: StrPath | Sequence[StrPath]) -> list[Path]:
-    paths = [Path(one) for one in ([value] if isinstance(value, str | os.PathLike) else value)]
+    paths = [Path(path) for path in ([value] if isinstance(value, str | os.PathLike) else value)]
     for path in paths:
         if not path.exists() or (path.is_dir() and kind not in ("logs", "policies")):
             problem = "is a folder" if path.exists() else "no such file or folder"
@@ -160,7 +160,7 @@ def _with_companions(kind: Kind, paths: Sequence[Path]) -> dict[Kind, list[Path]
         folder = path if path.is_dir() else path.parent
         files["policies"] = run_folder.find_policies(path) if path.is_dir() else [path]
         files["training"] = [folder / run_folder.TRAINING.name]
-    return {each: [one for one in ones if os.path.lexists(one)] for each, ones in files.items()}
+    return {each: [path for path in ones if os.path.lexists(path)] for each, ones in files.items()}
 
 
 def _entry_to_show(run: Manifest, group: Sequence[Kind]) -> Entry | None:

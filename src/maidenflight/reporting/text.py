@@ -50,9 +50,9 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 def symbol(name: str) -> Markup:
     """Returns a parameter's symbol as HTML: of `T_m` T with a subscript."""
     letters = "|".join(_GREEK)
-    field, place = COMPONENTS.get(name, (name, None))
+    field, index = COMPONENTS.get(name, (name, None))
     quantity = QUANTITIES[field]
-    part = "" if place is None else f"_{part_names(quantity.size)[place]}"
+    part = "" if index is None else f"_{part_names(quantity.size)[index]}"
     symbol_text = quantity.symbol + part
     greek = re.sub(rf"(?<![a-z])({letters})(?![a-z])", lambda match: _GREEK[match[0]], symbol_text)
     return Markup(re.sub(r"_(\w+)", r"<sub>\1</sub>", str(escape(greek))))

@@ -22,8 +22,8 @@ def viewer_data(run: Run) -> dict[str, Any]:
     rate = rate_of(len(places))
     references: list[dict[str, Any] | None] = []
     packed = []
-    for place in places:
-        flight = flights[place]
+    for index in places:
+        flight = flights[index]
         every, usable_rows = max(1, round(1 / (rate * flight.period))), runs.usable(flight)
         has_setpoint = np.isfinite(flight.setpoint[usable_rows]).all()
         reference = _packed(flight.setpoint[usable_rows][::every]) if has_setpoint else None
@@ -35,8 +35,8 @@ def viewer_data(run: Run) -> dict[str, Any]:
             columns.append(true)
         rows = np.concatenate(columns, axis=1)[usable_rows][::every]
         about = {
-            "row": place,
-            "label": _label(run, place, flight),
+            "row": index,
+            "label": _label(run, index, flight),
             "simulated": flight.simulated,
             "period": round(flight.period * every, 6),
         }
@@ -52,10 +52,10 @@ def rate_of(flights: int) -> float:
     return next(rate for most, rate in RATES if flights <= most)
 
 
-def _label(run: Run, place: int, flight: Flight) -> str:
+def _label(run: Run, index: int, flight: Flight) -> str:
     if run.table is None:
         return f"{flight.name}, {flight.duration:.1f} s"
-    row = run.table.row(place, named=True)
+    row = run.table.row(index, named=True)
     label = "Flight {flight}: {policy} in {reality}, trial {trial}, {duration:.1f} s, {end_reason}"
     return label.format(**row)
 

@@ -16,9 +16,10 @@ from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.controllers.control import Controller
-from maidenflight.simulator.physics import actuators, dynamics, latency, sensors
+from maidenflight.simulator.physics import actuators, disturbance, dynamics, latency, sensors
 from maidenflight.simulator.physics.actuators import Actuators
 from maidenflight.simulator.physics.battery import MOST_COUNTS, PLUS, Supply, ThrustLaw
+from maidenflight.simulator.physics.disturbance import draw_disturbance
 from maidenflight.simulator.physics.dynamics import Integrator, State
 from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import OBSERVATION_SIZE, PolicySpec, observe
@@ -48,6 +49,8 @@ class Environment:
     command (Crazyflie: 100 Hz, 500 Hz)."""
     estimator_memory: int = 0
     """Estimates that a late estimator remembers; 0: the estimator is not late."""
+    disturbed: bool = False
+    """Whether torques and forces that change slowly act, of `disturbance_torque` and so on."""
     spec: PolicySpec = PolicySpec()
     """What the policy sees and remembers."""
 
@@ -81,7 +84,7 @@ class Environment:
             task: the paper's circle by default.
             controller: PWM by default; the firmware's PIDs mix for the drone's frame.
             settings: further fields. The thrust law is today's firmware's, by default, where a
-                command of 1 is full PWM, and else none.
+                command of 1 is full PWM, and else none. Disturbances act on drones that have some.
 
         Raises:
             InputError: the time step does not divide the period.
@@ -89,6 +92,7 @@ class Environment:
         task, controller = task or tasks.circle(), (controller or control.pwm()).on(parameters)
         if controller.interface.full_scale_counts == MOST_COUNTS:
             settings = {"thrust_law": PLUS, **settings}
+        settings = {"disturbed": disturbance.is_disturbed(parameters), **settings}
         step = float(np.asarray(parameters.time_step))
         steps = 1.0 / (controller.command_rate * step)
         if round(steps) < 1 or abs(steps - round(steps)) > 1e-3:
@@ -106,6 +110,11 @@ class Environment:
         """What becomes of thrust commands before the motors."""
         full = self.controller.interface.full_scale_counts
         return Supply(self.thrust_law, full, self.battery)
+
+    @property
+    def disturbance_size(self) -> int:
+        """Numbers of a disturbance: none where nothing disturbs, so that it costs nothing."""
+        return disturbance.SIZE if self.disturbed else 0
 
     @property
     def commands_per_action(self) -> int:
@@ -142,6 +151,8 @@ class EnvState(NamedTuple):
     estimator: Float[Array, "memory 10"]
     drift: Float[Array, "6"]
     """Errors of the estimated position [m] and velocity [m/s]."""
+    disturbance: Float[Array, "D"]
+    """See `disturbance.SIZE`; empty where nothing disturbs."""
     measurement: Measurement
     """What the sensors say now."""
     history: Float[Array, "H 20"]
@@ -195,13 +206,16 @@ def begin(
             only).
     """
     state = dynamics.check_state(state)
-    normal, uniform = sensors.draw_noise(key, 3 + sensors.NORMALS + 3, sensors.UNIFORMS)
+    read_size = 3 + sensors.NORMALS + 3
+    normal, uniform = sensors.draw_noise(
+        key, read_size + environment.disturbance_size, sensors.UNIFORMS
+    )
     command = environment.task.first_command(parameters)
     bias = sensors.turn_on_bias(parameters, normal[:3])
     estimator = jnp.zeros((environment.estimator_memory, 10))
     for _ in range(environment.estimator_memory):
         estimator = sensors.remember(estimator, state)
-    shaken = parameters.gyro_noise * normal[3 + sensors.NORMALS :]
+    shaken = parameters.gyro_noise * normal[3 + sensors.NORMALS : read_size]
     read = state._replace(body_rates=state.body_rates + bias + shaken)
     measurement = sensors.measure(read, parameters, normal[3 : 3 + sensors.NORMALS], uniform)
     action = environment.controller.interface.level(command)
@@ -219,6 +233,9 @@ def begin(
         gyro_noise=shaken,
         estimator=estimator,
         drift=jnp.zeros(6),
+        disturbance=draw_disturbance(
+            jnp.zeros(environment.disturbance_size), jnp.inf, parameters, normal[read_size:]
+        ),
         measurement=measurement,
         history=jnp.broadcast_to(instant, (environment.spec.history, OBSERVATION_SIZE)),
         action=action,

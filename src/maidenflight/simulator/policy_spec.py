@@ -52,7 +52,7 @@ class PolicyForm:
     """The action that commands what an output does."""
     output_of: Callable[[Float[ArrayLike, "4"]], Float[ArrayLike, "4"]] = _same
     """The output that commands what an action does."""
-    check: Callable[[ControlInterface, str], None] = lambda commanded, place: None
+    check: Callable[[ControlInterface, str], None] = lambda commanded, source: None
     """Refuses interfaces that such policies cannot command; the text is what errors name."""
     methods: tuple[str, ...] = ("distillation", "gradient", "ppo")
     """By which they are trained, in `names.METHODS`; the first where there is a memory."""
@@ -72,13 +72,13 @@ class PolicyForm:
             )
 
 
-def require_pwm(form: str, commanded: ControlInterface, place: str = "policy") -> None:
+def require_pwm(form: str, commanded: ControlInterface, source: str = "policy") -> None:
     """Checks that an interface is the motors', as policies of a form command it.
 
     Args:
         form: its name.
         commanded: what they command.
-        place: what errors name, such as the file.
+        source: what errors name, such as the file.
 
     Raises:
         InputError: it is another.
@@ -86,7 +86,7 @@ def require_pwm(form: str, commanded: ControlInterface, place: str = "policy") -
     usual = pwm(full_scale_counts=commanded.full_scale_counts)
     if commanded != usual:
         raise InputError(
-            f"{place}: {commanded.name} at {commanded.rate} Hz; a policy of the form {form} has "
+            f"{source}: {commanded.name} at {commanded.rate} Hz; a policy of the form {form} has "
             f"pwm at {usual.rate} Hz."
         )
 
@@ -222,7 +222,7 @@ class PolicySpec:
         if self.policy_form.scaling is not None:
             return self.policy_form.scaling
         mean, deviation = (
-            np.tile(np.array(one, np.float32), self.history) for one in (_MEAN, _DEVIATION)
+            np.tile(np.array(values, np.float32), self.history) for values in (_MEAN, _DEVIATION)
         )
         ahead = self.look_ahead.deviations
         if self.look_ahead.points:

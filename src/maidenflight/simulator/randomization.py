@@ -277,10 +277,11 @@ def stacked(distributions: Sequence[Distribution]) -> Distribution:
         InputError: they are of different kinds, or ensembles of different numbers of drones.
     """
     forms = {
-        (jax.tree.structure(one), *map(np.shape, jax.tree.leaves(one))) for one in distributions
+        (jax.tree.structure(distribution), *map(np.shape, jax.tree.leaves(distribution)))
+        for distribution in distributions
     }
     if len(forms) > 1:
-        kinds = sorted({type(one).__name__ for one in distributions})
+        kinds = sorted({type(distribution).__name__ for distribution in distributions})
         raise InputError(
             f"distributions of different kinds or sizes ({', '.join(kinds)}); expected all of one "
             "kind, such as what mf.simulator.relative_box gives for each drone."

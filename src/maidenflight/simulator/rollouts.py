@@ -48,13 +48,13 @@ def rollout(
         axis of `steps`.
     """
 
-    def one(env_state: EnvState, key: Array) -> tuple[EnvState, tuple[EnvState, StepResult]]:
+    def advance(env_state: EnvState, key: Array) -> tuple[EnvState, tuple[EnvState, StepResult]]:
         after, step_result = step(
             environment, env_state, policy(observation(environment, env_state)), parameters, key
         )
         return after, (env_state, step_result)
 
-    return lax.scan(one, env_state, jax.random.split(key, steps))
+    return lax.scan(advance, env_state, jax.random.split(key, steps))
 
 
 def randomized_reset(

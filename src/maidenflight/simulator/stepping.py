@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 from maidenflight.parameters import Parameters, replace
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.physics import actuators, dynamics, latency, sensors, vectors
+from maidenflight.simulator.physics.disturbance import draw_disturbance, kick
 from maidenflight.simulator.physics.dynamics import Integrator, State
 from maidenflight.simulator.physics.latency import DelayLine
 from maidenflight.simulator.policy_spec import ACTION_SIZE, observe, remember
@@ -44,6 +45,8 @@ class Noise(NamedTuple):
     """Standard normal: of the four actuators and of the gyro."""
     estimate: Float[Array, "E 18"]
     """Standard normal: of the estimate's drift, the gyro's bias, a measurement and the gyro."""
+    disturbance: Float[Array, "E D"]
+    """Standard normal."""
     uniform: Float[Array, "E 6"]
     """Uniform on [-1, 1]: of a measurement."""
 
@@ -52,12 +55,14 @@ def draw(environment: Environment, key: Array) -> Noise:
     """Returns the random numbers of one step."""
     estimates = environment.estimates_per_action
     commands = environment.commands_per_action // estimates
-    size = commands * 7 + sensors.DRIFT_NORMALS + 3 + sensors.NORMALS + 3
+    read = commands * 7 + sensors.DRIFT_NORMALS + 3 + sensors.NORMALS + 3
+    size = read + environment.disturbance_size
     normal, uniform = sensors.draw_noise(key, estimates * size, estimates * sensors.UNIFORMS)
     normal = normal.reshape(estimates, size)
     return Noise(
         command=normal[:, : commands * 7].reshape(estimates, commands, 7),
-        estimate=normal[:, commands * 7 :],
+        estimate=normal[:, commands * 7 : read],
+        disturbance=normal[:, read:],
         uniform=uniform.reshape(estimates, sensors.UNIFORMS),
     )
 
@@ -185,14 +190,16 @@ def _hold_command(
         line = DelayLine(latency.push(env_state.delay_line, speed_command))
     else:
         line = latency.put(env_state.delay_line, speed_command, number)
+    kicked = env_state.disturbance, 0.5 * period, parameters
     state = drive(
         environment.integrator,
-        env_state.state,
+        kick(env_state.state, *kicked),
         line,
         environment.steps_per_command,
         parameters,
         environment.task.floor,
     )
+    state = kick(state, *kicked)
     gyro = sensors.low_pass(
         env_state.gyro, env_state.state.body_rates, state.body_rates, period, parameters
     )
@@ -239,6 +246,7 @@ def _estimate(
         gyro_noise=shaken,
         estimator=estimator,
         drift=drift,
+        disturbance=draw_disturbance(env_state.disturbance, period, parameters, drawn.disturbance),
         measurement=fresh,
     )
 

@@ -60,5 +60,5 @@ def engine(name: str, resources: Resources) -> Engine:
     Raises:
         InputError: there is no such engine, its package is not installed, or it cannot be reached.
     """
-    kind, _, place = name.partition(":")
-    return ENGINES[kind](resources, place)
+    kind, _, address = name.partition(":")
+    return ENGINES[kind](resources, address)

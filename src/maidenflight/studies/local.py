@@ -1,6 +1,6 @@
 """The engine of one machine: processes of the standard library.
 
-Each place has a pool of one process, so that the loss of a process tells which task it had.
+Each slot has a pool of one process, so that the loss of a process tells which task it had.
 """
 
 import os
@@ -25,12 +25,12 @@ def _gpus() -> list[str]:
     """GPUs of this machine by number: those that the environment allows, else all."""
     allowed = os.environ.get("CUDA_VISIBLE_DEVICES")
     if allowed is not None:
-        return [one for one in allowed.split(",") if one]
+        return [gpu for gpu in allowed.split(",") if gpu]
     devices = sorted(glob("/dev/nvidia[0-9]*"), key=lambda name: int(name[len("/dev/nvidia") :]))
     return [name[len("/dev/nvidia") :] for name in devices]
 
 
-class _Place:
+class _Slot:
     """A process for one task at a time."""
 
     def __init__(self, gpus: str) -> None:
@@ -53,15 +53,15 @@ class _Place:
 class Local:
     """Tasks in processes of this machine."""
 
-    def __init__(self, resources: Resources, place: str = ""):
+    def __init__(self, resources: Resources, address: str = ""):
         """Begins with as many processes as cores and GPUs allow, each started when needed.
 
         Raises:
-            InputError: there are not as many GPUs, or there is a place.
+            InputError: there are not as many GPUs, or there is an address.
         """
-        if place:
+        if address:
             raise InputError(
-                f"local:{place}: expected local, which is this machine, or ray:{place}."
+                f"local:{address}: expected local, which is this machine, or ray:{address}."
             )
         self._most = resources.workers or max(1, compiler.count_cores() // resources.cpus)
         self._gpus = [""] * self._most
@@ -74,8 +74,8 @@ class Local:
                 )
             self._most = min(self._most, len(available) // each)
             self._gpus = [",".join(available[n * each : (n + 1) * each]) for n in range(self._most)]
-        self._idle: list[_Place] = []
-        self._busy: dict[Future[TaskResult], tuple[_Place, str]] = {}
+        self._idle: list[_Slot] = []
+        self._busy: dict[Future[TaskResult], tuple[_Slot, str]] = {}
 
     def room(self) -> int:
         """See `Engine`."""
@@ -83,20 +83,20 @@ class Local:
 
     def submit(self, order: Order) -> None:
         """See `Engine`."""
-        place = self._idle.pop() if self._idle else _Place(self._gpus.pop())
-        self._busy[place.submit(order)] = place, order.key
+        slot = self._idle.pop() if self._idle else _Slot(self._gpus.pop())
+        self._busy[slot.submit(order)] = slot, order.key
 
     def ended(self, timeout: float) -> Sequence[TaskResult]:
         """See `Engine`."""
         endings = []
         for future in wait(self._busy, timeout, FIRST_COMPLETED).done:
-            place, key = self._busy.pop(future)
+            slot, key = self._busy.pop(future)
             try:
                 endings.append(future.result())
-                self._idle.append(place)
+                self._idle.append(slot)
             except BrokenExecutor:
-                place.close()
-                self._gpus.append(place.gpus)
+                slot.close()
+                self._gpus.append(slot.gpus)
                 endings.append(
                     TaskResult(key, LOST, "its process was killed, as when memory is full")
                 )
@@ -104,6 +104,6 @@ class Local:
 
     def close(self) -> None:
         """See `Engine`."""
-        for place in [*self._idle, *(place for place, _ in self._busy.values())]:
-            place.close()
+        for slot in [*self._idle, *(slot for slot, _ in self._busy.values())]:
+            slot.close()
         self._idle, self._busy = [], {}

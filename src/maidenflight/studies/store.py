@@ -162,14 +162,14 @@ class Address:
     def folder(self, key: str) -> Path:
         """See `Folder`."""
         # In the user's own cache, which nobody else may write to; anew where it was computed again.
-        place = cache.folder() / "results" / hashlib.sha256(self._address.encode()).hexdigest()[:16]
-        place.mkdir(mode=0o700, parents=True, exist_ok=True)
-        fetched = Folder(place)
+        path = cache.folder() / "results" / hashlib.sha256(self._address.encode()).hexdigest()[:16]
+        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        fetched = Folder(path)
         if fetched.has(key) and fetched.result(key) != self.result(key):
             fetched.remove(key)
         if not fetched.has(key):
-            with fetched.making(key) as place:
-                self._files.get(f"{self._at(_RESULTS, key)}/", f"{place}/", recursive=True)
+            with fetched.making(key) as path:
+                self._files.get(f"{self._at(_RESULTS, key)}/", f"{path}/", recursive=True)
         return fetched.folder(key)
 
     def result(self, key: str) -> dict[str, Any]:
@@ -190,15 +190,15 @@ class Address:
             yield folder
             files = sorted(path for path in folder.rglob("*") if path.is_file())
             for path in sorted(files, key=lambda path: path == folder / RESULT):
-                place = self._at(_RESULTS, key, *path.relative_to(folder).parts)
-                self._files.makedirs(place.rpartition("/")[0], exist_ok=True)
-                self._files.put_file(str(path), place)
+                address = self._at(_RESULTS, key, *path.relative_to(folder).parts)
+                self._files.makedirs(address.rpartition("/")[0], exist_ok=True)
+                self._files.put_file(str(path), address)
 
     def write(self, name: str, content: str) -> None:
         """See `Folder`."""
-        place = self._at(name)
-        self._files.makedirs(place.rpartition("/")[0], exist_ok=True)
-        self._files.pipe_file(place, content.encode())
+        address = self._at(name)
+        self._files.makedirs(address.rpartition("/")[0], exist_ok=True)
+        self._files.pipe_file(address, content.encode())
 
     def read(self, name: str) -> str | None:
         """See `Folder`."""
@@ -220,13 +220,13 @@ Store = Folder | Address
 """Results by key, and files beside them."""
 
 
-def opened(place: inputs.StrPath) -> Store:
+def opened(address: inputs.StrPath) -> Store:
     """Returns the store of a folder, or of an address such as s3://BUCKET/STUDY.
 
     Raises:
         InputError: see `Address`.
     """
-    name = os.fspath(place)
+    name = os.fspath(address)
     return Address(name.rstrip("/")) if _REMOTE.match(name) else Folder(Path(name))
 
 

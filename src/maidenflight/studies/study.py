@@ -93,13 +93,13 @@ class _Entry:
 def to_cell(value: Any) -> Any:
     """Converts a setting to what a table shows."""
     if isinstance(value, dict):
-        return ", ".join(f"{name}={one}" for name, one in value.items())
+        return ", ".join(f"{name}={entry}" for name, entry in value.items())
     return ", ".join(map(str, value)) if isinstance(value, list) else value
 
 
 def settings_of(verb: type[Verb]) -> dict[str, Setting]:
     """Returns the settings of a verb that a study may set: all on which its results depend."""
-    return {name: one for name, (_, one) in verb.settings().items() if one.recorded}
+    return {name: setting for name, (_, setting) in verb.settings().items() if setting.recorded}
 
 
 def read_study(path: StrPath, cpus: int = 1, gpus: int = 0, *, trust: bool = False) -> Study:
@@ -138,21 +138,21 @@ def _find_code(content: Mapping[str, Any]) -> str | None:
         settings = settings_of(find_verb(str(kind))) if is_verb else {}
         for part in (entry.get("settings"), entry.get("grid")) if settings else ():
             for name, value in part.items() if isinstance(part, dict) else ():
-                one = settings.get(name.partition(".")[0])
-                if one is not None and (code := find_code(one.values, value)):
+                setting = settings.get(name.partition(".")[0])
+                if setting is not None and (code := find_code(setting.values, value)):
                     return code
     return None
 
 
 def of(
-    entries: Any, home: StrPath = ".", place: str = "the study", cpus: int = 1, gpus: int = 0
+    entries: Any, home: StrPath = ".", source: str = "the study", cpus: int = 1, gpus: int = 0
 ) -> Study:
     """Returns a study of tables.
 
     Args:
         entries: a list of them, as `read` reads.
         home: folder that paths in them are relative to.
-        place: what holds them, for errors.
+        source: what holds them, for errors.
         cpus: see `read`.
         gpus: see `read`.
 
@@ -161,31 +161,31 @@ def of(
             stands for no earlier entry, or for one of the wrong kind; or there are too many tasks.
     """
     if not isinstance(entries, list) or not entries:
-        raise InputError(f"{place}: no tasks. Expected tables [[task]]; see docs/clusters.md.")
+        raise InputError(f"{source}: no tasks. Expected tables [[task]]; see docs/clusters.md.")
     home = Path(home).resolve()
     known: dict[str, _Entry] = {}
     expanded_tasks: dict[str, list[Task]] = {}
     digests: dict[str, list[str]] = {}
     for number, content in enumerate(entries, 1):
-        entry = _entry(content, f"{place}: task {number}", known)
+        entry = _entry(content, f"{source}: task {number}", known)
         known[entry.name] = entry
         with chdir(home):
             expanded_tasks[entry.name] = _expanded(entry, expanded_tasks, digests, (cpus, gpus))
         if sum(map(len, expanded_tasks.values())) > MAX_TASKS:
-            raise InputError(f"{place}: more than {MAX_TASKS} tasks. Make several studies of it.")
+            raise InputError(f"{source}: more than {MAX_TASKS} tasks. Make several studies of it.")
     return Study(tuple(itertools.chain(*expanded_tasks.values())), home, tuple(entries), cpus, gpus)
 
 
-def _entry(content: Any, place: str, known: Mapping[str, _Entry]) -> _Entry:
+def _entry(content: Any, label: str, known: Mapping[str, _Entry]) -> _Entry:
     if not isinstance(content, dict):
-        raise InputError(f"{place}: is {str(content)[:40]!r}; expected a table [[task]].")
+        raise InputError(f"{label}: is {str(content)[:40]!r}; expected a table [[task]].")
     for name in content:
         if name not in _ENTRIES:
-            raise InputError(f"{place}: {name} is unknown. Expected {', '.join(_ENTRIES)}.")
+            raise InputError(f"{label}: {name} is unknown. Expected {', '.join(_ENTRIES)}.")
     called = content.get("name")
     if not isinstance(called, str) or not called or "." in called or called in known:
-        raise InputError(f"{place}: name = {called!r}; expected a text of its own without a dot.")
-    label = f"{place} ({called})"
+        raise InputError(f"{label}: name = {called!r}; expected a text of its own without a dot.")
+    label = f"{label} ({called})"
     kind = content.get("kind")
     try:
         verb = find_verb(str(kind))
@@ -262,7 +262,9 @@ def _require_maker(
             f"{label}: input {name} = {source!r}; expected the name of an entry above it"
             f"{': ' + ', '.join(known) if known else ''}."
         )
-    makers = {name: one.producer for name, one in settings_of(verb).items() if one.producer}
+    makers = {
+        name: setting.producer for name, setting in settings_of(verb).items() if setting.producer
+    }
     if name not in makers:
         maker_names = ", ".join(makers) or "no setting"
         raise InputError(
@@ -326,7 +328,7 @@ def _content(
         if setting.files and value is not None:
             values = value if isinstance(value, list) else [value]
             content[name] = [
-                [one, _digests(one, f"{entry.label}: {name}", digests)] for one in values
+                [value, _digests(value, f"{entry.label}: {name}", digests)] for value in values
             ]
     try:
         verb = entry.verb.from_settings({**settings, **dict.fromkeys(entry.inputs, PENDING)})

@@ -65,9 +65,9 @@ def perform(order: Order) -> TaskResult:
         }
         with task_store.making(order.key) as folder, chdir(order.home):
             task = verb.from_settings({**order.settings, **_by_kind(verb, input_paths)})
-            place = folder / product_of(verb)
-            rows = task.run(place).rows
-            task.discard_state(place)
+            path = folder / product_of(verb)
+            rows = task.run(path).rows
+            task.discard_state(path)
             record = {
                 "version": __version__,
                 "kind": order.kind,
@@ -92,7 +92,7 @@ def product_of(verb: type[Verb]) -> str:
 
 def _by_kind(verb: type[Verb], input_paths: dict[str, str]) -> dict[str, Any]:
     """Returns what other tasks made, alone in a list where a setting takes lists."""
-    repeats = {name for name, (_, one) in verb.settings().items() if one.values.repeats}
+    repeats = {name for name, (_, setting) in verb.settings().items() if setting.values.repeats}
     return {name: [path] if name in repeats else path for name, path in input_paths.items()}
 
 

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple, Self
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optax
 from jax import lax, tree
 from jaxtyping import Array, Bool, Float
@@ -26,9 +27,11 @@ from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.physics import dynamics, rotations
 from maidenflight.simulator.physics.vectors import norm, squared
+from maidenflight.simulator.policy_spec import ACTION_SIZE
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.rollouts import EnvInstance, PolicyFunction, randomized_reset
 from maidenflight.simulator.stepping import StepResult
+from maidenflight.training import devices
 from maidenflight.training.devices import DRONES, REPLICATED, SHARDED, begun, learning, own
 from maidenflight.training.settings import check_counts
 
@@ -205,12 +208,28 @@ def segment(
     key: Array,
 ) -> tuple[Float[Array, ""], tuple[EnvState, Bool[Array, ""]]]:
     """Returns an environment's mean cost over a horizon, final state, and whether it was lost."""
+    added = np.zeros((settings.horizon, ACTION_SIZE + env.spec.memory), np.float32)
+    cost, (env_state, lost, _) = segment_with(env, settings, policy, drone, key, added)
+    return cost, (env_state, lost)
+
+
+def segment_with(
+    env: Environment,
+    settings: AnalyticGradient,
+    policy: PolicyFunction,
+    drone: EnvInstance,
+    key: Array,
+    added: Float[Any, "T 4+M"],
+) -> tuple[Float[Array, ""], tuple[EnvState, Bool[Array, ""], Float[Array, "T I"]]]:
+    """Returns what `segment` does and all observations, with numbers added to policy outputs."""
     task = env.task
 
     def one(
-        env_state: EnvState, key: Array
-    ) -> tuple[EnvState, tuple[Float[Array, ""], Bool[Array, ""], Float[Array, ""]]]:
-        output = policy(environment.observation(env, env_state))
+        env_state: EnvState, now: tuple[Array, Array]
+    ) -> tuple[EnvState, tuple[Array, Array, Array, Array]]:
+        key, more = now
+        observation = environment.observation(env, env_state)
+        output = policy(observation) + more
         after, step_result = stepping.step(env, env_state, output, drone.parameters, key)
         action = after.action
         tilt = norm(rotations.body_z(after.state.quaternion)[:2])
@@ -233,17 +252,37 @@ def segment(
             else task.failure_margin(after.apparent_state, step_result.setpoint)
         )
         next_state, lost = unless_lost(env_state, after, step_result)
-        return next_state, (jnp.where(lost, 0.0, cost), lost, margin)
+        return next_state, (jnp.where(lost, 0.0, cost), lost, margin, observation)
 
-    env_state, (costs, lost, margins) = lax.scan(
-        one, drone.env_state, jax.random.split(key, settings.horizon)
+    env_state, (costs, lost, margins, observations) = lax.scan(
+        one, drone.env_state, (jax.random.split(key, settings.horizon), added)
     )
     failed = (
         0.0
         if task.failure_margin is None
         else jax.nn.sigmoid(-jnp.min(margins) / settings.failure_width)
     )
-    return jnp.mean(costs) + settings.failure_penalty * failed, (env_state, jnp.any(lost))
+    ends = env_state, jnp.any(lost), observations
+    return jnp.mean(costs) + settings.failure_penalty * failed, ends
+
+
+def gradient_by_outputs(
+    env: Environment, settings: AnalyticGradient, policy: Policy, drone: EnvInstance, key: Array
+) -> tuple[Any, tuple[EnvState, Bool[Array, ""]]]:
+    """Returns the gradient of `segment` by the network, and what else it returns.
+
+    First by outputs, then by weights for all periods at once: one environment's gradient by weights
+    is so large that to add to it every period took a quarter of an update.
+    """
+    added = jnp.zeros((settings.horizon, ACTION_SIZE + env.spec.memory))
+    by_outputs, (env_state, lost, observations) = jax.grad(
+        partial(segment_with, env, settings, policy, drone, key), has_aux=True
+    )(added)
+
+    def weighted(network: Any) -> Float[Array, ""]:
+        return jnp.sum(by_outputs * jax.vmap(policy.with_network(network))(observations))
+
+    return jax.grad(weighted)(policy.network), (env_state, lost)
 
 
 def unless_lost(
@@ -266,6 +305,7 @@ def take_step(
     flying: Segment,
     learner: Learner,
     key: Array,
+    each_gradient: Callable[..., tuple[Any, Any]] | None = None,
 ) -> Learner:
     """Returns a learner after one gradient step of one policy.
 
@@ -278,6 +318,8 @@ def take_step(
         flying: cost of one environment, such as `segment`.
         learner: before the step.
         key: random key.
+        each_gradient: `jax.grad` of `flying`, from (policy, drone, key), where largest gradients
+            are limited; JAX's own by default.
     """
     flight_key, reset_key, done_key = jax.random.split(key, 3)
     flight_keys = own(jax.random.split(flight_key, settings.num_envs))
@@ -294,11 +336,10 @@ def take_step(
         return jnp.mean(costs), segments
 
     if settings.largest_gradient:
-        each_gradient = jax.vmap(jax.grad(cost, has_aux=True), in_axes=(None, 0, 0))
-        gradients, (env_states, lost) = each_gradient(
-            learner.policy.network, learner.instances, flight_keys
-        )
-        gradient = limited_mean(gradients, settings.largest_gradient)
+        one = partial(jax.grad(cost, has_aux=True), learner.policy.network)
+        one = one if each_gradient is None else partial(each_gradient, learner.policy)
+        gradients, (env_states, lost) = jax.vmap(one)(learner.instances, flight_keys)
+        gradient = devices.limited_mean(gradients, settings.largest_gradient)
     else:
         gradient, (env_states, lost) = jax.grad(mean_cost, has_aux=True)(learner.policy.network)
     gradient = lax.pmean(gradient, DRONES)
@@ -331,27 +372,6 @@ def take_step(
     )
 
 
-def limited_mean(gradients: Any, most: float) -> Any:
-    """Returns the mean of this device's gradients, the longest of which are shortened.
-
-    Args:
-        gradients: pytrees of one an environment, stacked along a first axis.
-        most: largest norm, in medians of those on all devices. What is not finite counts as zero.
-    """
-    norms = jax.vmap(optax.tree.norm)(gradients)
-    finite = jnp.isfinite(norms)
-    largest = most * jnp.median(lax.all_gather(jnp.where(finite, norms, jnp.inf), DRONES))
-    shares = jnp.where(norms > largest, largest / norms, 1.0)
-
-    def mean(leaf: Array) -> Array:
-        usable, share = (
-            jnp.reshape(part, (-1, *[1] * (leaf.ndim - 1))) for part in (finite, shares)
-        )
-        return jnp.mean(jnp.where(usable, share * leaf, 0.0), axis=0)
-
-    return tree.map(mean, gradients)
-
-
 def _where(condition: Bool[Array, "n"], new: Any, old: Any) -> Any:
     """Of two batches, the new entries where the condition holds and the old ones elsewhere."""
     return tree.map(
@@ -368,7 +388,8 @@ def _fly_segment(
     _: Array,
 ) -> Learner:
     """One gradient step along what flights cost."""
-    return take_step(env, settings, box, partial(segment, env, settings), learner, key)
+    flying, each = (partial(one, env, settings) for one in (segment, gradient_by_outputs))
+    return take_step(env, settings, box, flying, learner, key, each)
 
 
 update = learning(_fly_segment, SHARDING)

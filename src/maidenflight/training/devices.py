@@ -8,7 +8,9 @@ from functools import partial
 from typing import Any, TypeVar
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+import optax
 from jax import lax, tree
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jax.stages import Wrapped
@@ -34,6 +36,27 @@ def own(keys: Array) -> Array:
     """Selects the keys of the environments on this device."""
     count = keys.shape[0] // lax.axis_size(DRONES)
     return lax.dynamic_slice_in_dim(keys, lax.axis_index(DRONES) * count, count)
+
+
+def limited_mean(gradients: Any, most: float) -> Any:
+    """Returns the mean of this device's gradients, the longest of which are shortened.
+
+    Args:
+        gradients: pytrees of one an environment, stacked along a first axis.
+        most: largest norm, in medians of those on all devices. What is not finite counts as zero.
+    """
+    norms = jax.vmap(optax.tree.norm)(gradients)
+    finite = jnp.isfinite(norms)
+    largest = most * jnp.median(lax.all_gather(jnp.where(finite, norms, jnp.inf), DRONES))
+    shares = jnp.where(norms > largest, largest / norms, 1.0)
+
+    def mean(leaf: Array) -> Array:
+        usable, share = (
+            jnp.reshape(part, (-1, *[1] * (leaf.ndim - 1))) for part in (finite, shares)
+        )
+        return jnp.mean(jnp.where(usable, share * leaf, 0.0), axis=0)
+
+    return tree.map(mean, gradients)
 
 
 def begun(

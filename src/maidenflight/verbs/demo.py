@@ -74,11 +74,11 @@ class Demo(Verb):
         seconds: dict[str, float] = {}
         stage_results: dict[str, Result] = {}
 
-        def run(verb: Verb, place: str, summary: str) -> None:
+        def run(verb: Verb, part: str, summary: str) -> None:
             progress.log(f"{verb.name:<9} {summary}", always=True)
             progress.move(0, None, f"{verb.name}: compiling and running")
             began = time.perf_counter()
-            stage_results[verb.name] = verb.run(output / place, _Stage(progress, verb.name))
+            stage_results[verb.name] = verb.run(output / part, _Stage(progress, verb.name))
             seconds[verb.name] = round(time.perf_counter() - began, 2)
 
         def configure(verb: Any, **settings: Any) -> Any:
@@ -111,8 +111,8 @@ class Demo(Verb):
         return Result(
             content={
                 "parameters": {
-                    name: {"value": one.value, "interval": list(one.interval)}
-                    for name, one in identified.estimates.items()
+                    name: {"value": estimate.value, "interval": list(estimate.interval)}
+                    for name, estimate in identified.estimates.items()
                 },
                 "truth": truth,
                 "notes": identified.notes,

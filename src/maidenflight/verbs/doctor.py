@@ -45,8 +45,8 @@ class Doctor(Verb):
     def compute(self, output: Path | None, progress: Progress) -> Result:
         """Looks at the machine; imports nothing heavy."""
         findings = [*_versions(), _processor(), _gpu(), *_folders(), *_extras(), _radio()]
-        failing = [one.name for one in findings if one.fails]
-        rows = [one._asdict() for one in findings]
+        failing = [finding.name for finding in findings if finding.fails]
+        rows = [finding._asdict() for finding in findings]
         if output is not None:
             results.write(output, f"{json.dumps(rows, indent=2)}\n")
         columns = {"": "{name}", "this machine": "{value}", "to do": "{cure}"}
@@ -80,7 +80,7 @@ def _processor() -> Finding:
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             lines.setdefault(line.partition(":")[0].strip(), line.partition(":")[2].strip())
     flags = lines.get("flags", "").split()
-    features = [one for one in ("avx2", "fma", "avx512f") if one in flags]
+    features = [feature for feature in ("avx2", "fma", "avx512f") if feature in flags]
     name = lines.get("model name") or platform.processor() or platform.machine()
     return Finding(
         "processor", f"{compiler.count_cores()} cores, {name}, {' '.join(features)}".rstrip(", ")
@@ -101,10 +101,10 @@ def _gpu() -> Finding:
 
 def _folders() -> Iterator[Finding]:
     folder = cache.folder()
-    place = next(one for one in (folder, *folder.parents) if one.exists())
-    writable, size = os.access(place, os.W_OK), 0
+    parent = next(path for path in (folder, *folder.parents) if path.exists())
+    writable, size = os.access(parent, os.W_OK), 0
     with suppress(OSError):
-        size = sum(one.stat().st_size for one in folder.rglob("*") if one.is_file())
+        size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
     cure = "" if writable else "make it writable, or commands compile anew each time"
     yield Finding("cache", f"{folder}, {size / 1e6:.0f} MB", cure)
     free = disk_usage(".").free

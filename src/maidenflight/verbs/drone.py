@@ -109,8 +109,8 @@ class Drone(Verb):
         options: dict[str, Any] = {"full_speed": self._rpm(drone), "record": record}
         if self.samples is not None and output is not None:
             written = []
-            for number, one in enumerate(samples[: self.samples], 1):
-                text = drone_text(one, to, name, **options)
+            for number, sample in enumerate(samples[: self.samples], 1):
+                text = drone_text(sample, to, name, **options)
                 path = output / f"{name}_{number:03}{DRONE_FORMATS[to].ending}"
                 written.append(results.write(path, text))
                 progress.move(number, self.samples)
@@ -132,8 +132,8 @@ class Drone(Verb):
             return []
         drones = posterior.ensemble(drone, self.drone).drones
         return [
-            jax.tree.map(lambda leaf, place=place: leaf[place], drones)
-            for place in range(len(drones.mass))
+            jax.tree.map(lambda leaf, index=index: leaf[index], drones)
+            for index in range(len(drones.mass))
         ]
 
     def _rpm(self, drone: "Parameters") -> float | None:
@@ -157,10 +157,10 @@ def _list() -> Result:
     drones = [
         {
             "name": name,
-            "mass": None if one.frameless else round(float(one.make().mass), 6),
-            "summary": one.summary,
+            "mass": None if drone.frameless else round(float(drone.make().mass), 6),
+            "summary": drone.summary,
         }
-        for name, one in DRONES.items()
+        for name, drone in DRONES.items()
     ]
     columns = {"name": "{name}", "what": "{summary}", "mass": "{mass:.4g g}"}
     return Result(

@@ -59,14 +59,14 @@ class Envelope(InRealities):
         path = output / run_folder.ENVELOPE.name
         parts = _read_parts(path, record) if self.resume else {}
         axes = dict.fromkeys(self.along or envelope.choose_axes(task))
-        plan = [(place, axis) for place in self.realities for axis in axes]
-        for number, (place, axis) in enumerate(plan):
-            if (place.name, axis) in parts:
+        plan = [(reality, axis) for reality in self.realities for axis in axes]
+        for number, (reality, axis) in enumerate(plan):
+            if (reality.name, axis) in parts:
                 continue
-            progress.move(number, len(plan), f"{axis} in {place.name}")
-            parts[place.name, axis] = envelope.envelope(
+            progress.move(number, len(plan), f"{axis} in {reality.name}")
+            parts[reality.name, axis] = envelope.envelope(
                 fleet.every,
-                place,
+                reality,
                 axis,
                 flights=self.flights,
                 key=self.key,
@@ -74,7 +74,7 @@ class Envelope(InRealities):
                 names=fleet.names,
             )
             run_folder.ENVELOPE.write(path, polars.concat(parts.values()), record)
-        all_rows = polars.concat(parts[place.name, axis] for place, axis in plan)
+        all_rows = polars.concat(parts[reality.name, axis] for reality, axis in plan)
         run_folder.ENVELOPE.write(path, all_rows, record)
         summary = envelope.summary(all_rows)
         picture = results.write(path.with_suffix(".svg"), svg(envelope_figure(summary)))
@@ -106,8 +106,8 @@ def _read_parts(path: Path, record: dict[str, Any]) -> "dict[tuple[str, str], Da
             "--overwrite instead of --resume."
         )
     return {
-        (str(place), str(axis)): part
-        for (place, axis), part in rows.group_by("reality", "axis", maintain_order=True)
+        (str(reality), str(axis)): part
+        for (reality, axis), part in rows.group_by("reality", "axis", maintain_order=True)
     }
 
 

@@ -113,7 +113,7 @@ def _bad_verdict(run: manifest.Manifest, policy: Path) -> list[str]:
     for entry in run.entries:
         for file in run.files(entry, "prediction"):
             verdicts = results.read_record(file).get("verdicts")
-            for one in verdicts if isinstance(verdicts, list) else ():
-                if isinstance(one, dict) and one.get("policy") == own:
-                    last = {"file": file, **one}
+            for verdict in verdicts if isinstance(verdicts, list) else ():
+                if isinstance(verdict, dict) and verdict.get("policy") == own:
+                    last = {"file": file, **verdict}
     return [f"{last['file']}: {last.get('sentence')}"] if last.get("good") is False else []

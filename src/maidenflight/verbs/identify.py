@@ -192,11 +192,11 @@ class Identify(Verb):
             rows=[
                 {
                     "parameter": name,
-                    "value": float(one.value),
-                    "low": float(one.interval[0]),
-                    "high": float(one.interval[1]),
+                    "value": float(estimate.value),
+                    "low": float(estimate.interval[0]),
+                    "high": float(estimate.interval[1]),
                 }
-                for name, one in identification.estimates.items()
+                for name, estimate in identification.estimates.items()
             ],
             notes=(*warning_lines(identification.warnings), *identification.notes),
             next=("validate", output, "OTHER_LOGS"),
@@ -298,16 +298,16 @@ def _to_content(flights: "Flights", identification: "Identification") -> dict[st
     estimate = ("value", "interval", "trial_mean", "trial_sd", "between_sd", "valley")
     return {
         "parameters": {
-            name: {part: getattr(one, part) for part in estimate}
-            for name, one in identification.estimates.items()
+            name: {part: getattr(own, part) for part in estimate}
+            for name, own in identification.estimates.items()
         },
         "expected": {
-            name: dataclasses.asdict(one) for name, one in identification.expected.items()
+            name: dataclasses.asdict(interval) for name, interval in identification.expected.items()
         },
         "unidentified": identification.unidentified,
         "noise": identification.noise,
         "gains": [dataclasses.asdict(gain) for gain in identification.gains],
-        "evidence": [one._asdict() for one in identification.evidence],
+        "evidence": [estimate._asdict() for estimate in identification.evidence],
         "objective": identification.objective,
         "value": identification.value,
         "windows": identification.windows,

@@ -69,14 +69,14 @@ class Log(Verb):
         record = self.make_record(flights.paths)
         written = [] if output is None else logs_output.write_logs(output, _name(flights), record)
         summaries = summarize_flights(flights)
-        logs = [asdict(one) | {"is_calm": one.is_calm} for one in summaries]
+        logs = [asdict(log) | {"is_calm": log.is_calm} for log in summaries]
         unused = _describe_unused(logs, flights.notes)
         return Result(
             content={
                 **logs_output.to_content(flights),
                 "logs": logs,
                 "checks": {
-                    name: [asdict(one) | {"sentence": one.sentence} for one in results]
+                    name: [asdict(result) | {"sentence": result.sentence} for result in results]
                     for name, results in flights.checks.items()
                 },
                 "written": [str(path) for path in [*maps, *written]],
@@ -117,11 +117,11 @@ def _tabulate_checks(flights: "Flights") -> list[Table | str]:
 
     tests: dict[str, list[Any]] = {}
     for results in flights.checks.values():
-        for one in results:
-            tests.setdefault(one.name, []).append(one)
+        for result in results:
+            tests.setdefault(result.name, []).append(result)
     rows, unknown = [], []
     for name, results in tests.items():
-        counts = Counter(one.verdict for one in results)
+        counts = Counter(result.verdict for result in results)
         if counts["passes"] == len(results):
             continue
         if counts["passes"] + counts["cannot tell"] == len(results):
@@ -129,14 +129,14 @@ def _tabulate_checks(flights: "Flights") -> list[Table | str]:
             continue
         several = len(flights.checks) > 1
         counts_text = [
-            f"{_MARKS[one]} {one}{f' {counts[one]}' if several else ''}"
-            for one in _MARKS
-            if counts[one]
+            f"{_MARKS[verdict]} {verdict}{f' {counts[verdict]}' if several else ''}"
+            for verdict in _MARKS
+            if counts[verdict]
         ]
-        statistics = [one.statistic for one in results if one.statistic is not None]
+        statistics = [result.statistic for result in results if result.statistic is not None]
         low, high = (f"{edge(statistics):.3g}" if statistics else "" for edge in (min, max))
-        threshold = next((one.threshold for one in results if one.threshold), "")
-        unit = next((f" {one}" for one in _UNITS if threshold.endswith(f" {one}")), "")
+        threshold = next((result.threshold for result in results if result.threshold), "")
+        unit = next((f" {unit}" for unit in _UNITS if threshold.endswith(f" {unit}")), "")
         rows.append(
             {
                 "test": name.replace("_", " "),
@@ -158,9 +158,9 @@ def _tabulate_checks(flights: "Flights") -> list[Table | str]:
         *faults,
         f"{of}. Measured values: --json.",
         *(
-            f"{_THRUST}: {one.sentence}"
-            for one in tests.get(_THRUST, ())[:1]
-            if one.verdict in _GOOD
+            f"{_THRUST}: {result.sentence}"
+            for result in tests.get(_THRUST, ())[:1]
+            if result.verdict in _GOOD
         ),
     ]
 
@@ -169,14 +169,14 @@ def _describe_unused(logs: list[Row], notes: Sequence[str]) -> list[str]:
     """Returns which signals no log gives, each with the note that says why, if one does."""
     from maidenflight.flights.log import OPTIONAL
 
-    signals = {name for one in logs for name in one["signals"]}
+    signals = {name for log in logs for name in log["signals"]}
     reasons: dict[str, list[str]] = {}
     for signal in (*_STATE, "accelerometer", "rotor_speed", "battery"):
         if signal in signals:
             continue
         words = signal.replace("_", " ")
         names = (words, *OPTIONAL.get(signal, ())[:1])
-        about = (one for one in notes if any(name in one.partition(": ")[2] for name in names))
+        about = (note for note in notes if any(name in note.partition(": ")[2] for name in names))
         note = next(about, "")
         reasons.setdefault(note.partition(": ")[2] or "not logged", []).append(words)
     return [f"not used: {', '.join(names)} ({reason})" for reason, names in reasons.items()]
@@ -187,7 +187,7 @@ def _count_failing(flights: "Flights") -> str:
     failing = [
         name
         for name, results in flights.checks.items()
-        if any(one.verdict == "fails" for one in results)
+        if any(result.verdict == "fails" for result in results)
     ]
     if not failing:
         return ""
@@ -219,13 +219,13 @@ def _tabulate_information(logs: "Sequence[Summary]") -> list[Table | str]:
 def _tabulate(logs: list[Row]) -> list[Table | str]:
     """Returns what logs hold and how they move the drone, a row each."""
     rows = []
-    for one in logs:
-        signals = [name.replace("_", " ") for name in one["signals"] if name not in _STATE]
-        state = [", ".join(_STATE)] if set(_STATE) <= set(one["signals"]) else []
+    for log in logs:
+        signals = [name.replace("_", " ") for name in log["signals"] if name not in _STATE]
+        state = [", ".join(_STATE)] if set(_STATE) <= set(log["signals"]) else []
         battery = (
-            "unknown" if one["battery"] is None else "{:.2f} .. {:.2f} V".format(*one["battery"])
+            "unknown" if log["battery"] is None else "{:.2f} .. {:.2f} V".format(*log["battery"])
         )
-        rows.append({**one, "signals": ", ".join([*state, *signals]), "battery": battery})
+        rows.append({**log, "signals": ", ".join([*state, *signals]), "battery": battery})
     alike = len({row["signals"] for row in rows}) == 1
     holding = {"log": "{name}"} | ({} if alike else {"signals": "{signals}"})
     holding |= {"commands": "{commands}", "usable": "{seconds:.1f s}"}
@@ -233,7 +233,7 @@ def _tabulate(logs: list[Row]) -> list[Table | str]:
     motion = {"log": "{name}", "speed": "{speed:.2f m/s}", "largest\ntilt": "{tilt:.0f deg}"}
     motion |= {"body\nrates": "{body_rates:.0f deg/s}", "mean\ncommand": "{command:.3f}"}
     motion |= {"SD of\nthrust": "{thrust_spread:.3f}", "SD of\ntorque": "{torque_spread:.3f}"}
-    calm = [one["name"] for one in logs if one["is_calm"]]
+    calm = [log["name"] for log in logs if log["is_calm"]]
     which = f" ({first_few(calm)})" if len(calm) < len(logs) else ""
     remark = (
         f"{len(calm)} of {len(logs)} logs are calm{which}: the motors differ little. Quick rolls "

@@ -128,7 +128,7 @@ class Match(Verb):
             written={"drone": [output]},
             read={"logs": flights.paths, "policies": loaded.paths, "drone": start},
             record=record,
-            rows=[{"parameter": name, **one} for name, one in values.items()],
+            rows=[{"parameter": name, **row} for name, row in values.items()],
             next=("predict", "POLICIES", "--drone", output),
             value=match,
         )

@@ -96,7 +96,9 @@ class Plan(Verb):
                     for block in plan.blocks
                 ],
                 "seconds": plan.seconds,
-                "expected": {name: dataclasses.asdict(one) for name, one in plan.expected.items()},
+                "expected": {
+                    name: dataclasses.asdict(widths) for name, widths in plan.expected.items()
+                },
                 "untold": list(flight_plan.unidentifiable),
                 "left_out": flight_plan.left_out,
                 "extremes": None if plan.extremes is None else dataclasses.asdict(plan.extremes),
@@ -125,7 +127,9 @@ def _find_gaps(drone: str) -> dict[str, str]:
     if not shared.own_files(drone):
         return {}
     file = drone_file.read(drone)
-    return dict.fromkeys(file.unidentified, "") | {one.parameter: one.action for one in file.advice}
+    return dict.fromkeys(file.unidentified, "") | {
+        entry.parameter: entry.action for entry in file.advice
+    }
 
 
 def _summarize(flight_plan: "planning.PlanResult") -> list[Table | str]:
@@ -133,11 +137,11 @@ def _summarize(flight_plan: "planning.PlanResult") -> list[Table | str]:
     from maidenflight.verbs.parts import logs_output
 
     plan = flight_plan.plan
-    blocks = [{"name": one.manoeuvre.name, "seconds": one.seconds} for one in plan.blocks]
+    blocks = [{"name": block.manoeuvre.name, "seconds": block.seconds} for block in plan.blocks]
     rows = []
-    for name, one in plan.expected.items():
-        scale, unit = logs_output.scale_of(name, one.plausible)
-        widths = {key: scale * width for key, width in dataclasses.asdict(one).items()}
+    for name, interval in plan.expected.items():
+        scale, unit = logs_output.scale_of(name, interval.plausible)
+        widths = {key: scale * width for key, width in dataclasses.asdict(interval).items()}
         remark = "not determined" if name in flight_plan.unidentifiable else ""
         rows.append(widths | {"name": name, "unit": unit, "remark": remark})
     columns = {"parameter": "{name}", "unit": "{unit}", "plan": "{plan:.2g}"}

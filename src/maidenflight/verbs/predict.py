@@ -105,12 +105,14 @@ class Predict(FliesPolicies):
         notes += more
         verdicts = self._judge(prediction, drawn_drones, self.longest(tasks[0], self.duration))
         verdicts = {
-            path: replace(one, sentence=one.sentence + describe_changes(table, name, self.changed))
-            for (path, one), name in zip(verdicts.items(), fleet.own_names, strict=True)
+            path: replace(
+                verdict, sentence=verdict.sentence + describe_changes(table, name, self.changed)
+            )
+            for (path, verdict), name in zip(verdicts.items(), fleet.own_names, strict=True)
         }
         record["verdicts"] = [
-            {"policy": results.digest(path), "good": one.is_good, "sentence": one.sentence}
-            for path, one in verdicts.items()
+            {"policy": results.digest(path), "good": verdict.is_good, "sentence": verdict.sentence}
+            for path, verdict in verdicts.items()
         ]
         run_folder.PREDICTION.write(output, prediction, record)
         parts = prediction.partition_by("policy", maintain_order=True)
@@ -118,9 +120,9 @@ class Predict(FliesPolicies):
         summary = flight_times.summary(prediction)
         rows = summary.to_dicts()
         means = [round(row["mean"], 6) for row in rows]
-        quantiles = {f"{one / 100:g}": f"quantile_{one}" for one in flight_times.QUANTILES}
+        quantiles = {f"{level / 100:g}": f"quantile_{level}" for level in flight_times.QUANTILES}
         outlives = flight_times.outlives(prediction)
-        against_best = outlives[:, max(range(len(rows)), key=lambda place: rows[place]["mean"])]
+        against_best = outlives[:, max(range(len(rows)), key=lambda index: rows[index]["mean"])]
         policies = [
             {
                 "file": str(path),
@@ -139,7 +141,7 @@ class Predict(FliesPolicies):
             )
         ]
         known = drones.read_file(self.drone)
-        by_firmware = any(one.interface.name != "pwm" for one in fleet.own)
+        by_firmware = any(policy.interface.name != "pwm" for policy in fleet.own)
         loop = [drones.describe_loop(known)] if by_firmware else []
         best = self.choose_best(prediction)
         words, remark = self._mend(best, verdicts[best], randomization) if best else ((), "")
@@ -174,7 +176,7 @@ class Predict(FliesPolicies):
         """Returns the policies of another drone."""
         from maidenflight.experiments.policies import read_policies
 
-        places = [one for one in self.against if one not in names.CONTROLLERS]
+        places = [name for name in self.against if name not in names.CONTROLLERS]
         return read_policies(places)
 
     @property
@@ -184,7 +186,7 @@ class Predict(FliesPolicies):
 
         name = drones.find_reality(self.drone, self.accept_bounds).name
         words = ("10 ms more latency", "15 % payload", "a motor 10 % weaker")
-        return dict(zip((f"{name}+{one}" for one in names.CHANGES), words, strict=True))
+        return dict(zip((f"{name}+{change}" for change in names.CHANGES), words, strict=True))
 
     def _fly_rivals(self, tasks: list[str], duration: float) -> "tuple[DataFrame, list[str]]":
         """Flies the drone changed, and the others beside the policies."""
@@ -204,7 +206,7 @@ class Predict(FliesPolicies):
         parts = [rivals.fly_drones(own, [here, *changed], *how)]
         if others.own:
             known = {str(file.identity.get("name")) for file in others.files} & DRONES.keys()
-            theirs = [VirtualDrone(one, drone(one)) for one in sorted(known - {here.name})]
+            theirs = [VirtualDrone(name, drone(name)) for name in sorted(known - {here.name})]
             foreign_set = rivals.PolicySet(
                 [f"against/{name}" for name in others.own_names],
                 others.own,
@@ -212,7 +214,7 @@ class Predict(FliesPolicies):
             )
             parts.append(rivals.fly_drones(foreign_set, [here, *changed, *theirs], *how))
             parts += [rivals.fly_drones(own, theirs, *how)] if theirs else []
-        controllers = [one for one in self.against if one in names.CONTROLLERS]
+        controllers = [name for name in self.against if name in names.CONTROLLERS]
         counts = fleet.own[0].interface.full_scale_counts
         rows, more = rivals.fly_controllers(
             controllers, [here, *changed], self.key, counts, find_task(tasks[0]), duration
@@ -229,7 +231,7 @@ class Predict(FliesPolicies):
         from maidenflight.experiments.verdict import judge
         from maidenflight.parameters import COMPONENTS, component
 
-        actions = {one.parameter: one.action for one in drones.read_file(self.drone).advice}
+        actions = {entry.parameter: entry.action for entry in drones.read_file(self.drone).advice}
         samples = {}
         if np.ndim(drawn_drones.mass):
             samples = {name: component(drawn_drones, name) for name in COMPONENTS}
@@ -249,11 +251,11 @@ class Predict(FliesPolicies):
         if verdict.is_good:
             return export_command(best, policy.policy), ""
         known = drones.read_file(self.drone)
-        actions = {one.parameter: one.action for one in known.advice}
+        actions = {entry.parameter: entry.action for entry in known.advice}
         if verdict.parameter in actions:
             again = Path(self.drone).with_name("drone_2.toml")
             return ("identify", "LOGS", "-o", again), f"LOGS: {actions[verdict.parameter]}"
-        place = best.parent.parent / f"{run_folder.POLICIES}_2"
+        folder = best.parent.parent / f"{run_folder.POLICIES}_2"
         if not policy.record or self.describe_other_drones([self.drone]):
             over: tuple[object, ...] = ("--control", policy.interface.name)
         else:
@@ -262,7 +264,7 @@ class Predict(FliesPolicies):
         over += ("--task", policy.task) if policy.task else ()
         yaw = policy.record.get("settings", {}).get("yaw_penalty")
         over += ("--yaw-penalty", yaw) if yaw else ()
-        return ("train", "--drone", self.drone, *over, "-o", place), ""
+        return ("train", "--drone", self.drone, *over, "-o", folder), ""
 
 
 _RIVALS = {

@@ -91,25 +91,25 @@ class Record(Verb):
             )
         plans = shared.own_files(self.plan)
         record = self.make_record(plans, **settled)
-        logs = logs_output.write_logs(output, {one.name: one for one in recorded}, record)
+        logs = logs_output.write_logs(output, {flight.name: flight for flight in recorded}, record)
         truth, own = output / run_folder.REALITY, getattr(drone, "parameters", None)
         if isinstance(own, Parameters):
             DroneFile(own, record=record).write(truth)
         else:
             truth.unlink(missing_ok=True)
         truth_files = [truth] if truth.exists() else []
-        place = f"; the true parameters are in {truth.name}" if truth_files else ""
+        remark = f"; the true parameters are in {truth.name}" if truth_files else ""
         return Result(
             content={
                 "flights": [str(path) for path in logs],
                 "truth": str(truth) if truth_files else None,
                 "simulated": True,
             },
-            summary=[f"{count} simulated flight{'s' * (count > 1)} of {seconds:g} s{place}"],
+            summary=[f"{count} simulated flight{'s' * (count > 1)} of {seconds:g} s{remark}"],
             written={"logs": logs, "truth": truth_files},
             read={"plan": plans},
             record=record,
-            rows=[{"flight": one.name, "seconds": one.duration} for one in recorded],
+            rows=[{"flight": flight.name, "seconds": flight.duration} for flight in recorded],
             next=("identify", output),
             value=recorded,
         )

@@ -60,10 +60,10 @@ class Report(Verb):
         folder = self._find_source()
         return (folder if folder is not None and folder.is_dir() else Path()) / run_folder.REPORT
 
-    def may_replace(self, place: Path) -> bool:
+    def may_replace(self, path: Path) -> bool:
         """Returns whether an earlier report is there."""
         with suppress(OSError):
-            return place.is_file() and _MARK in place.read_bytes()
+            return path.is_file() and _MARK in path.read_bytes()
         return False
 
     @property
@@ -90,8 +90,8 @@ class Report(Verb):
             return self.drone
         runs_by_name: dict[str, Path] = {}
         for run in self.runs:
-            name, sign, place = str(run).partition("=")
-            name, path = (str(run), run) if run.exists() or not sign else (name, Path(place))
+            name, sign, rest = str(run).partition("=")
+            name, path = (str(run), run) if run.exists() or not sign else (name, Path(rest))
             if name in runs_by_name:
                 raise InputError(f"{run}: another run is named {name}. Give other names.")
             runs_by_name[name] = path

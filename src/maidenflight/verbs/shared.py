@@ -242,7 +242,7 @@ def width_or(*words: str) -> Any:
 
 def own_files(*values: Any) -> list[str]:
     """Returns those of some paths and names that are files, for records."""
-    return [str(one) for one in values if one is not None and Path(one).is_file()]
+    return [str(value) for value in values if value is not None and Path(value).is_file()]
 
 
 def must_exist(drone: Any) -> None:

@@ -69,7 +69,7 @@ class Sweep(Verb):
         """Returns the folder; an address of another machine is not locked."""
         return [output] if isinstance(output, Path) and not self.status else []
 
-    def may_replace(self, place: Path) -> bool:
+    def may_replace(self, path: Path) -> bool:
         """Returns true: what is there is continued."""
         return True
 

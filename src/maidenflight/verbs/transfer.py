@@ -55,7 +55,10 @@ class Transfer(InRealities):
         task, notes = fleet.choose_task(self.chosen_task)
         progress.move(0, None, "compiling and flying")
         if self.rate is not None:
-            own = [replace(one, interface=replace(one.interface, rate=self.rate)) for one in own]
+            own = [
+                replace(policy, interface=replace(policy.interface, rate=self.rate))
+                for policy in own
+            ]
         flying: Any = self.realities, self.trials, self.key
         longest = self.longest(task, self.duration)
         how: Any = {"task": find_task(task), "duration": longest}
@@ -63,16 +66,18 @@ class Transfer(InRealities):
         counts = {"counts": own[0].interface.full_scale_counts} if own else {}
         rivals, left_out = fly_firmware(self.against, *flying, **counts, **how)
         record = self.make_flight_record(task)
-        logs = logs_output.write_logs(output, {one.name: one for one in evaluation.flights}, record)
+        logs = logs_output.write_logs(
+            output, {flight.name: flight for flight in evaluation.flights}, record
+        )
         table = run_folder.FLIGHTS.write(output / run_folder.FLIGHTS.name, evaluation.table)
         flights, summary = evaluation.table.to_dicts(), comparison.summarize(evaluation.table)
-        rival_rows = [comparison.summarize(one) for one in rivals]
+        rival_rows = [comparison.summarize(table) for table in rivals]
         notes += comparison.describe_limit_cycles(polars.concat([summary, *rival_rows]))
-        if rivals or any(one.interface.name != "pwm" for one in own):
+        if rivals or any(policy.interface.name != "pwm" for policy in own):
             notes += drones.describe_unstable(self.realities, *counts.values())
         notes += comparison.describe_margins(summary) + left_out
         rows = summary.to_dicts()
-        against = [row for one in rival_rows for row in one.to_dicts()]
+        against = [row for table in rival_rows for row in table.to_dicts()]
         return self.conclude(
             {"flights": flights, "summary": rows, "against": against},
             [

@@ -1,5 +1,6 @@
 """`Validate`: a drone's prediction errors on flights."""
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -18,12 +19,12 @@ from maidenflight.verbs.parts.calibration import calibrate
 
 if TYPE_CHECKING:
     from maidenflight.flights.log import Flight
-    from maidenflight.parameters import Parameters
+    from maidenflight.identification.drone_file import DroneFile
 
 _WORSE = 1.2
 """Ratio of errors beyond which a drone is worse."""
-_WRITTEN: tuple[Kind, ...] = ("validation", "windows", "ahead")
-"""Kinds of files that are written, in their order; the last with disturbances alone."""
+_WRITTEN: tuple[Kind, ...] = ("validation", "windows", "ahead", "disturbed")
+"""Kinds of files that are written, in their order; the last two with disturbances alone."""
 _AHEAD_S = (0.02, 0.05, 0.1, 0.25, 0.5)
 """Times ahead that the terminal shows of predictions with disturbances [s]."""
 _JUDGED_S = 0.1
@@ -71,7 +72,8 @@ class Validate(Verb):
         flag(),
         False,
         "Estimate torques and forces that DRONE lacks from past rows, and predict 0.5 s with them, "
-        "by measured rotor speeds where all logs hold them; fitted to every other log, a minute.",
+        "by measured rotor speeds where all logs hold them; fitted to every other log, a minute. "
+        "DRONE_disturbed.toml is DRONE with them, to train for and to fly.",
     )
     calibration: bool = setting(
         flag(),
@@ -99,8 +101,9 @@ class Validate(Verb):
         """Returns the tables that it writes, or that of a calibration."""
         if self.calibration:
             return [output]
-        ahead = [output.with_name(f"{output.stem}_ahead.csv")] if self.disturbances else []
-        return [output, run_folder.windows_path(output), *ahead]
+        more = (f"{output.stem}_ahead.csv", f"{Path(self.drone).stem}_disturbed.toml")
+        further = map(output.with_name, more if self.disturbances else ())
+        return [output, run_folder.windows_path(output), *further]
 
     def check_early(self) -> None:
         """Refuses logs in a drone's place, and a file that is not there."""
@@ -144,7 +147,7 @@ class Validate(Verb):
         read = partial(read_flights, self.logs, battery_law=law, faulty=self.faulty)
         flights = read(logs_output.count_files(progress), commands=commands)
         known = None if file.source is None else file.source.commands
-        if commands is None and known in COMMANDS and all(one.assumed for one in flights):
+        if commands is None and known in COMMANDS and all(flight.assumed for flight in flights):
             commands = known
             flights = read(commands=commands)
         progress.move(0, None, "compiling and predicting")
@@ -157,7 +160,7 @@ class Validate(Verb):
         record = self.make_record([*drone, *flights.paths], commands=commands)
         run_folder.VALIDATION.write(places[0], errors, record)
         run_folder.WINDOWS.write(places[1], windows, record)
-        ahead = self._predict_ahead(flights.flights, file.parameters, places, record, progress)
+        ahead = self._predict_ahead(flights.flights, file, places, record, progress)
         rivals = models | {_UNTURNED.format(name): without_torque(file.parameters)}
         likelihoods = {
             rival: float(log_likelihood(flights.flights, model)) for rival, model in rivals.items()
@@ -169,7 +172,7 @@ class Validate(Verb):
             *warning_lines(flights.warnings),
             *drones.repeat_doubts(file),
         ]
-        simulated, rows = any(one.simulated for one in flights), errors.to_dicts()
+        simulated, rows = any(flight.simulated for flight in flights), errors.to_dicts()
         verdict, doubts, remark = _judge(name, likelihoods, rows)
         return Result(
             content={
@@ -190,7 +193,7 @@ class Validate(Verb):
                 f"in {output}: SI units, and 95 % intervals over {rows[0]['segments']} segments of "
                 "flight",
             ],
-            written=dict(zip(_WRITTEN, ([place] for place in places), strict=False)),
+            written=dict(zip(_WRITTEN, ([path] for path in places), strict=False)),
             read={"drone": drone, "logs": flights.paths},
             record=record,
             rows=[{**row, "log_likelihood": likelihoods.get(row["model"])} for row in rows],
@@ -203,24 +206,36 @@ class Validate(Verb):
     def _predict_ahead(
         self,
         flights: Sequence["Flight"],
-        drone: "Parameters",
+        drone: "DroneFile",
         places: Sequence[Path],
         record: Mapping[str, Any],
         progress: Progress,
     ) -> list[Row]:
-        """Predicts with disturbances, if asked; writes all times and returns rows of some."""
+        """Predicts with disturbances, if asked; writes all times and the drone that has them.
+
+        Returns:
+            Rows of some times.
+        """
         if not self.disturbances:
             return []
         from maidenflight.disturbances.horizons import SUMS, cross_validate
+        from maidenflight.disturbances.kalman import with_disturbances
 
         stage = "fitting disturbances"
         progress.move(0, None, stage)
-        table = cross_validate(
-            flights, drone, lambda done, of: progress.move(done, of, f"evaluations, {stage}")
+        parameters = drone.parameters
+        table, filtered = cross_validate(
+            flights, parameters, lambda done, of: progress.move(done, of, f"evaluations, {stage}")
         )
         run_folder.AHEAD.write(places[2], table, record)
+        disturbed = dataclasses.replace(
+            drone,
+            parameters=with_disturbances(parameters, filtered),
+            record={**drone.record, "disturbances": record},
+        )
+        disturbed.write(places[3])
         times = table["horizon"].unique()
-        some = {SUMS, *(min(times, key=lambda one: abs(one - time)) for time in _AHEAD_S)}
+        some = {SUMS, *(min(times, key=lambda ahead: abs(ahead - time)) for time in _AHEAD_S)}
         rows = table.filter(table["horizon"].is_in(list(some))).to_dicts()
         return [{name: value for name, value in row.items() if value == value} for row in rows]
 
@@ -256,7 +271,7 @@ def _compare(
     from maidenflight.identification.outcome.estimates import SURE_NATS
     from maidenflight.reporting.text import ERRORS
 
-    nearest = min((row["horizon"] for row in errors), key=lambda one: abs(one - _JUDGED_S))
+    nearest = min((row["horizon"] for row in errors), key=lambda horizon: abs(horizon - _JUDGED_S))
     rows = {row["model"]: row for row in errors if row["horizon"] == nearest}
     own, doubts = rows[model or name], []
     compared = "attitude" if own["attitude"] == own["attitude"] else "body_rates"
@@ -296,7 +311,7 @@ def _tabulate(
             cells[name] = f"{'* ' if worse else ''}{value}"
         rows.append(cells)
     columns = {"ahead": "{ahead}", "model": "{model}"}
-    columns |= {f"{one.name}\n{one.unit}": f"{{{name}}}" for name, one in ERRORS.items()}
+    columns |= {f"{kind.name}\n{kind.unit}": f"{{{name}}}" for name, kind in ERRORS.items()}
     flight = "simulated" if simulated else "real"
     worse = any(row[name].startswith("*") for row in rows for name in ERRORS)
     return [

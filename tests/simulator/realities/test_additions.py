@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 import pytest
 
@@ -10,7 +11,13 @@ from maidenflight import parameters
 from maidenflight.errors import InputError
 from maidenflight.registry import REALITIES
 from maidenflight.simulator.controllers import control
-from maidenflight.simulator.realities.additions import jump_of, split, with_additions
+from maidenflight.simulator.realities.additions import (
+    AIR_FORCE,
+    AIR_TORQUE,
+    jump_of,
+    split,
+    with_additions,
+)
 from maidenflight.simulator.realities.around import (
     SENSORS,
     DelayWrapper,
@@ -19,7 +26,7 @@ from maidenflight.simulator.realities.around import (
 )
 from maidenflight.simulator.realities.reality import check_reality, reality, seed_of
 from maidenflight.simulator.realities.stepped import Stepped
-from maidenflight.simulator.realities.virtual_drone import VirtualDrone
+from maidenflight.simulator.realities.virtual_drone import VirtualDrone, virtual_drone
 from maidenflight.simulator.tasks import tasks
 from numpy_drone import NumpyDrone
 
@@ -34,6 +41,7 @@ START = np.array([0.1, 0.2, 1.0])
         ("l2f:x500+sensors+2.5ms", ("l2f:x500", ["sensors", "2.5ms"])),
         ("near:1@crazyflie_2.1++10ms", ("near:1@crazyflie_2.1+", ["10ms"])),
         ("virtual:7+noise", ("virtual:7+noise", [])),
+        ("near:7+air+10ms", ("near:7", ["air", "10ms"])),
         ("far:2+yaw-6000+weak10", ("far:2", ["yaw-6000", "weak10"])),
         ("virtual:3+payload15+yaw4000@5", ("virtual:3", ["payload15", "yaw4000@5"])),
         ("near:1@own.toml+weak10@2.5+10ms", ("near:1@own.toml", ["weak10@2.5", "10ms"])),
@@ -53,6 +61,26 @@ def test_a_virtual_drone_gets_other_parameters() -> None:
     for name, value in SENSORS.items():
         assert getattr(added.parameters, name) == np.float32(value)
     assert added.parameters.mass == plain.parameters.mass
+
+
+def test_moving_air_disturbs_by_shares_of_weight_and_arm_or_as_the_drone_has_it() -> None:
+    calm, moved = reality("near:7"), reality("near:7+air")
+    assert isinstance(calm, VirtualDrone)
+    assert isinstance(moved, VirtualDrone)
+    assert moved.name == "near:7+air"
+    weight, arm = calm.parameters.mass * calm.parameters.gravity, 0.0396
+    torque, force = moved.parameters.disturbance_torque, moved.parameters.disturbance_force
+    np.testing.assert_allclose(torque, weight * arm * np.array(AIR_TORQUE), rtol=1e-5)
+    np.testing.assert_allclose(force, weight * np.array(AIR_FORCE), rtol=1e-5)
+    for plain, disturbed in ((calm, False), (moved, True)):
+        assert plain.environment(tasks.circle(), control.pwm()).disturbed is disturbed
+    own = parameters.replace(calm.parameters, disturbance_torque=(1e-5, 0.0, 0.0))
+    about = with_additions(VirtualDrone("own", own), ["air"])
+    jax.tree.map(np.testing.assert_array_equal, about.parameters, own)
+    inherits = virtual_drone(3, "far", own).parameters
+    np.testing.assert_array_equal(inherits.disturbance_torque, own.disturbance_torque)
+    with pytest.raises(InputError, match="air"):
+        with_additions(Stepped(calm), ["air"])
 
 
 def test_a_name_that_ends_like_an_addition_is_a_drone(tmp_path: Path) -> None:

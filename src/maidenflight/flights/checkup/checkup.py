@@ -42,25 +42,27 @@ def check_up(pieces: Sequence[Flight]) -> tuple[CheckResult, ...]:
     follows = flight.verdict == PASSES and (flight.statistic or 0.0) > CURVE[0]
     force = check_accelerometer(pieces, follows)
     state = check_state(pieces) if pieces[0].has_state else []
-    verdicts = {one.name: one.verdict for one in state}
+    verdicts = {result.name: result.verdict for result in state}
     yaw = np.concatenate([piece.attitude[:, 2] for piece in pieces]).astype(float)
     # Which way yaw counts shows in the way a tilt pushes only where the nose points aside.
     aside = float(np.sqrt(np.mean(np.nan_to_num(np.sin(yaw)) ** 2)))
     yaw_is_right = aside > ASIDE and verdicts.get("body_rate") == verdicts.get("tilt") == PASSES
     results = (*check_motors(pieces, yaw_is_right), check_load(pieces))
     results = (flight, *results)
-    if wrong := [one.name for one in (*state, *force) if one.name in _OF_AXES if one.is_failure]:
+    if wrong := [
+        result.name for result in (*state, *force) if result.name in _OF_AXES if result.is_failure
+    ]:
         # Turned axes of the sensors turn the order of the motors too.
         results = tuple(
-            unknown(one.name, f"{wrong[0]} has to be mended first")
-            if one.name == ORDER and one.is_failure
-            else one
-            for one in results
+            unknown(result.name, f"{wrong[0]} has to be mended first")
+            if result.name == ORDER and result.is_failure
+            else result
+            for result in results
         )
-    if any(one.verdict in (FAILS, WARNS) for one in force):
+    if any(result.verdict in (FAILS, WARNS) for result in force):
         # What follows from the force would repeat its fault.
         mend = "the accelerometer has to be mended first"
         results = tuple(
-            unknown(one.name, mend) if one.name in _OF_FORCE else one for one in results
+            unknown(result.name, mend) if result.name in _OF_FORCE else result for result in results
         )
     return *columns, *state, *force, *results, *check_rotor_speeds(pieces)

@@ -61,7 +61,7 @@ def time_by_gravity(pieces: Sequence[Flight]) -> float | None:
     scales = []
     for bend, push, speed in (table - table.mean(axis=0)).T:
         drag = speed / max(float(np.sqrt(speed @ speed)), 1e-9)
-        own, pushed = (one - drag * (drag @ one) for one in (bend, push))
+        own, pushed = (vector - drag * (drag @ vector) for vector in (bend, push))
         shared = float(own @ pushed)
         if shared <= 0.0:
             continue
@@ -76,9 +76,9 @@ def _bends(piece: Flight) -> Float[np.ndarray, "M 3 2"]:
     rows = max(2, round(_SPAN_S / piece.period))
     if len(piece) < 4 * rows:
         return np.zeros((0, 3, 2))
-    place, span = piece.position[:, :2].astype(float), rows * piece.period
+    position, span = piece.position[:, :2].astype(float), rows * piece.period
     push = push_of_tilt(*piece.attitude.astype(float).T)
-    before, at, after = place[: -2 * rows], place[rows:-rows], place[2 * rows :]
+    before, at, after = position[: -2 * rows], position[rows:-rows], position[2 * rows :]
     # A second difference weighs acceleration by a triangle: a mean of means.
     return np.stack(
         [

@@ -74,10 +74,10 @@ def _check_balance(pieces: Sequence[Flight], seconds: float) -> CheckResult:
 def _find_equal(pieces: Sequence[Flight]) -> CheckResult | None:
     command = np.concatenate([piece.command for piece in pieces])
     for first, second in combinations(range(command.shape[1]), 2):
-        one = command[:, first]
+        values = command[:, first]
         # Motors at their limits are alike in any flight.
-        free = (one > one.min()) & (one < one.max())
-        share = float((one == command[:, second])[free].mean()) if free.any() else 0.0
+        free = (values > values.min()) & (values < values.max())
+        share = float((values == command[:, second])[free].mean()) if free.any() else 0.0
         if share > _ALIKE:
             names = f"command_{first + 1} and command_{second + 1}"
             cause = f"{names} are equal in {share:.0%} of the rows: one motor was logged twice."
@@ -128,15 +128,15 @@ def check_one_motor(
         flights: of several logs, pieces of at least one of each.
         checks: what was found of each log.
     """
-    results = [one for each in checks.values() for one in each if one.name == BALANCE]
+    results = [result for each in checks.values() for result in each if result.name == BALANCE]
     means = [flight.command.mean(axis=0, dtype=np.float64) for flight in flights]
-    if len(results) < 2 or any(one.verdict == WARNS for one in results):
+    if len(results) < 2 or any(result.verdict == WARNS for result in results):
         return []
-    one = _check_balance(flights, sum(flight.duration for flight in flights))
-    if one.verdict != WARNS or len({int(np.argmax(mean)) for mean in means}) > 1:
+    result = _check_balance(flights, sum(flight.duration for flight in flights))
+    if result.verdict != WARNS or len({int(np.argmax(mean)) for mean in means}) > 1:
         return []
-    cause = f"in {len(results)} logs {one.cause}"
-    return [LogWarning(BALANCE, "", cause, one.remedy, one.statistic, one.threshold)]
+    cause = f"in {len(results)} logs {result.cause}"
+    return [LogWarning(BALANCE, "", cause, result.remedy, result.statistic, result.threshold)]
 
 
 def check_battery(flights: Sequence[Flight]) -> list[LogWarning]:

@@ -138,7 +138,7 @@ def _check_scale(pieces: Sequence[Flight], follows: bool) -> CheckResult:
         remedy = "Balance the propellers, or mount the board softly."
         return CheckResult(name, WARNS, sentence, ratio, threshold, remedy)
     else:
-        unit = next((words for one, words in _UNITS.items() if 0.8 < ratio / one < 1.25), "")
+        unit = next((words for factor, words in _UNITS.items() if 0.8 < ratio / factor < 1.25), "")
         fault = f"it looks like {unit}" if unit else "its scale is wrong"
         remedy = "Convert it."
     sentence = f"the accelerometer's {text}, {up:.2f} m/s2 along z; {fault}."
@@ -181,8 +181,8 @@ def _responses(
         drift = np.cumsum(tilt - tilt.mean(axis=0), axis=0) * step
         jerk = np.gradient(rates[:, [1, 0]], step, axis=0) * [1.0, -1.0]
         parts = tilt, drift, jerk, force[:, :2]
-        parts = [scipy.signal.sosfiltfilt(band, one, axis=0) for one in parts]
-        parts = [one[edge:-edge] for one in parts]
+        parts = [scipy.signal.sosfiltfilt(band, part, axis=0) for part in parts]
+        parts = [part[edge:-edge] for part in parts]
         features.append(np.stack(parts[:3], axis=2))
         forces.append(parts[3])
     return (np.concatenate(features), np.concatenate(forces)) if forces else None

@@ -86,11 +86,11 @@ def measure_coherence(pieces: Sequence[Flight]) -> Coherence | None:
 
 def belongs(pieces: Sequence[Flight]) -> tuple[bool | None, str]:
     """Says whether commands belong to the motion, None where that cannot be told, and how much."""
-    one = measure_coherence(pieces)
-    if one is None:
+    relation = measure_coherence(pieces)
+    if relation is None:
         return None, "the flight is too short to tell"
-    text = f"coherence {one.own:.2f}, by chance {one.chance:.2f} +- {one.error:.2f}"
-    return (True if one.is_there else False if one.has_power else None), text
+    text = f"coherence {relation.own:.2f}, by chance {relation.chance:.2f} +- {relation.error:.2f}"
+    return (True if relation.is_there else False if relation.has_power else None), text
 
 
 def check_flight(pieces: Sequence[Flight]) -> CheckResult:

@@ -151,8 +151,8 @@ _PUSHES: Mapping[str, Measure] = {
 def check_state(pieces: Sequence[Flight]) -> list[CheckResult]:
     """Checks body rates, velocity, tilt and clock of pieces of one flight with a state."""
     pieces = relations.take_enough(pieces)
-    turned, moved = (relations.sample_spans(pieces, one) for one in (turn, move))
-    turns, moves = (relations.match(one) if one else None for one in (turned, moved))
+    turned, moved = (relations.sample_spans(pieces, relation) for relation in (turn, move))
+    turns, moves = (relations.match(samples) if samples else None for samples in (turned, moved))
     scale = {
         "body_rate": _scale(turns, LEAST_RATE, (0, 1)),
         "velocity": _scale(moves, LEAST_SPEED, (0, 1, 2)),
@@ -168,19 +168,19 @@ def check_state(pieces: Sequence[Flight]) -> list[CheckResult]:
         frames.append(unknown("tilt", "velocity has to be mended first"))
     else:
         frame = _check_frame(pieces)
-        pushes = {name: relations.sample_spans(pieces, one) for name, one in _PUSHES.items()}
+        pushes = {name: relations.sample_spans(pieces, change) for name, change in _PUSHES.items()}
         frames.append(_check_reading("tilt", "the change of velocity", pushes, LEAST_PUSH))
     frames = _blame(frames)
     if dead := _dead_axis(turned):
         cause = f"body_rate never changes in {dead} although the attitude does."
         frames[0] = CheckResult("body_rate", FAILS, cause, 0.0, remedy="Log all axes.")
     turned_by, moved_by = (
-        None if one is None else float(np.sqrt(one.prod())) for one in scale.values()
+        None if bounds is None else float(np.sqrt(bounds.prod())) for bounds in scale.values()
     )
     # Gravity is a clock where the tilt is right.
-    is_read = all(one.verdict == PASSES for one in frames)
+    is_read = all(result.verdict == PASSES for result in frames)
     clock = check_clock(turned_by, moved_by, time_by_gravity(pieces) if is_read else None)
-    scales = [_check_scale(name, one) for name, one in scale.items()]
+    scales = [_check_scale(name, bounds) for name, bounds in scale.items()]
     return [*frames, frame, clock, *scales, _check_gyro_delay(pieces)]
 
 
@@ -198,8 +198,8 @@ def _check_frame(pieces: Sequence[Flight]) -> CheckResult:
     read = np.concatenate(parts, axis=1)
     as_world, as_body, moved = read - read.mean(axis=1, keepdims=True)
     world, body = (
-        ((moved - one * (one * moved).sum() / max((one**2).sum(), 1e-12)) ** 2).sum(axis=1)
-        for one in (as_world, as_body)
+        ((moved - model * (model * moved).sum() / max((model**2).sum(), 1e-12)) ** 2).sum(axis=1)
+        for model in (as_world, as_body)
     )
     ratio = float(world.mean() / max(body.mean(), 1e-12))
     error = float((world - body).std() / np.sqrt(len(world)))
@@ -305,7 +305,7 @@ def _check_scale(name: str, bounds: Float[np.ndarray, "2"] | None) -> CheckResul
         sentence = f"{name} is {middle:.3g} times the change of {other}"
         return CheckResult(title, PASSES, sentence, middle, threshold)
     units = _UNITS[name].items()
-    unit = next((text for one, text in units if 0.93 < middle / one < 1.07), "")
+    unit = next((text for factor, text in units if 0.93 < middle / factor < 1.07), "")
     hint = f" It looks like {unit}." if unit else ""
     certain = not 1 / CERTAIN[name] < middle < CERTAIN[name]
     return CheckResult(
@@ -352,7 +352,7 @@ def gyro_delay(pieces: Sequence[Flight]) -> float | None:
         count = len(piece) - rows - 2 * most
         if count < FEWEST_LAG:
             continue
-        first, second = (one[:, :2] - one[:, :2].mean(axis=0) for one in turn(piece, rows))
+        first, second = (rates[:, :2] - rates[:, :2].mean(axis=0) for rates in turn(piece, rows))
         later = second[most : most + count]
         for index, shift in enumerate(shifts):
             early = first[most + shift : most + shift + count]

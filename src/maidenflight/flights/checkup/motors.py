@@ -256,16 +256,16 @@ def _check_curve(pieces: Sequence[Flight], answer: Responses, logged: Fit) -> Ch
     force = np.concatenate([np.asarray(piece.accelerometer)[:, 2] for piece in pieces])
     if match < FORCE_EXPLAINED or answer.segments < FEWEST or command <= 0:
         return unknown(name, f"the force along z follows the commands to {match:.2f} only", match)
-    place = int(np.flatnonzero(_POSSIBLE)[delay])
-    difference = float(LAGS_S[lag] + DELAYS_S[place]) - logged.lag - logged.delay
+    slot = int(np.flatnonzero(_POSSIBLE)[delay])
+    difference = float(LAGS_S[lag] + DELAYS_S[slot]) - logged.lag - logged.delay
     if abs(difference) > CABLE_S:
         late = f"{1e3 * difference:.0f} ms after roll and pitch"
         text = f"the force along z follows the commands {late}, as with a load on a cable"
         return unknown(name, text, difference)
-    product = answer.products[FORCE, lag, place].sum()
+    product = answer.products[FORCE, lag, slot].sum()
     gain = 4 * product / answer.power[FORCE, lag].sum()
     share = float(gain * command / max(float(force.mean(dtype=np.float64)), 0.1 * GRAVITY))
-    error = share * gain_error(pieces, float(LAGS_S[lag]), float(DELAYS_S[place]))
+    error = share * gain_error(pieces, float(LAGS_S[lag]), float(DELAYS_S[slot]))
     low, high = CURVE
     threshold = f"{low:g} .. {high:g}"
     text = f"1 % more command gives {share:.2f} % +- {error:.2f} % more thrust"
@@ -293,8 +293,8 @@ def _gentle_share(pieces: Sequence[Flight]) -> float:
     ]
     blocks = np.concatenate(
         [
-            block_mean(one, max(1, round(_SETTLED_S / piece.period)))
-            for one, piece in zip(signals, pieces, strict=True)
+            block_mean(signal, max(1, round(_SETTLED_S / piece.period)))
+            for signal, piece in zip(signals, pieces, strict=True)
         ]
     )
     throttle, force = blocks[blocks[:, 0] < np.median(blocks[:, 0])].T

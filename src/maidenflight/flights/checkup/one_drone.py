@@ -38,12 +38,12 @@ def check_load(pieces: Sequence[Flight]) -> CheckResult:
     if len(ratio) < 2 * _BLOCKS + 4:
         return unknown(NAME, f"shorter than {(2 * _BLOCKS + 4) * _BLOCK_S:g} s")
     steps = [
-        (float(np.median(after) - np.median(before)), _error(before, after), place)
-        for place in range(_BLOCKS, len(ratio) - _BLOCKS)
-        for before, after in [(ratio[place - _BLOCKS : place], ratio[place : place + _BLOCKS])]
+        (float(np.median(after) - np.median(before)), _error(before, after), index)
+        for index in range(_BLOCKS, len(ratio) - _BLOCKS)
+        for before, after in [(ratio[index - _BLOCKS : index], ratio[index : index + _BLOCKS])]
     ]
-    step, error, place = max(steps, key=lambda one: abs(one[0]))
-    flat = np.concatenate([ratio[:place], ratio[place:] - step])
+    step, error, index = max(steps, key=lambda change: abs(change[0]))
+    flat = np.concatenate([ratio[:index], ratio[index:] - step])
     if 1.4826 * float(np.median(np.abs(flat - np.median(flat)))) > UNSTEADY:
         return unknown(NAME, "too lively a flight to show a change of load", step)
     threshold = f"-{STEP:g} .. {STEP:g}"
@@ -55,7 +55,7 @@ def check_load(pieces: Sequence[Flight]) -> CheckResult:
         return unknown(NAME, f"{text}, too little to tell it from {100 * STEP:g} %", step)
     change = (
         f"thrust per command changes by {100 * np.expm1(step):+.0f} % after "
-        f"{place * _BLOCK_S:.0f} s"
+        f"{index * _BLOCK_S:.0f} s"
     )
     volts = np.concatenate([piece.battery for piece in pieces])
     if np.isfinite(volts).any():
@@ -124,7 +124,7 @@ def row_keys(flights: Sequence[Flight]) -> UInt64[np.ndarray, "N"]:
 
     Copies that are shifted, cut, thinned or have another position share them.
     """
-    rows = [np.concatenate([one.body_rates, one.command], axis=1) for one in flights]
+    rows = [np.concatenate([flight.body_rates, flight.command], axis=1) for flight in flights]
     grid = np.round(np.nan_to_num(np.concatenate(rows)) / _GRID).astype(np.int64).astype(np.uint64)
     odd = np.random.default_rng(0).integers(1, 2**63, grid.shape[1], dtype=np.uint64) | np.uint64(1)
     with np.errstate(over="ignore"):

@@ -107,7 +107,7 @@ def sample_spans(pieces: Sequence[Flight], measure: Measure) -> list[Samples]:
 def match(samples: Sequence[Samples]) -> Match:
     """Matches each axis of two signals with itself."""
     spans = [
-        [_match_axis(one, other) for one, other in zip(first.T, second.T, strict=True)]
+        [_match_axis(signal, other) for signal, other in zip(first.T, second.T, strict=True)]
         for first, second in samples
     ]
     table = np.array(spans)
@@ -118,18 +118,18 @@ def match(samples: Sequence[Samples]) -> Match:
 def _match_axis(
     first: Float[np.ndarray, "M"], second: Float[np.ndarray, "M"]
 ) -> tuple[float, float, float]:
-    one, other = float(first.std()), float(second.std())
-    if min(one, other) < 1e-9:
-        return 0.0, 1.0, min(one, other)
+    size, other = float(first.std()), float(second.std())
+    if min(size, other) < 1e-9:
+        return 0.0, 1.0, min(size, other)
     sign = np.sign(first @ second) or 1.0
-    difference = np.abs(first / one - sign * second / other)
+    difference = np.abs(first / size - sign * second / other)
     most = int(_TRIMMED * (len(difference) - 1))
     inliers = difference <= np.partition(difference, most)[most]
     first, second = first[inliers] - first[inliers].mean(), second[inliers] - second[inliers].mean()
-    one, other = (float(np.sqrt(signal @ signal / len(signal))) for signal in (first, second))
-    if min(one, other) < 1e-9:
-        return 0.0, 1.0, min(one, other)
-    return float(first @ second / len(first) / one / other), one / other, min(one, other)
+    size, other = (float(np.sqrt(signal @ signal / len(signal))) for signal in (first, second))
+    if min(size, other) < 1e-9:
+        return 0.0, 1.0, min(size, other)
+    return float(first @ second / len(first) / size / other), size / other, min(size, other)
 
 
 class Reading(NamedTuple):
@@ -154,7 +154,7 @@ def best_reading(readings: Mapping[str, Sequence[Samples]], least: float) -> Rea
     """
     scores: dict[str, float] = {}
     for name, samples in readings.items():
-        sample_scores = [score for one in samples if (score := _score(*one, least)) is not None]
+        sample_scores = [score for pair in samples if (score := _score(*pair, least)) is not None]
         if sample_scores:
             scores[name] = max(sample_scores)
     logged = next(iter(readings))
@@ -172,6 +172,7 @@ def _score(
     if not loud.any():
         return None
     rows = [
-        _match_axis(one, other)[0] for one, other in zip(first.T[loud], second.T[loud], strict=True)
+        _match_axis(signal, other)[0]
+        for signal, other in zip(first.T[loud], second.T[loud], strict=True)
     ]
     return float(np.mean(rows))

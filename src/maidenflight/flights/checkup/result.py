@@ -97,12 +97,13 @@ def warnings_of(
     """
     return [
         LogWarning(
-            *(one.name, name, one.cause, one.remedy, one.statistic, one.threshold, verdict == FAILS)
+            *(result.name, name, result.cause, result.remedy),
+            *(result.statistic, result.threshold, verdict == FAILS),
         )
         for verdict in verdicts
         for name, results in checks.items()
-        for one in results
-        if one.verdict == verdict
+        for result in results
+        if result.verdict == verdict
     ]
 
 
@@ -114,9 +115,9 @@ def warning_lines(warnings: Sequence[LogWarning], marks: tuple[str, str] = ("", 
         marks: what lines begin with, of sure ones and others.
     """
     kinds: dict[str, list[LogWarning]] = {}
-    for one in warnings:
+    for warning in warnings:
         # What a stage says of all logs is of many kinds.
-        kinds.setdefault(one.kind if one.file else str(one), []).append(one)
+        kinds.setdefault(warning.kind if warning.file else str(warning), []).append(warning)
     lines = [
         f"{marks[not first.sure]}{first}"
         + (f" (And {len(others)} more log{'s' * (len(others) > 1)}.)" if others else "")
@@ -134,14 +135,14 @@ def typical_results(parts: Sequence[tuple[CheckResult, ...]]) -> tuple[CheckResu
     if len(parts) == 1:
         return parts[0]
     tests: dict[str, list[CheckResult]] = {}
-    for one in (result for results in parts for result in results):
-        tests.setdefault(one.name, []).append(one)
+    for result in (result for results in parts for result in results):
+        tests.setdefault(result.name, []).append(result)
     certain = {
-        name: [one for one in results if one.verdict != UNKNOWN] or results
+        name: [result for result in results if result.verdict != UNKNOWN] or results
         for name, results in tests.items()
     }
     order = (PASSES, WARNS, FAILS, UNKNOWN)
     return tuple(
-        sorted(results, key=lambda one: order.index(one.verdict))[len(results) // 2]
+        sorted(results, key=lambda result: order.index(result.verdict))[len(results) // 2]
         for results in certain.values()
     )

@@ -37,7 +37,7 @@ def check_rotor_speeds(pieces: Sequence[Flight]) -> list[CheckResult]:
     on = command > 0.03
     with np.errstate(invalid="ignore"):
         stopped = ((speed <= 0.0) & on).sum(axis=0) / np.maximum(on.sum(axis=0), 1)
-    silent = [place for place, share in zip(PLACES, stopped, strict=True) if share > STOPPED]
+    silent = [rotor for rotor, share in zip(PLACES, stopped, strict=True) if share > STOPPED]
     if silent:
         rotors = "all four read" if len(silent) == 4 else f"{', '.join(silent)} reads"
         return [_pass_over(f"{rotors} 0 while commanded to turn", float(stopped.max()))]
@@ -45,8 +45,8 @@ def check_rotor_speeds(pieces: Sequence[Flight]) -> list[CheckResult]:
     if follows is None:
         return [unknown(NAME, "no piece lasts 4 s")]
     still = [
-        place
-        for place, values, commands in zip(PLACES, speed.T, command.T, strict=True)
+        rotor
+        for rotor, values, commands in zip(PLACES, speed.T, command.T, strict=True)
         if values.std() < 1e-3 * max(abs(values.mean()), 1e-9) and commands.std() > 1e-3
     ]
     if still:

@@ -42,7 +42,7 @@ _FOREIGN = {
 _ALL = _CLOCK | _MOTOR | _SPINNING | _ANGULAR | _FORCE | _QUATERNION | _VELOCITY | _PLACE | _PLAIN
 _WORDS = sorted((word for word in _ALL if len(word) > 2), key=len, reverse=True)
 _COMPONENTS = {
-    **{one: one for one in "xyzw0123456789"},
+    **{letter: letter for letter in "xyzw0123456789"},
     **{"roll": "x", "pitch": "y", "yaw": "z", "phi": "x", "theta": "y", "psi": "z"},
 }
 _ROLLED = {"roll", "pitch", "yaw", "phi", "theta", "psi", "r", "p"}
@@ -79,8 +79,8 @@ def read_names(columns: Iterable[str]) -> Names:
     """Finds the signals in columns by their names."""
     parsed = {name: parse(name) for name in columns}
     groups: dict[tuple[tuple[str, ...], bool], dict[str, str]] = {}
-    for name, one in parsed.items():
-        groups.setdefault((one.words, one.is_turn), {}).setdefault(one.component, name)
+    for name, column in parsed.items():
+        groups.setdefault((column.words, column.is_turn), {}).setdefault(column.component, name)
     for (words, is_turn), parts in groups.items():
         others = groups.get((words, False), {})
         if is_turn and set(parts) == {"x", "y"} and set(others) >= {"y"} > set("x") & set(others):
@@ -92,7 +92,11 @@ def read_names(columns: Iterable[str]) -> Names:
             extra -= 2 * bool(set(words) & _SURE or len(chosen) > len(_AXES))
             if signal not in choices or extra < choices[signal][0]:
                 choices[signal] = extra, chosen, words
-    times = {one.words: name for name, one in reversed(parsed.items()) if set(one.words) & _CLOCK}
+    times = {
+        column.words: name
+        for name, column in reversed(parsed.items())
+        if set(column.words) & _CLOCK
+    }
     alone = [name for words, name in reversed(times.items()) if set(words) <= _CLOCK | _PLAIN]
     clock = min(alone, key=lambda name: len(parsed[name].words), default="")
     own = {}
@@ -111,16 +115,16 @@ def parse(name: str) -> Column:
     words: list[str] = []
     for token in tokens:
         words.extend(_cut(token))
-    places = [place for place, word in enumerate(words) if word in _COMPONENTS]
+    places = [index for index, word in enumerate(words) if word in _COMPONENTS]
     if len(words) > 1 and words[-1] in ("r", "p") and set(words[:-1]) & _TURNS:
         return Column(tuple(words[:-1]), {"r": "x", "p": "y"}[words[-1]], True)
     if words in (["p"], ["q"], ["r"]):
         return Column(("rate",), dict(zip("pqr", "xyz", strict=True))[words[0]], True)
     if not places:
         return Column(tuple(words), "", False)
-    place = places[-1]
-    rest = tuple(words[:place] + words[place + 1 :])
-    return Column(rest, _COMPONENTS[words[place]], words[place] in _ROLLED)
+    index = places[-1]
+    rest = tuple(words[:index] + words[index + 1 :])
+    return Column(rest, _COMPONENTS[words[index]], words[index] in _ROLLED)
 
 
 def _cut(token: str) -> list[str]:
@@ -145,10 +149,12 @@ def _signals(
     """Yields the signals that columns of the same words may be, each with them in order."""
     if words & _FOREIGN or ("d" in words and words & _MOTOR):
         return
-    vector = tuple(parts[one] for one in "xyz") if set("xyz") <= set(parts) else ()
-    numbers = sorted(one for one in parts if one.isdigit())
+    vector = tuple(parts[axis] for axis in "xyz") if set("xyz") <= set(parts) else ()
+    numbers = sorted(component for component in parts if component.isdigit())
     first = int(numbers[0]) if numbers else 0
-    listed = tuple(parts[str(first + one)] for one in range(4) if str(first + one) in parts)
+    listed = tuple(
+        parts[str(first + offset)] for offset in range(4) if str(first + offset) in parts
+    )
     if "" in parts and words & _BATTERY and not words & _CLOCK:
         yield "battery", (parts[""],)
     if vector or (len(numbers) == 3 and first == 0):

@@ -90,7 +90,7 @@ def _judge(table: Table, clock: str, names: Names) -> ColumnMap:
             angles = angles * column_map.UNITS[units["attitude"]]
         ratio = _compared(time, angles, gyro)
         degrees = bool(np.median(np.abs(ratio)) > 8.0) if np.isfinite(ratio).all() else degrees
-        signs["attitude"] = tuple(-1 if one < 0 else 1 for one in ratio)
+        signs["attitude"] = tuple(-1 if value < 0 else 1 for value in ratio)
     units["body_rates"] = "deg/s" if degrees else "rad/s"
     if below:
         signs["position"] = signs["velocity"] = (1, -1, -1)
@@ -152,7 +152,7 @@ def _judge_law(
             )
             for lag in _LAGS
         ),
-        key=lambda one: one[0] / max(one[1], 1e-9),
+        key=lambda elasticity: elasticity[0] / max(elasticity[1], 1e-9),
     )
     if not 3 * error < share:
         return scale
@@ -214,13 +214,13 @@ def _order(
     smooth = uniform_filter1d(motors, few, axis=0)
     best, signs = 0.0, np.zeros((2, 4))
     for lag in _LAGS:
-        lagged = np.stack([np.interp(time - lag, time, one) for one in smooth.T], axis=1)
+        lagged = np.stack([np.interp(time - lag, time, column) for column in smooth.T], axis=1)
         lagged = np.column_stack([lagged, np.ones(len(lagged))])
         weights = np.linalg.lstsq(lagged, turns, rcond=None)[0]
         share = 1.0 - np.var(turns - lagged @ weights, axis=0) / np.var(turns, axis=0)
         if share.min() > best:
             best, signs = float(share.min()), np.sign(weights[:4].T)
-    corners = [tuple(one.astype(int)) for one in signs.T]
+    corners = [tuple(column.astype(int)) for column in signs.T]
     if best < _LEAST_SHARE or set(corners) != set(_CORNERS):
         return 0, 1, 2, 3
     return tuple(corners.index(corner) for corner in _CORNERS)

@@ -112,9 +112,9 @@ def flight(
     share = np.clip((raw.values - scale.low) / (scale.high - scale.low), 0.0, None)
     state, state_notes = None, []
     if {"position", "velocity", "attitude"} <= set(signals):
-        place, velocity = signals["position"], signals["velocity"]
-        moved = np.concatenate([place.values, streams.between(place.time, velocity)], axis=1)
-        state, state_notes = joining.state(name, Stream(place.time, moved), signals["attitude"])
+        position, velocity = signals["position"], signals["velocity"]
+        moved = np.concatenate([position.values, streams.between(position.time, velocity)], axis=1)
+        state, state_notes = joining.state(name, Stream(position.time, moved), signals["attitude"])
     else:
         state_notes = [f"{name}: no position, velocity and attitude together: {joining.ALONE}"]
     joined = joining.Signals(

@@ -29,7 +29,7 @@ def share_explained(
         _share(logged_mean, rebuilt_mean),
         _share(logged - logged_mean, rebuilt - rebuilt_mean),
     ]
-    return min((one for one in shares if one is not None), default=None)
+    return min((share for share in shares if share is not None), default=None)
 
 
 def _share(logged: np.ndarray, rebuilt: np.ndarray) -> float | None:

@@ -64,26 +64,24 @@ def everywhere(at: Float[np.ndarray, "N"]) -> tuple[Bool[np.ndarray, "N"], list[
     return np.ones(len(at), bool), []
 
 
-def state(name: str, place: Stream, quaternion: Stream) -> tuple[Stream | None, list[str]]:
+def state(name: str, position: Stream, quaternion: Stream) -> tuple[Stream | None, list[str]]:
     """Returns position, velocity and attitude in the rarer one's samples.
 
     None where they are too rare.
 
     Args:
         name: of the file, for notes.
-        place: position [m] and velocity [m/s] in the world.
+        position: position [m] and velocity [m/s] in the world.
         quaternion: x, y, z, w, body to world.
     """
     angles = attitudes.of_quaternions(quaternion.values)
     is_finite = np.isfinite(angles).all(axis=1)
-    angle_stream = Stream(quaternion.time[is_finite], np.unwrap(angles[is_finite], axis=0))
-    if min(place.rate, angle_stream.rate) < 0.97 * rates.LEAST_HZ:
-        logged = (
-            f"position logged at {place.rate:.3g} Hz and attitude at {angle_stream.rate:.3g} Hz"
-        )
+    attitude = Stream(quaternion.time[is_finite], np.unwrap(angles[is_finite], axis=0))
+    if min(position.rate, attitude.rate) < 0.97 * rates.LEAST_HZ:
+        logged = f"position logged at {position.rate:.3g} Hz and attitude at {attitude.rate:.3g} Hz"
         return None, [f"{name}: {logged}, below {rates.LEAST_HZ:g} Hz: {ALONE}"]
-    at = place.time if place.step >= angle_stream.step else angle_stream.time
-    rows = np.concatenate([streams.between(at, place), streams.between(at, angle_stream)], axis=1)
+    at = position.time if position.step >= attitude.step else attitude.time
+    rows = np.concatenate([streams.between(at, position), streams.between(at, attitude)], axis=1)
     return Stream(at, rows), []
 
 
@@ -173,7 +171,11 @@ def _list_rates(signals: Signals) -> dict[str, float]:
         "rotor speeds": signals.rotor_speed,
         "battery": signals.battery,
     }
-    return {name: one.rate for name, one in logged.items() if one is not None and one.rate > 0}
+    return {
+        name: stream.rate
+        for name, stream in logged.items()
+        if stream is not None and stream.rate > 0
+    }
 
 
 def _note_rows(

@@ -79,7 +79,7 @@ def _largest(values: Float[np.ndarray, "N"]) -> float:
 
 def worst_of(several: Sequence[Extremes]) -> Extremes:
     """Returns the extremes of several flights together."""
-    rows = np.array([[getattr(one, name) for name in _NAMES] for one in several])
+    rows = np.array([[getattr(extremes, name) for name in _NAMES] for extremes in several])
     lows = {"lowest": rows[:, _NAMES.index("lowest")].min()}
     highs = dict(zip(_NAMES, rows.max(axis=0), strict=True))
     return Extremes(**{name: float(value) for name, value in (highs | lows).items()})

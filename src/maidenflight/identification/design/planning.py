@@ -131,17 +131,20 @@ def plan(
     half_height = min(room[2] - MARGIN - height, height - LOWEST)
     half_width = min(room[:2]) / 2 - MARGIN
     library_plans = {
-        one: FlightPlan((Block(one, MANOEUVRE_DURATION),), room, height, request.seed)
-        for one in library(half_width, half_height, request.motors)
+        manoeuvre: FlightPlan((Block(manoeuvre, MANOEUVRE_DURATION),), room, height, request.seed)
+        for manoeuvre in library(half_width, half_height, request.motors)
     }
     keys = jax.random.split(key, len(library_plans) + 2)
     drone, drones, result, flights, notes = _find_calm_drone(
         drone, request, library_plans, keys, on_stage
     )
     left_out = {
-        one.name: limit for one in library_plans if (limit := allowed.excess(result[one], room))
+        manoeuvre.name: limit
+        for manoeuvre in library_plans
+        if (limit := allowed.excess(result[manoeuvre], room))
     }
-    indices = [number for number, one in enumerate(library_plans) if one.name not in left_out]
+    manoeuvres = [manoeuvre.name for manoeuvre in library_plans]
+    indices = [number for number, name in enumerate(manoeuvres) if name not in left_out]
     on_stage(OTHERS + 1, OTHERS + 3, "information of each manoeuvre")
     names = _names(request, flights[0])
     parts = _information(drone, [flights[number] for number in indices], names)
@@ -156,15 +159,17 @@ def plan(
         blocks, excess = _blocks(fitting, seconds, interest, rounds)
         blocks = sorted(blocks, key=lambda block: _agility(result[block.manoeuvre]))
         proposal = FlightPlan(tuple(blocks) * rounds, room, height, request.seed)
-        rows = [fly_plans(one, [proposal], keys[-1:], request.firmware)[0].rows for one in drones]
-        extremes = worst_of([extremes_of(one) for one in rows])
+        rows = [
+            fly_plans(drone, [proposal], keys[-1:], request.firmware)[0].rows for drone in drones
+        ]
+        extremes = worst_of([extremes_of(part) for part in rows])
         # One after the other they may do what none does alone.
         wrong = _beyond(proposal, rows, allowed) if allowed.excess(extremes, room) else {}
         wrong.pop(Manoeuvre(HOVER), None)
         if not wrong:
             break
-        left_out |= {one.name: limit for one, limit in wrong.items()}
-        fitting = {one: part for one, part in fitting.items() if one not in wrong}
+        left_out |= {manoeuvre.name: limit for manoeuvre, limit in wrong.items()}
+        fitting = {manoeuvre: part for manoeuvre, part in fitting.items() if manoeuvre not in wrong}
     proposal, unidentifiable = _expecting(
         drone, replace(proposal, extremes=extremes), keys[-2:], request, names
     )
@@ -216,7 +221,9 @@ def _blocks(
     design = optimal_design.optimal(parts, before, seconds, of)
     lasting = optimal_design.rounded(design, CHUNK, REST, seconds / rounds, MOST)
     blocks = [
-        Block(one, float(each)) for one, each in zip(fitting, lasting, strict=True) if each > 0
+        Block(manoeuvre, float(each))
+        for manoeuvre, each in zip(fitting, lasting, strict=True)
+        if each > 0
     ]
     return blocks, optimal_design.excess(parts, before, design, of)
 
@@ -262,7 +269,7 @@ def _simulate_library(
     result: dict[Manoeuvre, Extremes] = {}
     flights: list[Flight] = []
     others = about(drone)
-    slower = [_slower(one, factor) for one in (drone, others[0]) for factor in SLOWER]
+    slower = [_slower(other, factor) for other in (drone, others[0]) for factor in SLOWER]
     slowest: set[str] = set()
     for number, other in enumerate([drone, *others, *slower]):
         if number > OTHERS and other.name in slowest:
@@ -274,7 +281,8 @@ def _simulate_library(
             other, list(library_plans.values()), keys[: len(library_plans)], request.firmware
         )
         far = {
-            one: extremes_of(each.rows) for one, each in zip(library_plans, rollouts, strict=True)
+            manoeuvre: extremes_of(each.rows)
+            for manoeuvre, each in zip(library_plans, rollouts, strict=True)
         }
         is_calm = not request.allowed.unrest(far[Manoeuvre(HOVER)], request.room)
         if number and not is_calm:
@@ -282,11 +290,14 @@ def _simulate_library(
         if number > OTHERS:
             slowest.add(other.name)
         drones.append(other)
-        result = {one: worst_of([result.get(one, here), here]) for one, here in far.items()}
+        result = {
+            manoeuvre: worst_of([result.get(manoeuvre, here), here])
+            for manoeuvre, here in far.items()
+        }
         if number == 0:
             flights = [
-                flight_log(each, one.name, request.rate, keys[0])
-                for one, each in zip(library_plans, rollouts, strict=True)
+                flight_log(each, manoeuvre.name, request.rate, keys[0])
+                for manoeuvre, each in zip(library_plans, rollouts, strict=True)
             ]
             if not is_calm:
                 break
@@ -345,7 +356,9 @@ def _information(
     bounds = physical_bounds(drone.parameters)
     priors = prior_ranges(drone.parameters, {name: bounds[name] for name in names})
     widths = np.array([priors[name][1] - priors[name][0] for name in names])
-    if all(one.accelerometer is not None or one.rotor_speed is not None for one in flights):
+    if all(
+        flight.accelerometer is not None or flight.rotor_speed is not None for flight in flights
+    ):
         flights = [undo_filter_delay(flight) for flight in flights]
     objective = one_step.one_step_objective(flights, Likelihood())
     _, _, curvatures = objective.derivatives(drone.parameters, names)

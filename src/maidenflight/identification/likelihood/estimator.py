@@ -102,7 +102,7 @@ class Answer:
     @property
     def optima(self) -> Float[np.ndarray, "trials d"]:
         """The best point of each trial, in the unit cube."""
-        return np.array([one.points[int(np.argmin(one.values))] for one in self.fits])
+        return np.array([fit.points[int(np.argmin(fit.values))] for fit in self.fits])
 
     def without(
         self, removed_ranges: Ranges, start: Parameters, generator: np.random.Generator
@@ -176,8 +176,8 @@ def join(
     Raises:
         InputError: no requested parameter is identifiable.
     """
-    draws = {name: samples for one in answers for name, samples in one.samples.items()}
-    spread = {name: size for one in answers for name, size in one.posterior.spread.items()}
+    draws = {name: samples for answer in answers for name, samples in answer.samples.items()}
+    spread = {name: size for answer in answers for name, size in answer.posterior.spread.items()}
     about_z = AboutZ(answers[-1].best.drone, draws, spread, ())
     if follows_about_z:
         about_z = with_inertia_z(problem.start, *about_z[:3], unidentifiable, problem.generator)
@@ -185,7 +185,7 @@ def join(
     names = tuple(name for name in draws if name not in unidentifiable)
     require_identifiable(names, unidentifiable)
     box = box_of(problem, names)
-    fits = [fit for one in answers for fit in sorted(one.fits, key=lambda fit: fit.value)]
+    fits = [fit for answer in answers for fit in sorted(answer.fits, key=lambda fit: fit.value)]
     runs = [_in_box(fit, box, drone) for fit in fits]
     optimum = box.unit_of(drone)
     optima = np.array([points[int(np.argmin(values))] for points, values in runs])
@@ -230,10 +230,10 @@ def _in_box(
     points, own = np.tile(box.unit_of(drone), (len(fit.points), 1)), fit.box.values(fit.points)
     values = box.values(points)
     about_z = float(component(drone, "inertia_z") / component(fit.drone, "inertia_z"))
-    for place, name in enumerate(box.names):
+    for column, name in enumerate(box.names):
         if name in fit.box.names:
             scale = about_z if name in ABOUT_Z else 1.0
-            values[:, place] = scale * own[:, fit.box.names.index(name)]
+            values[:, column] = scale * own[:, fit.box.names.index(name)]
     return box.unit(values), fit.values
 
 
@@ -312,4 +312,4 @@ def _trials(
         fit_result.append(
             fit(problem, most, models, names, start, question.samples, at_random=True)
         )
-    return fit_result, int(np.argmin([one.value for one in fit_result]))
+    return fit_result, int(np.argmin([fit.value for fit in fit_result]))

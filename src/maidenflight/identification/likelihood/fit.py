@@ -110,7 +110,7 @@ def fit(
             drone = balance(model, drone, box)
             drones, values = [drone], np.array([model(drone)])
             problem.reporter.evaluated()
-        points = np.array([box.unit_of(one) for one in drones])
+        points = np.array([box.unit_of(drone) for drone in drones])
     return Fit(models[-1], box, drone, points, values)
 
 

@@ -80,7 +80,7 @@ def differences(
     for parameter, of_flights in deviations.items():
         if split := _groups(*of_flights, LEAST[parameter]):
             notes.append((split[0], Difference(parameter, *split[1:])))
-    return [one for _, one in sorted(notes, key=lambda each: -each[0])]
+    return [note for _, note in sorted(notes, key=lambda each: -each[0])]
 
 
 def _by_segment(target: OneStep, drone: Parameters) -> dict[str, Float[np.ndarray, "S"]]:
@@ -134,7 +134,7 @@ def _groups(
         between = left @ left / max(len(left) - 2, 1)
         difference = gap / float(np.sqrt(max(between, np.mean(errors**2))))
         if gap > least and difference > MIN_DIFFERENCE and (best is None or difference > best[0]):
-            lower, upper = (sorted(str(names[place]) for place in side) for side in (low, high))
+            lower, upper = (sorted(str(names[index]) for index in side) for side in (low, high))
             best = difference, tuple(lower), tuple(upper), float(np.exp(gap))
     return best
 

@@ -62,14 +62,14 @@ class GyroErrors(SensorErrors):
         inertia, bias = np.asarray(drone.inertia, float), np.asarray(drone.torque_bias, float)
         lift = thrust.sum(axis=-1) / float(drone.gravity)
         parts = []
-        for axis, one, other in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        for axis, second, other in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
             torque = bias[axis] * lift + float(drone.mass) * (thrust @ turned[:, axis])
             if axis == 2:
                 spin_up = rotors.change @ arms[:, axis] / self.signals.step
                 torque += float(drone.rotor_momentum) * spin_up
             else:
                 torque -= float(drone.rotational_damping) * rates[..., axis]
-            torque -= (inertia[other] - inertia[one]) * rates[..., one] * rates[..., other]
+            torque -= (inertia[other] - inertia[second]) * rates[..., second] * rates[..., other]
             parts.append(torque / inertia[axis])
         return np.stack(parts, axis=-1)
 

@@ -125,17 +125,17 @@ def information(
             parameters that something else shows, with a weight of 1 of this one, and the
             combination's variance.
     """
-    towards, place = np.eye(len(names)), [names.index(name) for name in directions]
-    for number, (row, _) in zip(place, directions.values(), strict=True):
+    towards, indices = np.eye(len(names)), [names.index(name) for name in directions]
+    for number, (row, _) in zip(indices, directions.values(), strict=True):
         towards[number] = row
     back = np.linalg.inv(towards)
     information = back.T @ curvature @ back
-    rest = [number for number in range(len(names)) if number not in place]
+    rest = [number for number in range(len(names)) if number not in indices]
     scale = np.sqrt(np.maximum(np.diag(information)[rest], 1e-30))
     likely = information[np.ix_(rest, rest)] / np.outer(scale, scale) + 1e-9 * np.eye(len(rest))
-    pull = information[np.ix_(rest, place)] / scale[:, None]
+    pull = information[np.ix_(rest, indices)] / scale[:, None]
     # So that, the likelihood's parameters eliminated, only the other signals' information is left.
-    information[np.ix_(place, place)] = pull.T @ np.linalg.solve(likely, pull) + np.diag(
+    information[np.ix_(indices, indices)] = pull.T @ np.linalg.solve(likely, pull) + np.diag(
         [1 / max(variance, 1e-30) for _, variance in directions.values()]
     )
     return towards.T @ information @ towards

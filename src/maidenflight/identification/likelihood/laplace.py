@@ -125,23 +125,23 @@ def posterior(
     spread = spread[:size]
     measured = {name: some for name, some in measured_delays.items() if name in box.names}
     hover = _balance(fit, names, slope, doubt, generator)
-    if hover.place is not None:
-        spread[hover.place] = hover.spread
-    places = [place for place in range(len(names)) if place != hover.place]
+    if hover.column is not None:
+        spread[hover.column] = hover.spread
+    indices = [index for index in range(len(names)) if index != hover.column]
     along = hover.along @ _fixed_equivalent_lag(
-        [names[place] for place in places], fit, measured, slope[places]
+        [names[index] for index in indices], fit, measured, slope[indices]
     )
     curvature = curvatures.sum(axis=0) * np.outer(slope, slope)
-    is_known = np.array([names[place] in {*measured, *others.samples} for place in places], bool)
-    moves = np.zeros((RESAMPLES, len(places)))
-    for number, place in enumerate(places):
-        if place >= size:
-            moves[:, number] = others.moves[:, place - size]
+    is_known = np.array([names[index] in {*measured, *others.samples} for index in indices], bool)
+    moves = np.zeros((RESAMPLES, len(indices)))
+    for number, index in enumerate(indices):
+        if index >= size:
+            moves[:, number] = others.moves[:, index - size]
         elif is_known[number]:
-            moves[:, number] = _with_measured_delays(fit, place, measured, generator)
-            spread[place] = 0.0
+            moves[:, number] = _with_measured_delays(fit, index, measured, generator)
+            spread[index] = 0.0
     if not is_known.all():
-        own = [place for place, known in zip(places, is_known, strict=True) if not known]
+        own = [index for index, known in zip(indices, is_known, strict=True) if not known]
         reduced = along.T @ curvature @ along
         inner = reduced[np.ix_(~is_known, ~is_known)]
         covariance = sandwich(((scores * slope) @ along)[:, ~is_known], inner)
@@ -155,15 +155,15 @@ def posterior(
         )
         # The rest of the optimum follows what is known of the others, and of hovering.
         pull = moves[:, is_known] @ reduced[np.ix_(is_known, ~is_known)]
-        if hover.place is not None:
-            pull += hover.noise * (along.T @ curvature[:, hover.place])[~is_known]
+        if hover.column is not None:
+            pull += hover.noise * (along.T @ curvature[:, hover.column])[~is_known]
         moves[:, ~is_known] += free - pull @ inverse(inner)
     moves = (moves @ along.T)[:, :size]
-    if hover.place is not None:
-        moves[:, hover.place] += hover.noise[:, 0]
+    if hover.column is not None:
+        moves[:, hover.column] += hover.noise[:, 0]
     if HOVERING in box.names:
-        place = box.names.index(HOVERING)
-        moves[:, place] += other_days(fit.drone, RESAMPLES, generator) / slope[place]
+        index = box.names.index(HOVERING)
+        moves[:, index] += other_days(fit.drone, RESAMPLES, generator) / slope[index]
     # A latency or drag of zero is no search bound but where nature ends.
     bounded = (unit > 1 - _AT_BOUND) | ((unit < _AT_BOUND) & (np.array(box.lower) != 0.0))
     error = np.where(bounded, np.inf, np.std(moves, axis=0) * slope[:size])
@@ -174,7 +174,7 @@ def posterior(
 class _Hover(NamedTuple):
     """The balance of mean forces, by which thrust follows the other parameters."""
 
-    place: int | None
+    column: int | None
     """Of the thrust-to-weight ratio among n parameters; None where a likelihood tells it."""
     along: Float[np.ndarray, "n m"]
     """How all parameters move with the m others."""
@@ -195,14 +195,14 @@ def _balance(
     box, means = fit.box, fit.model.means
     if means is None or HOVERING not in box.names:
         return _Hover(None, np.eye(len(names)), np.zeros((RESAMPLES, 1)), 0.0)
-    place = box.names.index(HOVERING)
-    along = np.delete(np.eye(len(names)), place, axis=1)
+    index = box.names.index(HOVERING)
+    along = np.delete(np.eye(len(names)), index, axis=1)
     climbs = means.climbs(fit.drone, names) * slope
-    along[place] = -np.delete(climbs, place) / climbs[place]
+    along[index] = -np.delete(climbs, index) / climbs[index]
     spread = float(np.std(means.hovering(fit.drone)))
     error = spread * np.sqrt(1 / fit.model.segments + 1 / NEXT_FLIGHT)
-    error = np.hypot(error / slope[place], np.sqrt(doubt[place, place]))
-    return _Hover(place, along, generator.normal(0.0, error, (RESAMPLES, 1)), spread)
+    error = np.hypot(error / slope[index], np.sqrt(doubt[index, index]))
+    return _Hover(index, along, generator.normal(0.0, error, (RESAMPLES, 1)), spread)
 
 
 def _fixed_equivalent_lag(
@@ -225,16 +225,16 @@ def _fixed_equivalent_lag(
 
 def _with_measured_delays(
     fit: Fit,
-    place: int,
+    number: int,
     measured_delays: Mapping[str, Float[np.ndarray, "N"]],
     generator: np.random.Generator,
 ) -> Float[np.ndarray, "N"]:
     """Moves in the unit cube of a parameter that is seen, about the drone's, as many as samples."""
-    box, name = fit.box, fit.box.names[place]
+    box, name = fit.box, fit.box.names[number]
     samples = measured_delays[name] * (
         float(component(fit.drone, name)) / max(np.median(measured_delays[name]), 1e-9)
     )
     if len(samples) != RESAMPLES:
         samples = generator.choice(samples, RESAMPLES)
     unit = box.unit(np.tile(samples[:, None], (1, len(box.names))))
-    return unit[:, place] - fit.optimum[place]
+    return unit[:, number] - fit.optimum[number]

@@ -63,7 +63,7 @@ class Measured:
         samples = dict(self.delays)
         samples[LAG] = speeding_up(samples[LAG], samples.get(SLOWING_DOWN, 1.0))
         chosen = generator.integers(len(samples[LAG]), size=RESAMPLES)
-        return {name: one[chosen] for name, one in samples.items()}
+        return {name: values[chosen] for name, values in samples.items()}
 
 
 def measure(problem: Problem, on_flight: Callable[[int, int], None] | None = None) -> Measured:
@@ -76,7 +76,7 @@ def measure(problem: Problem, on_flight: Callable[[int, int], None] | None = Non
         on_flight: called with (flights looked at, flights).
     """
     flights = problem.flights
-    if all(one.zero_order_hold and one.accelerometer is None for one in flights):
+    if all(flight.zero_order_hold and flight.accelerometer is None for flight in flights):
         return Measured()
     motors = motors_of_speeds(problem)
     if motors is None:
@@ -112,7 +112,7 @@ def inertia_of_loop(
     # A command turns the drone by the slope of the thrust's curve, of which each sample has that at
     # one of the flight's commands: it is not known at which one a loop shows.
     linear = known.get("thrust_linear", float(drone.thrust_linear))
-    commands = np.concatenate([one.command.mean(axis=1) for one in problem.flights])
+    commands = np.concatenate([flight.command.mean(axis=1) for flight in problem.flights])
     chosen = problem.generator.choice(commands.clip(0.01), RESAMPLES)
     slope = 1.0 - float(drone.thrust_offset) + linear * (0.5 / np.sqrt(chosen) - 1.0)
     thrust = thrust * np.maximum(slope, 0.1)

@@ -143,14 +143,14 @@ def drift_by_turns(flights: Sequence[Flight]) -> float:
         if len(flight) < 5 * every:
             continue
         period = every * flight.period
-        place, speed, rates, attitude = (
+        position, speed, rates, attitude = (
             values[::every].astype(float)
             for values in (flight.position, flight.velocity, flight.body_rates, flight.attitude)
         )
         quaternion = Rotation.from_euler("ZYX", attitude[:, ::-1]).as_quat()
-        states = State(place.T, speed.T, quaternion.T, rates.T, np.empty(0))  # type: ignore[arg-type]
+        states = State(position.T, speed.T, quaternion.T, rates.T, np.empty(0))  # type: ignore[arg-type]
         lean = np.stack(lean_rates(states), axis=1)
-        step = np.diff(place, axis=0) - period * (speed[1:] + speed[:-1]) / 2
+        step = np.diff(position, axis=0) - period * (speed[1:] + speed[:-1]) / 2
         # Over three rows, in which the gyro's noise is a third of that between two.
         turn = way_of_turn(lean[2:-1], lean[1:-2], (lean[3:] - lean[:-3]) / 3, period)
         turn -= turn.mean(axis=0)
@@ -178,12 +178,12 @@ def against_tilt(flights: Sequence[Flight]) -> float:
         bent = (
             np.cumsum(np.cumsum(up[:, :2] / np.maximum(up[:, 2:], 0.1), axis=0), axis=0) * step**2
         )
-        place = flight.position[::every, :2].astype(float)
+        position = flight.position[::every, :2].astype(float)
         time = np.linspace(-1.0, 1.0, rows)
-        for begin in range(0, len(place) - rows + 1, rows):
+        for begin in range(0, len(position) - rows + 1, rows):
             part = slice(begin, begin + rows)
             for axis in range(2):
                 free = np.stack([time**0, time, time**2, bent[part, axis]], axis=1)
-                left = place[part, axis] - free @ np.linalg.lstsq(free, place[part, axis])[0]
+                left = position[part, axis] - free @ np.linalg.lstsq(free, position[part, axis])[0]
                 residuals.append(np.mean(left**2) / (_OF_WALK * _WINDOW))
     return float(np.sqrt(np.median(residuals))) if residuals else np.inf

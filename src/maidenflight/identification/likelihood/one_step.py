@@ -122,7 +122,7 @@ class OneStep(ObservationModel):
         def compute(first: int, end: int) -> tuple[np.ndarray, ...]:
             chunks = self._chunks[first:end]
             wrong = [one_step_errors.errors_of_chunk(chunk, drone, *by) for chunk in chunks]
-            return (np.stack([of_errors(np.asarray(one)[:, columns]) for one in wrong]),)
+            return (np.stack([of_errors(np.asarray(errors)[:, columns]) for errors in wrong]),)
 
         return self._by_segment(on_all_cores(compute, len(self._chunks))[0])
 
@@ -236,12 +236,12 @@ class OneStep(ObservationModel):
         scores, climbs = np.zeros((segments, size)), np.zeros(size)
         curvatures = np.zeros((segments, size, size))
         for by_moment in (False, True):
-            places = [at for at, name in enumerate(names) if (name in BY_MOMENT) == by_moment]
-            if places:
-                some = [names[place] for place in places]
+            indices = [at for at, name in enumerate(names) if (name in BY_MOMENT) == by_moment]
+            if indices:
+                some = [names[index] for index in indices]
                 slope, curvature, climb = self._along(parameters, some, products, noise, by_moment)
-                scores[:, places], climbs[places] = slope, climb
-                curvatures[np.ix_(range(segments), places, places)] = curvature
+                scores[:, indices], climbs[indices] = slope, climb
+                curvatures[np.ix_(range(segments), indices, indices)] = curvature
         value = float(_minus_log_likelihood(noise.deviation, np.ones(6)))
         value += self._correct(parameters, names, products, noise, scores, curvatures)
         parts = value, scores / self.rows, curvatures / self.rows
@@ -263,12 +263,12 @@ class OneStep(ObservationModel):
         damping, hidden = of_noise(products.sum(axis=0) / self.rows, noise, parameters, period)
         flapping = np.asarray(parameters.flapping_moment, np.float64)
         rows = self.rows_per_segment
-        for place, name in enumerate(names):
+        for index, name in enumerate(names):
             if name in DRAG:
-                scores[:, place] += rows * damping[DRAG.index(name)]
+                scores[:, index] += rows * damping[DRAG.index(name)]
             elif name in FLAPPING:
-                axis, own = FLAPPING.index(name), curvatures[:, place, place]
-                scores[:, place] -= rows * hidden[axis] * flapping[axis]
+                axis, own = FLAPPING.index(name), curvatures[:, index, index]
+                scores[:, index] -= rows * hidden[axis] * flapping[axis]
                 # Where hardly more than noise moves, enough is left to end the search.
                 own -= np.minimum(rows * hidden[axis], _MOST_NOISE * own)
         drag = np.asarray(parameters.drag, np.float64)
@@ -296,7 +296,7 @@ class OneStep(ObservationModel):
 
         def of_chunk(chunk: Windows) -> tuple[Array, ...]:
             motors = one_step_errors.spins(chunk, drone, *by)
-            along = [one_step_errors.slopes(chunk, drone, *motors, one, *by) for one in parts]
+            along = [one_step_errors.slopes(chunk, drone, *motors, part, *by) for part in parts]
             slopes = [slope for _, slope in along]
             nothing = jax.device_put(np.zeros(slopes[0].shape, np.float32))
             slopes += [nothing] * (-len(slopes) % JOINED)
@@ -366,10 +366,10 @@ def directions(drone: Parameters, names: Sequence[str]) -> list[Parameters]:
     return [jax.tree.map(lambda *leaves: np.stack(leaves), *part) for part in parts]
 
 
-def _same(one: Parameters, other: Parameters) -> bool:
+def _same(drone: Parameters, other: Parameters) -> bool:
     return all(
         np.array_equal(a, b)
-        for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)
+        for a, b in zip(jax.tree.leaves(drone), jax.tree.leaves(other), strict=True)
     )
 
 

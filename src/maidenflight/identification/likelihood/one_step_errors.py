@@ -70,8 +70,8 @@ def _speeds(
     commands_in, places, speed = initial_delay_line(window, parameters, steps, stride)
 
     def turn(speed: Array, newest: Array) -> tuple[Array, Array]:
-        def spin(speed: Array, place: Array) -> tuple[Array, None]:
-            return stepping.spin(speed, DelayLine(commands_in, place), steps, parameters), None
+        def spin(speed: Array, newest: Array) -> tuple[Array, None]:
+            return stepping.spin(speed, DelayLine(commands_in, newest), steps, parameters), None
 
         return lax.scan(spin, speed, newest)[0], speed
 
@@ -100,8 +100,8 @@ def _by_column(
         quaternion = rotations.from_attitude(attitude)
         state = start = entries(State(position, velocity, quaternion, rates, speed))
 
-        def drive(state: State, place: Array) -> tuple[State, None]:
-            line = DelayLine(commands_in, place)
+        def drive(state: State, newest: Array) -> tuple[State, None]:
+            line = DelayLine(commands_in, newest)
             return stepping.drive_entries(dynamics.midpoint, state, line, steps, parameters), None
 
         state, _ = lax.scan(drive, state, newest)
@@ -212,11 +212,11 @@ def slopes(
     """
 
     def wrong(drone: Parameters, speeds: Array) -> Float[Array, "W 6 T"]:
-        def one(window: Windows, speeds: Array) -> Float[Array, "6 T"]:
+        def window_errors(window: Windows, speeds: Array) -> Float[Array, "6 T"]:
             columns = _by_column(window, speeds, drone, steps, stride)
             return jnp.stack([columns[column] for column in COLUMNS])
 
-        return jax.vmap(one)(chunk, speeds)
+        return jax.vmap(window_errors)(chunk, speeds)
 
     def along(direction: Parameters) -> tuple[Array, Array]:
         parts = jnp.stack([getattr(direction, name) for name in MOTORS])

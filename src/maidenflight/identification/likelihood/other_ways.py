@@ -69,7 +69,7 @@ def ways_of_states(flights: Sequence[Flight], settings: Likelihood, names: Seque
     """Returns other ways of fitting logs with a state."""
     if is_zero_order_hold(flights):
         return {}
-    sparse = [thinned(one, 2) for one in flights]
+    sparse = [thinned(flight, 2) for flight in flights]
     return {SPARSER: (one_step_objective(sparse, settings), names)}
 
 
@@ -125,7 +125,7 @@ def ways_of_sensor(flights: Sequence[Flight], model: SensorErrors, names: Sequen
     if {"inertia_x", "inertia_y"} <= set(names):
         fit_result[OWN_LAG] = model, (*names, *DELAYS)
     if not is_zero_order_hold(flights):
-        sparse = [thinned(one, 2) for one in flights]
+        sparse = [thinned(flight, 2) for flight in flights]
         fit_result[SPARSER] = type(model).of(sparse, model.priors, model.signals.limit), names
     return fit_result
 

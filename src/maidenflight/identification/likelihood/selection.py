@@ -146,7 +146,7 @@ def choose(
             )
             for group in remaining
         }
-        group = max(promised, key=lambda one: promised[one])
+        group = max(promised, key=lambda group: promised[group])
         wider = (*names, *remaining.pop(group))
         ahead = fit(wider, drone)
         value_ahead = held_out.per_segment(ahead, training.noise_model(ahead))
@@ -180,10 +180,10 @@ def _promise(
     names: Sequence[str],
 ) -> float:
     """Gain of the quadratic model when these parameters may move."""
-    place = [all_names.index(name) for name in names]
-    slope, matrix = gradient[place], curvature[np.ix_(place, place)]
+    indices = [all_names.index(name) for name in names]
+    slope, matrix = gradient[indices], curvature[np.ix_(indices, indices)]
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-30))
-    scaled = matrix / np.outer(scale, scale) + 1e-9 * np.eye(len(place))
+    scaled = matrix / np.outer(scale, scale) + 1e-9 * np.eye(len(indices))
     return 0.5 * float(slope / scale @ np.linalg.solve(scaled, slope / scale))
 
 

@@ -115,7 +115,7 @@ class SensorErrors(ObservationModel):
 
     def _products(self, errors: Float[np.ndarray, "M S C"]) -> Float[np.ndarray, "C P+1 P+1"]:
         """Products of errors with themselves 0 ... P steps before, summed."""
-        late = (self._late(errors[..., place]) for place in range(errors.shape[-1]))
+        late = (self._late(errors[..., channel]) for channel in range(errors.shape[-1]))
         return np.stack([some.T @ some for some in late])
 
     def _late(self, errors: Float[np.ndarray, "M S"]) -> Float[np.ndarray, "T P+1"]:
@@ -148,8 +148,8 @@ class SensorErrors(ObservationModel):
         constant = np.sum(np.log(noise.deviation) + 0.5 * np.log(2 * np.pi))
         new = self._counted(_whitened(errors, noise))
         value = self.rows_per_segment * constant + 0.5 * self._sums((new**2).sum(axis=1))
-        for place, level in self.levels.items():
-            value += 0.5 * (self._means(errors[..., place]) / level) ** 2
+        for channel, level in self.levels.items():
+            value += 0.5 * (self._means(errors[..., channel]) / level) ** 2
         return value
 
     def derivatives(
@@ -164,27 +164,27 @@ class SensorErrors(ObservationModel):
         curvatures = np.zeros((self.segments, len(names), len(names)))
         moment = np.array([name in BY_MOMENT for name in names])
         whitened = _whitened(slopes, noise)
-        for place in range(errors.shape[-1]):
-            late, steep = self._late(errors[..., place]), self._counted(slopes[..., place, :])
-            flat, past = self._counted(whitened[..., place, :]), late[:, 1:]
+        for channel in range(errors.shape[-1]):
+            late, steep = self._late(errors[..., channel]), self._counted(slopes[..., channel, :])
+            flat, past = self._counted(whitened[..., channel, :]), late[:, 1:]
             if self.order:
-                weights = np.linalg.lstsq(products[place, 1:, 1:], past.T @ flat, rcond=1e-12)[0]
+                weights = np.linalg.lstsq(products[channel, 1:, 1:], past.T @ flat, rcond=1e-12)[0]
                 flat = flat - past @ weights
-            new = late @ np.concatenate([[1.0], -noise.coefficients[place]])
-            whole = np.sqrt(products[place, 0, 0] / self.rows)
+            new = late @ np.concatenate([[1.0], -noise.coefficients[channel]])
+            whole = np.sqrt(products[channel, 0, 0] / self.rows)
             slope = np.where(moment, steep / whole, flat)
-            error = np.where(moment, late[:, :1] / whole, new[:, None] / noise.deviation[place])
+            error = np.where(moment, late[:, :1] / whole, new[:, None] / noise.deviation[channel])
             scores += self._sums(slope * error)
             both = self._sums(slope[:, :, None] * slope[:, None])
             curvatures += np.where(moment[:, None] == moment, both, 0.0)
-        for place, level in self.levels.items():
-            tilt = self._means(slopes[..., place, :]) / level
-            scores += tilt * (self._means(errors[..., place]) / level)[:, None]
+        for channel, level in self.levels.items():
+            tilt = self._means(slopes[..., channel, :]) / level
+            scores += tilt * (self._means(errors[..., channel]) / level)[:, None]
             curvatures += tilt[:, :, None] * tilt[:, None]
         for name, (mean, deviation) in self.priors.items():
             away = (float(component(parameters, name)) - mean) / deviation
             value += 0.5 * away**2 / self.rows
-            mine = np.array([one == name for one in names]) / deviation
+            mine = np.array([parameter == name for parameter in names]) / deviation
             scores += away * mine / self.segments
             curvatures += np.outer(mine, mine) / self.segments
         return value, scores / self.rows, curvatures / self.rows
@@ -213,10 +213,10 @@ def _whitened(
     return np.stack(
         [
             scipy.signal.lfilter(
-                np.concatenate([[1.0], -weights]), 1.0, errors[:, :, place], axis=0
+                np.concatenate([[1.0], -weights]), 1.0, errors[:, :, channel], axis=0
             )
             / deviation
-            for place, (weights, deviation) in enumerate(
+            for channel, (weights, deviation) in enumerate(
                 zip(noise.coefficients, noise.deviation, strict=True)
             )
         ],

@@ -121,8 +121,8 @@ class SpeedErrors(SensorErrors):
         """
         used, rows = self.signals.used, round(_SLOW / self.signals.step)
         error, whole = (
-            float(np.var((one - uniform_filter1d(one, rows, axis=0))[used], axis=0).sum())
-            for one in (self.errors(drone), self.signals.measured)
+            float(np.var((signal - uniform_filter1d(signal, rows, axis=0))[used], axis=0).sum())
+            for signal in (self.errors(drone), self.signals.measured)
         )
         return 1.0 - error / max(whole, 1e-12)
 
@@ -134,11 +134,13 @@ def motors_of_speeds(problem: Problem) -> MotorResponse | None:
         problem: its flights with rotor speeds count.
     """
     flights = [
-        one for one in problem.flights if one.rotor_speed is not None and one.duration >= SHORTEST
+        flight
+        for flight in problem.flights
+        if flight.rotor_speed is not None and flight.duration >= SHORTEST
     ]
     if not flights:
         return None
-    start = with_values(problem.start, **{name: np.float32(one) for name, one in _START.items()})
+    start = with_values(problem.start, **{key: np.float32(value) for key, value in _START.items()})
     problem = replace(problem, start=start, flights=flights, bounds={})
     model = SpeedErrors.of(flights)
     # The noise of a faster loop's commands passes for a law where rows are far apart.

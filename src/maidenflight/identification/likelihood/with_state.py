@@ -75,7 +75,7 @@ def find(problem: Problem, settings: Likelihood) -> Found:
     for thread in threads:
         thread.join()
     if motors:
-        problem = replace_(problem, flights=[undo_filter_delay(one) for one in problem.flights])
+        problem = replace_(problem, flights=list(map(undo_filter_delay, problem.flights)))
         model = one_step_objective(problem.flights, settings)
     flights, measured = problem.flights, _measured(problem, model, signals)
     answer, expected = _answer(problem, settings, model, measured)
@@ -118,7 +118,9 @@ def _answer(
     """Asks again until flights tell all that is asked, and nothing besides; and what they could."""
     expected = _expected_intervals(problem, model, measured)
     problem.reporter.expected(expected)
-    unidentifiable = {name: one.prior for name, one in expected.items() if not one.identifiable}
+    unidentifiable = {
+        name: interval.prior for name, interval in expected.items() if not interval.identifiable
+    }
     decided, groups = set[str](), _groups(problem, measured)
     while True:
         question = _question(problem, settings, model, measured, unidentifiable)
@@ -137,7 +139,7 @@ def _answer(
         unidentifiable |= {name: expected[name].prior for name in wide}
         expected |= identifiable
         unidentifiable = {
-            name: one for name, one in unidentifiable.items() if name not in identifiable
+            name: prior for name, prior in unidentifiable.items() if name not in identifiable
         }
 
 
@@ -149,7 +151,7 @@ def expected_intervals(problem: Problem, settings: Likelihood) -> dict[str, Expe
     """
     signals = _by_signals(problem)
     if signals.motors:
-        problem = replace_(problem, flights=[undo_filter_delay(one) for one in problem.flights])
+        problem = replace_(problem, flights=list(map(undo_filter_delay, problem.flights)))
     model = one_step_objective(problem.flights, settings)
     return _expected_intervals(problem, model, _measured(problem, model, signals), is_truth=True)
 
@@ -183,10 +185,10 @@ def _expected_intervals(
         known |= {LAG: is_clear(measured[LAG] + measured["latency"]), "latency": True}
     return {
         name: replace_(
-            one,
-            identifiable=known.get(name, one.identifiable) and name in parameter_groups,
+            interval,
+            identifiable=known.get(name, interval.identifiable) and name in parameter_groups,
         )
-        for name, one in fit_result.items()
+        for name, interval in fit_result.items()
     }
 
 

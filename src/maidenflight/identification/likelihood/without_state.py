@@ -103,21 +103,23 @@ def find(problem: Problem, settings: Likelihood) -> Found:
     signals = measure(problem)
     force = _force(problem, settings, signals, law.limit)
     torque = _torque(problem, settings, force, law.limit, signals)
-    answers = tuple(one for one in (force, torque) if one is not None)
-    unidentifiable = {name: ends for one in answers for name, ends in one.unidentifiable.items()}
+    answers = tuple(answer for answer in (force, torque) if answer is not None)
+    unidentifiable = {
+        name: ends for answer in answers for name, ends in answer.unidentifiable.items()
+    }
     joint = join(problem, answers, unidentifiable)
     evidence = signals.evidence(float(joint.drone.thrust_to_weight))
-    for sensor, one, more in (("accelerometer", force, DELAYS), ("gyro", torque, INERTIA)):
-        if one is not None:
-            names = tuple(dict.fromkeys([*one.best.box.names, *more]))
-            evidence += one.best.model.evidence(sensor, one.best.drone, names)
+    for sensor, answer, more in (("accelerometer", force, DELAYS), ("gyro", torque, INERTIA)):
+        if answer is not None:
+            names = tuple(dict.fromkeys([*answer.best.box.names, *more]))
+            evidence += answer.best.model.evidence(sensor, answer.best.drone, names)
     return Found(
         answers,
         signals,
         joint,
         unidentifiable,
         evidence,
-        start_value=sum(one.best.model(problem.start) for one in answers),
+        start_value=sum(answer.best.model(problem.start) for answer in answers),
         windows=answers[0].best.model.segments,
         notes=(*law.notes(), *note_unexplained(flights, law, joint.drone)),
     )
@@ -144,7 +146,9 @@ def _names_of(
 ) -> tuple[str, ...]:
     """Parameters to estimate from a sensor."""
     return (
-        first if problem.over is None else tuple(one for one in problem.over if one in sensor_names)
+        first
+        if problem.over is None
+        else tuple(name for name in problem.over if name in sensor_names)
     )
 
 
@@ -206,7 +210,7 @@ def _without(
     """
     if removed_ranges:
         needed = answer.surely_needed(removed_ranges, problem.start)
-        removed_ranges = {name: one for name, one in removed_ranges.items() if name not in needed}
+        removed_ranges = {name: span for name, span in removed_ranges.items() if name not in needed}
     if not removed_ranges:
         return answer
     less = answer.without(removed_ranges, problem.start, problem.generator)

@@ -74,7 +74,8 @@ def with_inertia_z(
         note = "yaw shows its torques only as shares of inertia_z, which is the start's"
         return AboutZ(drone, dict(draws), dict(spread), (note,))
     first, here = (
-        np.array([float(component(one, name)) for name in level]) for one in (start, drone)
+        np.array([float(component(parameters, name)) for name in level])
+        for parameters in (start, drone)
     )
     samples = np.array(
         [

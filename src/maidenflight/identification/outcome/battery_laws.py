@@ -54,12 +54,14 @@ def law_chances(flights: Sequence[Flight]) -> list[LawChance]:
     Returns:
         None of flights that name their law, or were not read by one.
     """
-    doubtful = [one for one in flights if one.assumed_law and np.isfinite(one.battery).any()]
+    doubtful = [
+        flight for flight in flights if flight.assumed_law and np.isfinite(flight.battery).any()
+    ]
     if not doubtful:
         return []
     assumed_law = str(doubtful[0].assumed_law)
-    command = np.concatenate([one.command for one in doubtful]).astype(float)
-    volts = np.concatenate([one.battery for one in doubtful]).astype(float)
+    command = np.concatenate([flight.command for flight in doubtful]).astype(float)
+    volts = np.concatenate([flight.battery for flight in doubtful]).astype(float)
     flying = np.isfinite(volts) & (command > 0.02).all(axis=1)
     if not flying.any():
         return []
@@ -73,9 +75,11 @@ def law_chances(flights: Sequence[Flight]) -> list[LawChance]:
         steady = (spread[1] / max(deviation, 1e-6)) ** min(blocks / _BLOCKS, _MOST)
         ratio = float(command.mean() / other.mean())
         chances.append(LawChance(law, usual * steady, ratio, slope))
-    total = sum(one.probability for one in chances)
-    chances = [one._replace(probability=one.probability / total) for one in chances]
-    return [one for one in chances if one.law == assumed_law or one.probability > _LEAST]
+    total = sum(chance.probability for chance in chances)
+    chances = [chance._replace(probability=chance.probability / total) for chance in chances]
+    return [
+        chance for chance in chances if chance.law == assumed_law or chance.probability > _LEAST
+    ]
 
 
 def _spread(
@@ -84,8 +88,8 @@ def _spread(
     """Number of blocks, and standard deviation of the logarithm of thrust per command in them."""
     if law not in (None, assumed_law):
         flights = [
-            replace(one, command=compensation.reread(one.command, one.battery, assumed_law, law))
-            for one in flights
+            replace(log, command=compensation.reread(log.command, log.battery, assumed_law, law))
+            for log in flights
         ]
     blocks = thrust_per_command(flights)
     blocks = blocks[np.isfinite(blocks)]
@@ -105,26 +109,27 @@ def average_laws(
     chances = law_chances(flights)
     if len(chances) < 2 or HOVERING not in result.posterior:
         return result
-    weights = np.array([one.probability for one in chances])
+    weights = np.array([chance.probability for chance in chances])
     count = len(result.posterior[HOVERING])
     drawn = generator.choice(len(chances), count, p=weights / weights.sum())
-    thrust = np.array([one.thrust for one in chances])[drawn]
-    torque = np.array([one.torque for one in chances])[drawn]
+    thrust = np.array([chance.thrust for chance in chances])[drawn]
+    torque = np.array([chance.torque for chance in chances])[drawn]
     torques = [name for name in result.posterior if UNKNOWNS[name].is_torque]
     factors = {HOVERING: thrust, **dict.fromkeys(torques, torque)}
     samples = {name: values * factors.get(name, 1.0) for name, values in result.posterior.items()}
     estimates = {
-        name: _widened(one, samples[name]) if name in factors else one
-        for name, one in result.estimates.items()
+        name: _widened(estimate, samples[name]) if name in factors else estimate
+        for name, estimate in result.estimates.items()
     }
     value = float(result.parameters.thrust_to_weight)
     laws = ", ".join(
-        f"{one.thrust * value:.3g} by the law of the {one.law} ({100 * one.probability:.0f} %)"
-        for one in chances
+        f"{chance.thrust * value:.3g} by the law of the {chance.law} "
+        f"({100 * chance.probability:.0f} %)"
+        for chance in chances
     )
     # Full PWM gives more than u = 1 where the battery has more than this.
     full = float(compensation.motor_volts(np.array(1.0), chances[0].law))
-    volts = float(np.nanmean(np.concatenate([one.battery for one in flights])))
+    volts = float(np.nanmean(np.concatenate([flight.battery for flight in flights])))
     note = (
         f"the log does not name its battery law: thrust_to_weight is {laws}; intervals hold them. "
         f"It is that of u = 1, {full:.2f} V at the motors, {100 * full / volts:.0f} % PWM at the "

@@ -56,7 +56,7 @@ def flight_to_flight_sd(
 
 
 def drone_of_the_day(
-    drone: Parameters, estimates: Mapping[str, Estimate], flights: Sequence[Flight], place: str
+    drone: Parameters, estimates: Mapping[str, Estimate], flights: Sequence[Flight], source: str
 ) -> tuple[Parameters, dict[str, Estimate]]:
     """Returns the drone with the constant torques and the thrust that flights of the day show.
 
@@ -68,7 +68,7 @@ def drone_of_the_day(
         drone: the identified drone.
         estimates: see `DroneFile.estimates`.
         flights: of the day, by any policy or controller; those of one name are pieces of one.
-        place: the drone's file, for errors.
+        source: the drone's file, for errors.
 
     Returns:
         The drone, and its estimates: the SD between flights of what the day tells is what its
@@ -78,7 +78,7 @@ def drone_of_the_day(
         InputError: no constant torque was identified, or no flight is long enough to tell one.
     """
     if not set(TRIM) & set(estimates):
-        raise InputError(_DAY_EFFECTS.format(place=place))
+        raise InputError(_DAY_EFFECTS.format(source=source))
     # Pieces of one flight have its trim: they are no flights of their own.
     rows = [trim(pieces, drone) for pieces in by_log(flights).values()]
     fitted_rows, errors = trims.with_standard_errors(rows)
@@ -101,18 +101,18 @@ def drone_of_the_day(
         ends = value - 1.96 * deviation, value + 1.96 * deviation
         text[name] = Estimate(value, ends, (value,), deviation)
         values[name] = np.float32(value)
-    return check(replace(drone, **values), place), text
+    return check(replace(drone, **values), source), text
 
 
 _DAY_EFFECTS = (
-    "{place}: none of torque_bias_x, torque_bias_y, torque_bias_z was identified, so it is not "
+    "{source}: none of torque_bias_x, torque_bias_y, torque_bias_z was identified, so it is not "
     "known how trims differ from flight to flight. Identify it from flights by likelihood, or "
     "choose another randomization."
 )
 
 
 def trim_ensemble(
-    drone: Parameters, estimates: Mapping[str, Estimate], place: str, count: int = 256
+    drone: Parameters, estimates: Mapping[str, Estimate], source: str, count: int = 256
 ) -> Ensemble:
     """Returns drones whose constant torques and thrust differ as those of identified flights did.
 
@@ -121,7 +121,7 @@ def trim_ensemble(
     Args:
         drone: the identified drone.
         estimates: see `DroneFile.estimates`.
-        place: the drone's file, for errors.
+        source: the drone's file, for errors.
         count: of drones, always the same ones.
 
     Raises:
@@ -129,7 +129,7 @@ def trim_ensemble(
     """
     names = [name for name in BETWEEN_FLIGHTS if name in estimates]
     if not set(TRIM) & set(names):
-        raise InputError(_DAY_EFFECTS.format(place=place))
+        raise InputError(_DAY_EFFECTS.format(source=source))
     deviations = np.array([max(estimates[name].between_sd, 1e-12) for name in names])
     values = np.array([component(drone, name) for name in names], np.float64)
     quantities = [QUANTITIES[COMPONENTS[name][0]] for name in names]
@@ -140,4 +140,4 @@ def trim_ensemble(
     changes = scipy.stats.truncnorm.ppf(sobol.clip(1e-6, 1 - 1e-6), low, high)
     rows = (values + deviations * changes).astype(np.float32)
     drones = [replace(drone, **dict(zip(names, row, strict=True))) for row in rows]
-    return ensemble([check(one, place) for one in drones])
+    return ensemble([check(member, source) for member in drones])

@@ -134,7 +134,7 @@ class Identification:
             )
         for name, (low, high) in self.unidentified.items():
             rows.append(f"{name:24} not identifiable  [{low:.4g}, {high:.4g}] is plausible")
-        remarks = [f"warning: {one}" for one in self.warnings]
+        remarks = [f"warning: {warning}" for warning in self.warnings]
         return "\n".join([*rows, *remarks, *(f"note: {note}" for note in self.notes)])
 
     __repr__ = __str__
@@ -307,4 +307,4 @@ def notes_on(estimates: Mapping[str, Estimate], segments: int, by_law: bool) -> 
             f"least {_FEWEST_SEGMENTS * SEGMENT_SECONDS:.0f} s."
         )
     sentences = (at_bounds(estimates, by_law) | cut_off(estimates, by_law)).values()
-    return [*notes, *(f"{one}." for one in sentences)]
+    return [*notes, *(f"{sentence}." for sentence in sentences)]

@@ -46,22 +46,22 @@ def advise(
         inseparable: what `inseparable_from_thrust` returns.
     """
     advice = []
-    for name, one in estimates.items():
-        low, high = one.interval
+    for name, estimate in estimates.items():
+        low, high = estimate.interval
         if name in inseparable:
             advice.append(Advice(name, UNKNOWNS[_CURVE[0]].advice, None))
         elif name == HOVERING:
-            if _may_narrow(one):
-                reach = 1.96 * OTHER_DAY * one.value
-                best = one.value - reach, one.value + reach
+            if _may_narrow(estimate):
+                reach = 1.96 * OTHER_DAY * estimate.value
+                best = estimate.value - reach, estimate.value + reach
                 advice.append(Advice(name, UNKNOWNS[name].advice, best))
         elif is_logarithmic(name) and high > _WIDE * low:
-            advice.append(_narrowest(name, one, samples, motors) or _general(name, name))
+            advice.append(_narrowest(name, estimate, samples, motors) or _general(name, name))
     for name in unidentified:
         # Any hover shows the trim about z as a share of this.
         needed = "torque_to_thrust" if name == "torque_bias_z" else name
         advice.append(_general(name, needed if needed in unidentified else name))
-    return tuple(one for one in advice if one is not None)
+    return tuple(entry for entry in advice if entry is not None)
 
 
 def _may_narrow(ratio: Estimate) -> bool:
@@ -97,7 +97,7 @@ def inseparable_from_thrust(
 
 
 def _throttle(flights: Sequence[Flight]) -> Float[np.ndarray, "N"]:
-    return np.concatenate([np.mean(one.command, axis=1, dtype=float) for one in flights])
+    return np.concatenate([np.mean(flight.command, axis=1, dtype=float) for flight in flights])
 
 
 def note_inseparable(names: Sequence[str], flights: Sequence[Flight]) -> list[str]:
@@ -105,7 +105,7 @@ def note_inseparable(names: Sequence[str], flights: Sequence[Flight]) -> list[st
     if len(names) < 2:
         return []
     throttle = _throttle(flights)
-    ratio = float(np.median([calm_thrust(one) for one in flights]))
+    ratio = float(np.median([calm_thrust(flight) for flight in flights]))
     known = f", where it is {ratio:.2f} times the weight per u, as maidenflight log has it"
     return [
         f"{', '.join(names[:-1])} and {names[-1]} cannot be told apart in these flights: throttle "
@@ -128,7 +128,7 @@ def _narrowest(
     """Returns what narrows a parameter most, if anything does, and by how much."""
     if motors is None or not {*DELAYS, name} <= set(samples):
         return None
-    lag, latency = (samples[one] for one in DELAYS)
+    lag, latency = (samples[name] for name in DELAYS)
     own = np.log(np.maximum(samples[name], 1e-12))
     delays = np.column_stack([np.log(lag + latency), latency])
     delays = delays - delays.mean(axis=0)

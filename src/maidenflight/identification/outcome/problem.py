@@ -53,7 +53,9 @@ class Problem:
     @property
     def by_battery_law(self) -> bool:
         """Whether a battery law gave the thrust of all flights."""
-        return all(one.by_battery_law and np.isfinite(one.battery).any() for one in self.flights)
+        return all(
+            flight.by_battery_law and np.isfinite(flight.battery).any() for flight in self.flights
+        )
 
     @classmethod
     def of(

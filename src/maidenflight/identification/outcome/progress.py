@@ -44,7 +44,9 @@ class Progress(NamedTuple):
     @property
     def unidentifiable(self) -> list[str]:
         """Returns the parameters of `expected` that the flights do not determine."""
-        return [name for name, one in (self.expected or {}).items() if not one.identifiable]
+        return [
+            name for name, interval in (self.expected or {}).items() if not interval.identifiable
+        ]
 
 
 class Reporter:

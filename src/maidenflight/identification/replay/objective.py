@@ -176,14 +176,14 @@ def _losses(
 ) -> Float[Array, "chunks 256"]:
     """Losses of the windows of some chunks, and zeros for the others."""
 
-    def one(window: Windows) -> Float[Array, ""]:
+    def loss(window: Windows) -> Float[Array, ""]:
         return window_loss(
             simulate(window, parameters, steps), jnp.asarray(window.measured), weights, discount
         )
 
     def fill(number: Array, losses: Float[Array, "chunks 256"]) -> Float[Array, "chunks 256"]:
         return losses.at[number].set(
-            jax.vmap(one)(jax.tree.map(lambda array: array[number], windows))
+            jax.vmap(loss)(jax.tree.map(lambda array: array[number], windows))
         )
 
     return lax.fori_loop(first, end, fill, jnp.zeros(windows.segment.shape))
@@ -221,7 +221,7 @@ def _normal_equations(
     values = jnp.stack([jnp.asarray(component(parameters, name), jnp.float32) for name in names])
     d = len(names)
 
-    def one(window: Windows) -> tuple[Array, ...]:
+    def window_sums(window: Windows) -> tuple[Array, ...]:
         def residuals(
             values: Float[Array, "d"],
         ) -> tuple[Float[Array, "T 12"], Float[Array, "T 12"]]:
@@ -263,7 +263,7 @@ def _normal_equations(
         return jax.tree.map(
             lambda rows, part: rows.at[number].set(jnp.tensordot(counts, part, 1)),
             sums,
-            jax.vmap(one)(chunk),
+            jax.vmap(window_sums)(chunk),
         )
 
     chunks = -(-windows.segment.size // _FEW)

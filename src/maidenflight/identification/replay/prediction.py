@@ -121,7 +121,7 @@ def prediction_error(
     low, high = _interval(squares, segment, key)
     value = np.sqrt(squares.mean(axis=0))
     table = []
-    for place, row in enumerate(rows):
+    for index, row in enumerate(rows):
         for number, name in enumerate(predictions):
             entry = {
                 "model": name,
@@ -130,7 +130,7 @@ def prediction_error(
                 "segments": len(numbers),
             }
             for quantity, column in enumerate(ERROR_UNITS):
-                here = (number, place, quantity)
+                here = (number, index, quantity)
                 entry |= {
                     column: float(value[here]),
                     f"{column}_low": float(low[here]),
@@ -326,11 +326,11 @@ def _errors(
 ) -> Float[np.ndarray, "W K 4"]:
     """Distances in position and velocity, angle between the attitudes, distance in body rates."""
     difference = predicted.astype(np.float64) - measured
-    one, other = (
+    attitude, other = (
         Rotation.from_euler("ZYX", rows[..., 8:5:-1].reshape(-1, 3))
         for rows in (predicted, measured)
     )
-    angle = (one.inv() * other).magnitude().reshape(difference.shape[:2])
+    angle = (attitude.inv() * other).magnitude().reshape(difference.shape[:2])
     position, velocity, rates = (
         np.linalg.norm(difference[..., part], axis=-1)
         for part in (slice(0, 3), slice(3, 6), slice(9, 12))

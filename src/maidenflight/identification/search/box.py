@@ -120,6 +120,6 @@ def thrust_bound(thrust_to_weight: float) -> float:
 
 def physical_bounds(start: Parameters) -> dict[str, tuple[float, float]]:
     """Returns physical search bounds about a drone, by component."""
-    bounds = {name: one.searched.about(start, name) for name, one in UNKNOWNS.items()}
+    bounds = {name: unknown.searched.about(start, name) for name, unknown in UNKNOWNS.items()}
     hovers = thrust_bound(float(start.thrust_to_weight))
     return bounds | {"thrust_to_weight": (bounds["thrust_to_weight"][0], hovers)}

@@ -42,16 +42,18 @@ def align_commands(
         drone: where its rotors are.
     """
     # A policy at the log's rate is modelled row by row, and measured speeds show the lag.
-    is_loop = any(not one.zero_order_hold or one.accelerometer is not None for one in flights)
-    is_short = sum(one.duration for one in flights) < 2 * SHORTEST
-    if not is_loop or is_short or any(one.rotor_speed is not None for one in flights):
+    is_loop = any(
+        not flight.zero_order_hold or flight.accelerometer is not None for flight in flights
+    )
+    is_short = sum(flight.duration for flight in flights) < 2 * SHORTEST
+    if not is_loop or is_short or any(flight.rotor_speed is not None for flight in flights):
         return flights, []
     as_logged = latency_of_loop(flights, drone)
     is_inside = as_logged.weight[:_AT_END].sum() < 0.5 * as_logged.weight.sum()
     if not as_logged.loops or (is_inside and not is_before(measure_delay(flights))):
         return flights, []
     rows = int(np.ceil(REACH_S / flights[0].period))
-    moved = latency_of_loop([_earlier(one, rows) for one in flights], drone, rows)
+    moved = latency_of_loop([_earlier(flight, rows) for flight in flights], drone, rows)
     latencies = LATENCIES - rows * flights[0].period
     if moved.weight @ (latencies < LATENCIES[0]) < 0.975:
         return flights, []
@@ -69,7 +71,7 @@ def align_commands(
         1e3 * middle,
         f"{1e3 * LATENCIES[0]:.0f} ms or more",
     )
-    return [_earlier(one, rows) for one in flights], [warning]
+    return [_earlier(flight, rows) for flight in flights], [warning]
 
 
 def _earlier(flight: Flight, rows: int) -> Flight:

@@ -56,7 +56,7 @@ def delay_evidence(
     origin = "plausible" if LAG in unidentifiable else "all together" if motors else "likelihood"
     return (
         *(motors.evidence if motors else ()),
-        *(one._replace(is_taken=True) for one in of_samples(origin, {DELAY: total})),
+        *(estimate._replace(is_taken=True) for estimate in of_samples(origin, {DELAY: total})),
     )
 
 
@@ -65,10 +65,10 @@ def notes(estimates: Sequence[Evidence], motors: MotorResponse | None) -> list[s
     if not estimates:
         return []
     outliers = [
-        f"{one.signal} and {other.signal}"
-        for number, one in enumerate(estimates)
+        f"{estimate.signal} and {other.signal}"
+        for number, estimate in enumerate(estimates)
         for other in estimates[number + 1 :]
-        if one.interval[1] < other.interval[0] or other.interval[1] < one.interval[0]
+        if estimate.interval[1] < other.interval[0] or other.interval[1] < estimate.interval[0]
     ]
     lines = [f"these disagree about the motors' lag: {'; '.join(outliers)}"]
     return [*(lines if outliers else []), *(motors.notes if motors else ())]

@@ -207,9 +207,9 @@ def _power(values: Any) -> Any:
     return values.real**2 + values.imag**2
 
 
-def _shared(one: Any, other: Any) -> Any:
-    """The real part of one's conjugate times the other."""
-    return one.real * other.real + one.imag * other.imag
+def _shared(value: Any, other: Any) -> Any:
+    """The real part of a value's conjugate times the other."""
+    return value.real * other.real + value.imag * other.imag
 
 
 def lag_by_delay(spectra: Spectra, delays: Float[np.ndarray, "D"]) -> LagByDelay | None:
@@ -222,15 +222,15 @@ def lag_by_delay(spectra: Spectra, delays: Float[np.ndarray, "D"]) -> LagByDelay
     if min(spectra.drive.min(), spectra.motion.min()) <= 0.0:
         return None
     nodes, starts = delays[0] + _NODES, []
-    for place in _FIRST:
-        model = _Model(spectra, float(nodes[place]))
+    for index in _FIRST:
+        model = _Model(spectra, float(nodes[index]))
         for lag in _STARTS:
             value, x = model.minimize(model.start(lag))
             if model.is_valid(value, x):
-                starts.append((value, place, x, model.unit))
+                starts.append((value, index, x, model.unit))
     if not starts:
         return None
-    _, first, start, unit = min(starts, key=lambda one: one[0])
+    _, first, start, unit = min(starts, key=lambda start: start[0])
     optima: dict[float, tuple[float, ...]] = {}
 
     def best(delay: float, x: Float[np.ndarray, "d"], wants_error: bool) -> np.ndarray | None:
@@ -238,7 +238,7 @@ def lag_by_delay(spectra: Spectra, delays: Float[np.ndarray, "D"]) -> LagByDelay
         model = _Model(spectra, delay)
         model.unit = unit
         value, optimum = model.minimize(x)
-        least = min((one[0] for one in optima.values()), default=np.inf)
+        least = min((optimum[0] for optimum in optima.values()), default=np.inf)
         if not model.is_valid(value, optimum) or value > least + _REACH:
             return None
         # The error is smooth in the delay, and costs two searches.
@@ -247,14 +247,14 @@ def lag_by_delay(spectra: Spectra, delays: Float[np.ndarray, "D"]) -> LagByDelay
         optima[delay] = value, model.slope_by_delay(optimum), optimum[0], gain, *errors
         return optimum
 
-    for places in (range(first, len(nodes)), range(first - 1, -1, -1)):
+    for indices in (range(first, len(nodes)), range(first - 1, -1, -1)):
         x, last = start, None
-        for place in places:
-            optimum = best(float(nodes[place]), x, place % 2 == 0 or not optima)
+        for index in indices:
+            optimum = best(float(nodes[index]), x, index % 2 == 0 or not optima)
             if optimum is None and last is not None:
-                _approach(best, x, last, float(nodes[place]))
+                _approach(best, x, last, float(nodes[index]))
                 break
-            x, last = (x, last) if optimum is None else (optimum, float(nodes[place]))
+            x, last = (x, last) if optimum is None else (optimum, float(nodes[index]))
     return _interpolated(optima, delays)
 
 

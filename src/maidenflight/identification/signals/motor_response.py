@@ -137,12 +137,12 @@ class _Joined(NamedTuple):
         self, generator: np.random.Generator
     ) -> tuple[Int[np.ndarray, "N"], Float[np.ndarray, "N"], Float[np.ndarray, "N"]]:
         """Returns samples of places in `LATENCIES`, and of lag and latency [s]."""
-        place = generator.choice(len(self.weight), DRAWS, p=self.weight)
-        total = self.log_total[place] + self.error[place] * generator.normal(size=DRAWS)
+        indices = generator.choice(len(self.weight), DRAWS, p=self.weight)
+        total = self.log_total[indices] + self.error[indices] * generator.normal(size=DRAWS)
         jitter = DELAY_ERROR * generator.normal(size=DRAWS)
-        latency = np.maximum(LATENCIES[place] + jitter, 0.0)
+        latency = np.maximum(LATENCIES[indices] + jitter, 0.0)
         lag = np.maximum(np.exp(total) - latency, LAG_BOUNDS[0] / 2)
-        return place, lag, latency
+        return indices, lag, latency
 
 
 def estimate_motor_response(
@@ -162,10 +162,10 @@ def estimate_motor_response(
         drone: where its rotors are.
         on_flight: called with (flights looked at, flights).
     """
-    if all(one.zero_order_hold and one.accelerometer is None for one in flights):
+    if all(flight.zero_order_hold and flight.accelerometer is None for flight in flights):
         return None
     groups, stretches = by_log(flights), list[_Stretch]()
-    longest = max(_LONGEST, sum(one.duration for one in flights) / _MOST)
+    longest = max(_LONGEST, sum(flight.duration for flight in flights) / _MOST)
     for number, parts in enumerate(groups.values(), 1):
         for part in parts:
             stretches += _stretches(part, drone, longest)
@@ -175,11 +175,11 @@ def estimate_motor_response(
         return None
     before = _before(flights)
     joined = _joined(stretches, before)
-    place, lag, latency = joined.draw(generator)
-    if not all(one.gyro_delay_known for one in flights):
+    indices, lag, latency = joined.draw(generator)
+    if not all(flight.gyro_delay_known for flight in flights):
         # What the filter delays passes for latency.
         latency = np.maximum(latency + _UNKNOWN_FILTER * generator.normal(size=DRAWS), 0.0)
-    names = dict.fromkeys(one.flight for one in stretches)
+    names = dict.fromkeys(stretch.flight for stretch in stretches)
     left_out = [name for name in groups if name not in names]
     note = (
         f"{', '.join(left_out)}: too short, or commands and motion do not show the motors' lag; "
@@ -187,20 +187,25 @@ def estimate_motor_response(
     )
 
     def joined_by(field: str, value: str) -> _Joined:
-        return _joined([one for one in stretches if getattr(one, field) == value], before)
+        return _joined(
+            [stretch for stretch in stretches if getattr(stretch, field) == value], before
+        )
 
-    signals = dict.fromkeys(one.signal for one in stretches)
+    signals = dict.fromkeys(stretch.signal for stretch in stretches)
     return MotorResponse(
         lag,
         latency,
         usual_latency(flights, latency),
-        tuple(joined_by("signal", one).delay_evidence(one) for one in signals),
+        tuple(joined_by("signal", signal).delay_evidence(signal) for signal in signals),
         (note,) if left_out else (),
-        {one: joined_by("flight", one).moments for one in names},
+        {name: joined_by("flight", name).moments for name in names},
         _expect(joined, stretches, latency),
         {
             name: _inertia_per_thrust(
-                [one for one in stretches if one.signal == signal], place, lag, generator
+                [stretch for stretch in stretches if stretch.signal == signal],
+                indices,
+                lag,
+                generator,
             )
             * float(drone.mass * drone.gravity / 4 * np.abs(levers(drone)[:, axis]).max())
             for axis, (signal, name) in enumerate(_GYRO.items())
@@ -211,7 +216,7 @@ def estimate_motor_response(
 
 def _inertia_per_thrust(
     stretches: Sequence[_Stretch],
-    places: Int[np.ndarray, "N"],
+    draws: Int[np.ndarray, "N"],
     lag: Float[np.ndarray, "N"],
     generator: np.random.Generator,
 ) -> Float[np.ndarray, "N"]:
@@ -220,12 +225,15 @@ def _inertia_per_thrust(
     Stretches are joined at one lag: which has too much of that has too much of the gain too.
     """
     samples, log_lag = np.ones(len(lag)), np.log(lag)
-    for place in np.unique(places):
-        here = [one.profile for one in stretches if np.isfinite(one.profile.loss[place])]
-        here = here or [one.profile for one in stretches]
-        columns = [(one.log_gain, one.gain_slope, one.log_lag, one.deviation) for one in here]
-        gain, slope, own_lag, deviation = np.array(columns)[:, :, place].T
-        chosen = places == place
+    profiles = [stretch.profile for stretch in stretches]
+    for index in np.unique(draws):
+        here = [profile for profile in profiles if np.isfinite(profile.loss[index])] or profiles
+        columns = [
+            (profile.log_gain, profile.gain_slope, profile.log_lag, profile.deviation)
+            for profile in here
+        ]
+        gain, slope, own_lag, deviation = np.array(columns)[:, :, index].T
+        chosen = draws == index
         middle = float(np.mean(log_lag[chosen]))
         joined, error = random_effects(
             gain + slope * (middle - own_lag), np.hypot(deviation, OWN) ** 2
@@ -299,11 +307,11 @@ def latency_of_loop(flights: Sequence[Flight], drone: Parameters, rows: int = 0)
         drone: where its rotors are.
         rows: by which their commands were moved to be earlier.
     """
-    longest = max(_LONGEST, sum(one.duration for one in flights) / _MOST)
-    pieces = sorted(flights, key=lambda one: one.duration, reverse=True)
-    every = (loop for one in pieces for loop in _loops_of_parts(one, drone, longest))
+    longest = max(_LONGEST, sum(flight.duration for flight in flights) / _MOST)
+    pieces = sorted(flights, key=lambda flight: flight.duration, reverse=True)
+    every = (loop for piece in pieces for loop in _loops_of_parts(piece, drone, longest))
     loops = list(islice(every, _FEW))
-    stretches = [found for one in loops if (found := _look(*one)) is not None]
+    stretches = [found for loop in loops if (found := _look(*loop)) is not None]
     if not stretches:
         return LoopLatency(np.zeros(len(LATENCIES)), len(loops))
     before = _before(flights, LATENCIES - rows * flights[0].period)
@@ -313,7 +321,7 @@ def latency_of_loop(flights: Sequence[Flight], drone: Parameters, rows: int = 0)
 def _stretches(flight: Flight, drone: Parameters, longest: float) -> Iterator[_Stretch]:
     """What each signal shows over parts of a piece of flight."""
     every = (_look(*loop) for loop in _loops_of_parts(flight, drone, longest))
-    yield from (one for one in every if one is not None)
+    yield from (stretch for stretch in every if stretch is not None)
 
 
 def _look(part: Flight, signal: str, loop: Spectra) -> _Stretch | None:
@@ -332,10 +340,10 @@ def _loops_of_parts(
         part = flight.part(begin, end)
         if len(part) * part.period < SHORTEST:
             continue
-        for signal, one in _loops(part, drone):
-            clear = one.clear > _CLEAR and one.coherence > _COHERENT
+        for signal, loop in _loops(part, drone):
+            clear = loop.clear > _CLEAR and loop.coherence > _COHERENT
             if zero_order_hold or part.period <= QUICK or clear:
-                yield part, signal, one
+                yield part, signal, loop
 
 
 def _loops(flight: Flight, drone: Parameters) -> Iterator[tuple[str, Spectra]]:
@@ -354,19 +362,20 @@ def _joined(stretches: Sequence[_Stretch], before: Float[np.ndarray, "D"]) -> _J
     Whatever the model lacks is common to the stretches of one drone, so that their likelihoods of
     the latency are taken to the power of one over the root of their number.
     """
-    loss = np.minimum([one.profile.loss for one in stretches], _CLEARLY).sum(axis=0)
+    profiles = [stretch.profile for stretch in stretches]
+    loss = np.minimum([profile.loss for profile in profiles], _CLEARLY).sum(axis=0)
     weight = np.log(before) - loss / np.sqrt(len(stretches))
     weight = np.exp(weight - weight.max())
     mean, error = np.zeros((2, len(LATENCIES)))
-    for place, latency in enumerate(LATENCIES):
-        here = [one.profile for one in stretches if np.isfinite(one.profile.loss[place])]
+    for index, latency in enumerate(LATENCIES):
+        here = [profile for profile in profiles if np.isfinite(profile.loss[index])]
         if not here:
-            weight[place] = 0.0
+            weight[index] = 0.0
             continue
-        lag = np.exp([one.log_lag[place] for one in here])
+        lag = np.exp([profile.log_lag[index] for profile in here])
         total = np.maximum(lag + latency, LAG_BOUNDS[0] / 2)
-        errors = np.hypot([one.deviation[place] for one in here] * lag / total, OWN)
-        mean[place], error[place] = random_effects(np.log(total), errors**2)
+        errors = np.hypot([profile.deviation[index] for profile in here] * lag / total, OWN)
+        mean[index], error[index] = random_effects(np.log(total), errors**2)
     return _Joined(weight / weight.sum(), mean, np.hypot(error, LIKE))
 
 

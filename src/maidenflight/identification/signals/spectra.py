@@ -106,7 +106,7 @@ def spectra(
     scale = np.sqrt(np.mean(np.abs(y) ** 2) / max(float(np.mean(np.abs(u) ** 2)), 1e-30))
     u = u * scale
     band = bands(frequencies)
-    drives, moves = (np.sum(np.abs(one) ** 2, axis=(0, 1)) for one in (u, y))
+    drives, moves = (np.sum(np.abs(signal) ** 2, axis=(0, 1)) for signal in (u, y))
     averages = drive.shape[1] * len(drive) / min(round(WINDOW / period), len(drive))
     fast = lines[..., every >= 0.35 / period]
     noise = np.mean(np.abs(fast) ** 2) * scale**2 * u.shape[0] * u.shape[1] + 1e-30

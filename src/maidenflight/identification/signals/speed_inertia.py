@@ -72,11 +72,11 @@ def inertia_of_speeds(
         draws: samples.
         generator: random numbers.
     """
-    logs = by_log(one for one in flights if one.rotor_speed is not None).values()
-    logs = [parts for parts in logs if max(one.duration for one in parts) >= SHORTEST]
+    logs = by_log(flight for flight in flights if flight.rotor_speed is not None).values()
+    logs = [parts for parts in logs if max(part.duration for part in parts) >= SHORTEST]
     inertia = {}
     for axis, name in enumerate(("inertia_x", "inertia_y")):
-        estimates = [one for parts in logs if (one := _log_inertia(parts, drone, axis))]
+        estimates = [estimate for parts in logs if (estimate := _log_inertia(parts, drone, axis))]
         if not estimates:
             continue
         values, errors, left = np.array(estimates).T
@@ -95,7 +95,7 @@ def _log_inertia(
     Last the root of the share of the motion that speeds leave unexplained. None where nothing
     follows.
     """
-    pieces = [_products(one, drone, axis) for one in parts if one.duration >= WINDOW / 2]
+    pieces = [_products(part, drone, axis) for part in parts if part.duration >= WINDOW / 2]
     products = _Products(*(np.concatenate(some) for some in zip(*pieces, strict=True)))
     band, s = bands(products.frequency), 2j * np.pi * products.frequency
 
@@ -106,7 +106,7 @@ def _log_inertia(
     motion, torque, count = sums(products.yy), sums(products.tt), sums(products.averages)
     if min(motion.min(), torque.min(), products.uu.min()) <= 0.0:
         return None
-    shares = np.stack([sums(products.yt * one) for one in late])
+    shares = np.stack([sums(products.yt * delay) for delay in late])
     shared = np.clip(np.sign(shares) * shares**2 / (torque * motion), 1e-9, 1 - 1e-9)
     best = int(np.argmax(-np.log(1 - shared) @ count))
     pushed = sums(np.abs(products.tu) ** 2)
@@ -118,7 +118,7 @@ def _log_inertia(
     if not turns.any():
         return None
     coherence, explained, count = (
-        one[turns] for one in (shared[best], np.minimum(explained, shared[best]), count)
+        values[turns] for values in (shared[best], np.minimum(explained, shared[best]), count)
     )
     gains = np.log(turned[turns] / pushed[turns])
     # A gain is too small by the coherence at most.
@@ -146,9 +146,9 @@ def _products(flight: Flight, drone: Parameters, axis: int) -> _Products:
     y = y * 2j * np.pi * frequency
     averages = len(flight) / min(round(WINDOW / flight.period), len(flight))
 
-    def product(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        return averages * np.mean(one * other.conj(), axis=0)
+    def product(signal: np.ndarray, other: np.ndarray) -> np.ndarray:
+        return averages * np.mean(signal * other.conj(), axis=0)
 
     crosses = product(y, t), product(t, u), product(y, u)
-    powers = (np.real(product(one, one)) for one in (t, u, y))
+    powers = (np.real(product(signal, signal)) for signal in (t, u, y))
     return _Products(frequency, np.full(len(frequency), averages), *crosses, *powers)

@@ -77,8 +77,8 @@ class ThrustLaw(NamedTuple):
         if self.volts is None:
             return list(flights)
         return [
-            replace(one, command=one.command * ((one.battery / self.volts) ** 2)[:, None])
-            for one in flights
+            replace(flight, command=flight.command * ((flight.battery / self.volts) ** 2)[:, None])
+            for flight in flights
         ]
 
     def notes(self) -> list[str]:
@@ -106,12 +106,12 @@ def thrust_law(flights: Sequence[Flight], lag: float) -> ThrustLaw:
         flights: checked flights of one rate.
         lag: of the motors, about [s].
     """
-    if any(one.accelerometer is None for one in flights):
+    if any(flight.accelerometer is None for flight in flights):
         return ThrustLaw()
     plain = _by_step(flights, lag)
     law = ThrustLaw(_limit(plain))
-    volts = np.concatenate([one.battery for one in flights])
-    if any(one.by_battery_law for one in flights) or not np.isfinite(volts).all():
+    volts = np.concatenate([flight.battery for flight in flights])
+    if any(flight.by_battery_law for flight in flights) or not np.isfinite(volts).all():
         return law
     middle = float(np.median(volts))
     if np.ptp(np.quantile(volts, [0.05, 0.95])) < _SAG * middle:
@@ -123,7 +123,7 @@ def thrust_law(flights: Sequence[Flight], lag: float) -> ThrustLaw:
         used = np.maximum(plain[:, 3], signals[:, 3]) <= law.limit
         losses = [_fold_losses(some[used]) for some in (plain, signals)]
         return other if _is_less(*losses) else law
-    return max(law, other, key=lambda one: one.limit)
+    return max(law, other, key=lambda law: law.limit)
 
 
 def note_unexplained(flights: Sequence[Flight], law: ThrustLaw, drone: Parameters) -> list[str]:
@@ -134,7 +134,7 @@ def note_unexplained(flights: Sequence[Flight], law: ThrustLaw, drone: Parameter
         law: that they follow.
         drone: as identified from them.
     """
-    if any(one.accelerometer is None for one in flights):
+    if any(flight.accelerometer is None for flight in flights):
         return []
     signals = _by_step(flights, float(drone.motor_time_constant))
     signals = signals[signals[:, 3] <= law.limit]
@@ -176,8 +176,8 @@ def _limit(signals: Float[np.ndarray, "M 4"]) -> float:
         if used.sum() < max(_FEWEST, _LEAST_SHARE * count):
             break
         fits.append((limit, used, _curve(signals[used])))
-    for place, (limit, _, curve) in enumerate(fits):
-        if not any(_differs(signals[used], curve, other) for _, used, other in fits[place + 1 :]):
+    for index, (limit, _, curve) in enumerate(fits):
+        if not any(_differs(signals[used], curve, other) for _, used, other in fits[index + 1 :]):
             return float(limit)
     return np.inf
 
@@ -198,7 +198,7 @@ def _fold_losses(signals: Float[np.ndarray, "M 4"]) -> Float[np.ndarray, "M"]:
 
 def _by_step(flights: Sequence[Flight], lag: float) -> Float[np.ndarray, "M 4"]:
     """What `_regressors` returns, of all flights."""
-    return np.concatenate([np.empty((0, 4)), *(_regressors(one, lag) for one in flights)])
+    return np.concatenate([np.empty((0, 4)), *(_regressors(flight, lag) for flight in flights)])
 
 
 def _regressors(flight: Flight, lag: float) -> Float[np.ndarray, "M 4"]:
@@ -224,11 +224,11 @@ def _differs(
     signals: Float[np.ndarray, "M 4"], curve: Float[np.ndarray, "2"], other: Float[np.ndarray, "2"]
 ) -> bool:
     """Tests whether a curve explains steps worse than their own, and gives another thrust."""
-    mine, theirs = (signals[:, :2] @ one for one in (curve, other))
+    mine, theirs = (signals[:, :2] @ coefficients for coefficients in (curve, other))
     size = np.quantile(signals[:, 0], [0.1, 0.9])
     ends = np.stack([size, size**2], axis=1)
     gap = np.abs(ends @ curve - ends @ other) / np.maximum(np.abs(ends @ other), 1.0)
-    losses = ((signals[:, 2] - one) ** 2 for one in (mine, theirs))
+    losses = ((signals[:, 2] - thrust) ** 2 for thrust in (mine, theirs))
     return bool(gap.max() > _OTHER and _is_less(*losses))
 
 

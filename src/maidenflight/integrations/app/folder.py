@@ -25,18 +25,18 @@ def confine(folder: Path, text: str) -> Path:
     home = folder.resolve()
     for part in (*_JOINTS.split(text), text):
         # A name that cannot be printed may end where the system reads a zero.
-        place = Path(os.path.realpath(home / part)) if part.isprintable() else home.parent
-        if not place.is_relative_to(home):
+        path = Path(os.path.realpath(home / part)) if part.isprintable() else home.parent
+        if not path.is_relative_to(home):
             raise InputError(f"{part}: outside of this run folder. Copy it in, or name another.")
     return Path(os.path.realpath(home / text))
 
 
 def find_file(folder: Path, name: str) -> Path:
     """Returns a file to download; InputError where it is none, hidden or outside."""
-    place = confine(folder, name)
-    if not place.is_file() or re.search(r"(^|/)\.", name):
+    path = confine(folder, name)
+    if not path.is_file() or re.search(r"(^|/)\.", name):
         raise InputError(f"{name}: no such file in this run folder.")
-    return place
+    return path
 
 
 def clean(name: str) -> str:
@@ -50,9 +50,9 @@ def clean(name: str) -> str:
 
 def find_logs(folder: Path) -> list[str]:
     """Lists the names of the logs that were dropped."""
-    place = folder / LOGS
-    entries = sorted(place.iterdir()) if place.is_dir() else []
-    return [one.name for one in entries if one.is_file() and not one.name.startswith(".")]
+    logs_folder = folder / LOGS
+    entries = sorted(logs_folder.iterdir()) if logs_folder.is_dir() else []
+    return [entry.name for entry in entries if entry.is_file() and not entry.name.startswith(".")]
 
 
 async def receive(folder: Path, name: str, content: AsyncIterator[bytes], size: int) -> str:
@@ -60,16 +60,16 @@ async def receive(folder: Path, name: str, content: AsyncIterator[bytes], size: 
 
     Returns its name; InputError where it is too large, one too many, or cannot be written.
     """
-    plain, place = clean(name), confine(folder, LOGS)
+    plain, logs_folder = clean(name), confine(folder, LOGS)
     too_large = InputError(f"{plain}: larger than {LARGEST // 2**20} MiB, which no log is.")
     if len(find_logs(folder)) >= MOST:
         raise InputError(f"{plain}: {MOST} logs are here, which is the most. Remove some.")
     if size > LARGEST:
         raise too_large
     try:
-        place.mkdir(exist_ok=True)
+        logs_folder.mkdir(exist_ok=True)
         # Named as what `results.write` is killed over, so that nothing reads what is not whole.
-        parts = {"prefix": f".{plain}.", "suffix": ".part", "dir": place}
+        parts = {"prefix": f".{plain}.", "suffix": ".part", "dir": logs_folder}
         with tempfile.NamedTemporaryFile(**parts) as file:
             count, digest = 0, hashlib.sha256()
             async for part in content:
@@ -80,7 +80,7 @@ async def receive(folder: Path, name: str, content: AsyncIterator[bytes], size: 
                 file.write(part)
             file.flush()
             os.chmod(file.name, 0o644)
-            return _keep(file.name, place / plain, digest.hexdigest())
+            return _keep(file.name, logs_folder / plain, digest.hexdigest())
     except OSError as error:
         refused = WriteError(f"{LOGS}/{plain}", error)
         raise InputError(f"{refused.wrong} {refused.remedy}, then drop it again.") from error
@@ -88,12 +88,12 @@ async def receive(folder: Path, name: str, content: AsyncIterator[bytes], size: 
 
 def _keep(temporary: str, wished: Path, digest: str) -> str:
     """Gives a file its name, or a longer one where another log has it."""
-    for place in (wished, wished.with_stem(f"{wished.stem}-{digest[:16]}")):
-        if not os.path.lexists(place):
-            os.link(temporary, place)
-        if place.is_file() and digest.startswith(results.digest(place)):
+    for path in (wished, wished.with_stem(f"{wished.stem}-{digest[:16]}")):
+        if not os.path.lexists(path):
+            os.link(temporary, path)
+        if path.is_file() and digest.startswith(results.digest(path)):
             break
-    return place.name
+    return path.name
 
 
 def remove_log(folder: Path, name: str) -> None:
@@ -107,7 +107,7 @@ def pack(folder: Path, names: list[str]) -> bytes:
     """Returns a zip file of files and folders; InputError where none is there or one outside."""
     packed, home = io.BytesIO(), folder.resolve()
     places = [confine(folder, name) for name in names]
-    inner = [one for place in places for one in (place, *place.rglob("*")) if one.is_file()]
+    inner = [path for root in places for path in (root, *root.rglob("*")) if path.is_file()]
     if not inner:
         raise InputError("Nothing was written there.")
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:

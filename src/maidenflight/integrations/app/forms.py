@@ -29,10 +29,12 @@ def fields(verb: type[Verb]) -> dict[str, Setting]:
 
     A question of trust or safety has none: only who runs a command answers it.
     """
-    settings = {name: one for name, (_, one) in verb.settings().items() if not one.consent}
-    place, help = verb.output, "Replace results of an earlier run."
-    output = Setting(path(), None, place.help, usual=place.default or "", group="Output")
-    settings["output"] = replace(output, rare=place.default is not None)
+    settings = {
+        name: setting for name, (_, setting) in verb.settings().items() if not setting.consent
+    }
+    target, help = verb.output, "Replace results of an earlier run."
+    output = Setting(path(), None, target.help, usual=target.default or "", group="Output")
+    settings["output"] = replace(output, rare=target.default is not None)
     return settings | ({"overwrite": Setting(flag(), False, help)} if verb.replaces else {})
 
 
@@ -62,7 +64,7 @@ def words_of(
             options += [option] if value is True else []
             continue
         texts = value if isinstance(value, list) else [value]
-        for text in (one.strip() for one in texts if isinstance(one, str) and one.strip()):
+        for text in (text.strip() for text in texts if isinstance(text, str) and text.strip()):
             if any(map(setting.values.names_code, (text, text.partition("=")[2]))):
                 raise InputError(
                     f"{option} {text} names Python code, which the page does not run. Look at the "
@@ -77,7 +79,7 @@ def words_of(
 def filled_by(verb: type[Verb], words: Iterable[str]) -> dict[str, list[str]]:
     """Returns what fields hold by the words of a command; one in capitals only the user knows."""
     known, filled, left = fields(verb), dict[str, list[str]](), deque(words)
-    places, ended = [name for name, one in known.items() if one.argument], False
+    places, ended = [name for name, setting in known.items() if setting.argument], False
     while left:
         word, name, text = left.popleft(), places[0] if places else "", ""
         if word == "--" or (word.startswith("-") and not ended):

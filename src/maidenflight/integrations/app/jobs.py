@@ -51,7 +51,9 @@ class Job:
     @property
     def command(self) -> str:
         """Returns it as one types it."""
-        return shlex.join(["maidenflight", self.verb, *(one for one in self.words if one != "--")])
+        return shlex.join(
+            ["maidenflight", self.verb, *(word for word in self.words if word != "--")]
+        )
 
     def interrupt(self) -> None:
         """Interrupts it as Ctrl-C does."""
@@ -72,9 +74,9 @@ class Job:
             self.done, self.total = event["done"], event["total"]
         if "note" in event:
             self.notes.append(event["note"])
-        for number, one in enumerate(event.get("scores", ()), 1):
+        for number, score in enumerate(event.get("scores", ()), 1):
             about = {"update": event["update"], "steps": event["steps"], "policy": number}
-            self.scores.append(about | one)
+            self.scores.append(about | score)
         for name in ("remark", "line", "policy", "summary", "next"):
             setattr(self, name, event.get(name) or getattr(self, name))
 

@@ -151,7 +151,7 @@ class Page:
         name = request.path_params["verb"]
         if name not in self.jobs:
             raise InputError(f"{name}: nothing to resume.")
-        words = [one for one in self.jobs[name].words if one not in ("--overwrite", "--resume")]
+        words = [word for word in self.jobs[name].words if word not in ("--overwrite", "--resume")]
         return await self._start(name, name, ["--resume", *words])
 
     async def _fly(self, request: Request) -> Response:
@@ -195,7 +195,7 @@ class Page:
     async def _send_archive(self, request: Request) -> Response:
         output = request.path_params["name"]
         entries = [entry for entry in self._read()[0].entries if entry.output == output]
-        names = [one for entry in entries for ones in entry.written.values() for one in ones]
+        names = [name for entry in entries for ones in entry.written.values() for name in ones]
         packed = await run_in_threadpool(files.pack, self.folder, names)
         return Response(packed, media_type="application/zip")
 

@@ -30,10 +30,10 @@ class Step(NamedTuple):
 def read_step(run: Manifest, name: str, job: Job | None = None) -> Step:
     """Returns what a verb wrote, as the manifest and its command say."""
     entries = [entry for entry in run.entries if entry.verb == name]
-    named = [one for entry in entries for ones in entry.written.values() for one in ones]
+    named = [file for entry in entries for ones in entry.written.values() for file in ones]
     outputs = [word.partition("=")[2] for word in (job.words if job else ()) if "--output=" in word]
     named += [*outputs, *([REPORT] if name == "report" else [])]
-    there = [one for one in dict.fromkeys(named) if (run.folder / one).is_file()]
+    there = [file for file in dict.fromkeys(named) if (run.folder / file).is_file()]
     folders = {entry.output for entry in entries if (run.folder / entry.output).is_dir()}
     return Step(entries, there, sorted(folders), f"{zlib.crc32(repr(entries).encode()):08x}")
 
@@ -50,8 +50,8 @@ def suggest(run: Manifest, verb: type[Verb], jobs: Iterable[Job]) -> dict[str, l
     """Returns what a form begins with: what verbs before it wrote and said, and what it ran by."""
     filled = {}
     for name, setting in forms.fields(verb).items():
-        if setting.argument and (place := _find_place(run, name, setting)):
-            filled[name] = [place]
+        if setting.argument and (path := _find_place(run, name, setting)):
+            filled[name] = [path]
     for job in sorted(jobs, key=lambda job: job.verb == verb.name):
         if job.verb == verb.name:
             filled |= forms.filled_by(verb, job.words)

@@ -89,6 +89,6 @@ def _draw(name: str, run: "Run") -> str:
     from maidenflight.reporting.figures.charts import embedded
 
     section = SECTIONS[name]
-    content = Markup().join(make(run) for one, _, make in page.SECTIONS if one == section)
+    content = Markup().join(make(run) for key, _, make in page.SECTIONS if key == section)
     logs = viewer.viewer_data(run) if section in ("recorded", "flights") else None
     return render("view.html", content=content, logs=embedded(logs) if logs else "")

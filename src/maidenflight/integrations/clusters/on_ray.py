@@ -32,9 +32,9 @@ class OnRay:
             try:
                 ray.init(address or None, log_to_driver=False, configure_logging=False)
             except (ConnectionError, RuntimeError, ValueError) as error:
-                place = address or "this machine"
+                host = address or "this machine"
                 raise InputError(
-                    f"no Ray cluster at {place} ({error}). Start one (ray start --head), or give "
+                    f"no Ray cluster at {host} ({error}). Start one (ray start --head), or give "
                     "its address: --on ray:HOST:6379."
                 ) from error
         # What is lost is submitted again by the study, which also counts it.

@@ -39,14 +39,14 @@ def write_isaac_lab(model: DroneModel) -> str:
     drone = model.drone
     revolutions = model.square_speed / (2 * np.pi)
 
-    def full_thrust(one: Parameters) -> float:
-        return float(one.mass * one.gravity * one.thrust_to_weight) / 4
+    def full_thrust(drone: Parameters) -> float:
+        return float(drone.mass * drone.gravity * drone.thrust_to_weight) / 4
 
     ranges = {
-        "thrust_const_range": _ends(model, lambda one: full_thrust(one) / revolutions**2),
-        "tau_inc_range": _ends(model, lambda one: float(one.motor_time_constant)),
+        "thrust_const_range": _ends(model, lambda drone: full_thrust(drone) / revolutions**2),
+        "tau_inc_range": _ends(model, lambda drone: float(drone.motor_time_constant)),
         "tau_dec_range": _ends(
-            model, lambda one: float(one.motor_time_constant) * float(one.spin_down_ratio)
+            model, lambda drone: float(drone.motor_time_constant) * float(drone.spin_down_ratio)
         ),
     }
     force = np.zeros((6, 4))
@@ -81,7 +81,7 @@ def _ends(model: DroneModel, value: Callable[[Parameters], float]) -> tuple[floa
     """Ends of a range: of the posterior's middle, or the drone's own value twice."""
     if not model.samples:
         return value(model.drone), value(model.drone)
-    low, high = np.quantile([value(nearest_isaac_lab(one)) for one in model.samples], MIDDLE)
+    low, high = np.quantile([value(nearest_isaac_lab(sample)) for sample in model.samples], MIDDLE)
     return float(low), float(high)
 
 

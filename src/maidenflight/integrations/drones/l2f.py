@@ -41,7 +41,7 @@ def dynamics_of(drone: Parameters) -> dict[str, Any]:
     return {
         "rotor_positions": rotors(drone).tolist(),
         "rotor_thrust_directions": [[0.0, 0.0, 1.0]] * 4,
-        "rotor_torque_directions": [[0.0, 0.0, float(one)] for one in drone.rotor_direction],
+        "rotor_torque_directions": [[0.0, 0.0, float(sign)] for sign in drone.rotor_direction],
         "rotor_thrust_coefficients": curve.tolist(),
         "rotor_torque_constants": [float(drone.torque_to_thrust)] * 4,
         "rotor_time_constants_rising": [up] * 4,

@@ -57,12 +57,12 @@ def write_mjcf(model: DroneModel) -> str:
     ElementTree.SubElement(body, "site", name="imu")
     actuators = ElementTree.SubElement(root, "actuator")
     turns = np.asarray(drone.rotor_direction, np.float64) * float(drone.torque_to_thrust)
-    for number, (place, turn, most) in enumerate(
+    for number, (position, turn, most) in enumerate(
         zip(rotors(drone), turns, model.thrusts, strict=True), start=1
     ):
-        ends = {"fromto": digits(np.zeros(3), place), "size": digits(arm / 20)}
+        ends = {"fromto": digits(np.zeros(3), position), "size": digits(arm / 20)}
         ElementTree.SubElement(body, "geom", {"type": "capsule", **ends, **look})
-        ElementTree.SubElement(body, "site", name=f"rotor_{number}", pos=digits(place))
+        ElementTree.SubElement(body, "site", name=f"rotor_{number}", pos=digits(position))
         motor = {
             "name": f"thrust_{number}",
             "site": f"rotor_{number}",

@@ -57,8 +57,8 @@ def write_rotorpy(model: DroneModel) -> str:
     }
     lines = [f'    "{name}": {digits(value)},' for name, value in numbers.items()]
     places = [
-        f'        "r{number}": np.array([{", ".join(digits(place).split())}]),'
-        for number, place in enumerate(rotors(drone), start=1)
+        f'        "r{number}": np.array([{", ".join(digits(position).split())}]),'
+        for number, position in enumerate(rotors(drone), start=1)
     ]
     turns = ", ".join(digits(drone.rotor_direction).split())
     return "\n".join(

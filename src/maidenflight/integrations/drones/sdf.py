@@ -51,8 +51,8 @@ def write_sdf(model: DroneModel) -> str:
     moved = rotor * np.array([(y**2).sum(), (x**2).sum(), (x**2 + y**2).sum()])
     base = np.asarray(drone.inertia, np.float64) - moved - 4 * own
     _link(body, "base_link", np.zeros(3), float(drone.mass) - 4 * rotor, base, arm)
-    for number, place in enumerate(places):
-        _link(body, f"rotor_{number}", place, rotor, own, arm / 2)
+    for number, position in enumerate(places):
+        _link(body, f"rotor_{number}", position, rotor, own, arm / 2)
         joint = Element(body, "joint", name=f"rotor_{number}_joint", type="revolute")
         Element(joint, "parent").text = "base_link"
         Element(joint, "child").text = f"rotor_{number}"
@@ -100,13 +100,13 @@ def motor(model: DroneModel, number: int) -> dict[str, str]:
 def _link(
     body: ElementTree.Element,
     name: str,
-    place: np.ndarray,
+    position: np.ndarray,
     mass: float,
     inertia: np.ndarray,
     size: float,
 ) -> None:
     link = Element(body, "link", name=name)
-    Element(link, "pose").text = digits(place, np.zeros(3))
+    Element(link, "pose").text = digits(position, np.zeros(3))
     inertial = Element(link, "inertial")
     Element(inertial, "mass").text = digits(mass)
     tensor = Element(inertial, "inertia")

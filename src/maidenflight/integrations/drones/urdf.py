@@ -70,9 +70,9 @@ def write_urdf(model: DroneModel) -> str:
         geometry = ElementTree.SubElement(shape, "geometry")
         ElementTree.SubElement(geometry, "cylinder", size)
     places = rotors(drone)[order(drone)]
-    links = [(f"prop{number}", place) for number, place in enumerate(places)]
-    for name, place in [*links, ("center_of_mass", np.zeros(3))]:
-        _link(root, f"{name}_link", place, 0.0, np.zeros(3))
+    links = [(f"prop{number}", position) for number, position in enumerate(places)]
+    for name, position in [*links, ("center_of_mass", np.zeros(3))]:
+        _link(root, f"{name}_link", position, 0.0, np.zeros(3))
         joint = ElementTree.SubElement(root, "joint", name=f"{name}_joint", type="fixed")
         ElementTree.SubElement(joint, "parent", link="base_link")
         ElementTree.SubElement(joint, "child", link=f"{name}_link")
@@ -93,11 +93,11 @@ def order(drone: Parameters) -> list[int]:
 
 
 def _link(
-    root: ElementTree.Element, name: str, place: np.ndarray, mass: float, inertia: np.ndarray
+    root: ElementTree.Element, name: str, position: np.ndarray, mass: float, inertia: np.ndarray
 ) -> ElementTree.Element:
     link = ElementTree.SubElement(root, "link", name=name)
     inertial = ElementTree.SubElement(link, "inertial")
-    ElementTree.SubElement(inertial, "origin", rpy="0 0 0", xyz=digits(place))
+    ElementTree.SubElement(inertial, "origin", rpy="0 0 0", xyz=digits(position))
     ElementTree.SubElement(inertial, "mass", value=digits(mass))
     moments: dict[str, str] = dict.fromkeys(("ixy", "ixz", "iyz"), "0")
     moments.update(zip(("ixx", "iyy", "izz"), map(digits, inertia), strict=True))

@@ -39,14 +39,14 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise InputError(
                 f"num_envs = {num_envs!r}; expected a whole number of drones, 1 or more."
             )
-        one = QuadrotorEnv(**arguments)
-        self.num_envs, self.render_mode = num_envs, one.render_mode
-        self.metadata = {**self.metadata, **one.metadata}
-        self.single_observation_space = one.observation_space
-        self.single_action_space = one.action_space
-        self.observation_space = batch_space(one.observation_space, num_envs)
-        self.action_space = batch_space(one.action_space, num_envs)
-        self._make_scene, self._program, self._drones = one.make_scene, one.program, one.drones
+        env = QuadrotorEnv(**arguments)
+        self.num_envs, self.render_mode = num_envs, env.render_mode
+        self.metadata = {**self.metadata, **env.metadata}
+        self.single_observation_space = env.observation_space
+        self.single_action_space = env.action_space
+        self.observation_space = batch_space(env.observation_space, num_envs)
+        self.action_space = batch_space(env.action_space, num_envs)
+        self._make_scene, self._program, self._drones = env.make_scene, env.program, env.drones
         self._keys = np.zeros((num_envs, 2), np.uint32)
         self._ready = np.zeros(num_envs, bool)
         self._ahead: tuple[Any, Any] = ((), ())
@@ -78,9 +78,9 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 "number for all."
             )
         super().reset(seed=seeds[0])
-        for i, one in enumerate(seeds):
-            if one is not None or self._groups is None:
-                generator = self.np_random if one is None else seeding.np_random(one)[0]
+        for i, env_seed in enumerate(seeds):
+            if env_seed is not None or self._groups is None:
+                generator = self.np_random if env_seed is None else seeding.np_random(env_seed)[0]
                 self._keys[i] = flying.first_key(generator)
                 self._numbers[i], self._ready[i] = 0, False
         self._over = np.zeros(self.num_envs, bool)

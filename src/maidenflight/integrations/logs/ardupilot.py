@@ -146,7 +146,7 @@ def _stream(messages: Messages, key: str, *fields: str) -> Stream:
     if not {"TimeUS", *fields} <= set(columns):
         return Stream(np.zeros(0), np.zeros((0, len(fields))))
     return streams.stream(
-        1e-6 * columns["TimeUS"], np.stack([columns[one] for one in fields], axis=1)
+        1e-6 * columns["TimeUS"], np.stack([columns[field] for field in fields], axis=1)
     )
 
 
@@ -287,9 +287,11 @@ def _sent(
 def _rotor_speed(messages: Messages, frame: Frame) -> Stream | None:
     """Speeds of our motors that ESCs measure [rad/s]; each has times of its own."""
     each = [_stream(messages, f"ESC[{number}]", "RPM") for number in frame.order]
-    if min(len(one.time) for one in each) < 2 or not any(np.any(one.values) for one in each):
+    if min(len(stream.time) for stream in each) < 2 or not any(
+        np.any(stream.values) for stream in each
+    ):
         return None
-    speeds = [streams.between(each[0].time, one) for one in each]
+    speeds = [streams.between(each[0].time, stream) for stream in each]
     return Stream(each[0].time, np.concatenate(speeds, axis=1) * 2 * np.pi / 60)
 
 

@@ -229,7 +229,7 @@ def _command(
     """Thrust commands of our motors, and how they were read."""
     older = [headers.get("minthrottle"), headers.get("maxthrottle")]
     bounds = headers.get("motorOutput", older)
-    sound = isinstance(bounds, list) and all(isinstance(one, int | float) for one in bounds)
+    sound = isinstance(bounds, list) and all(isinstance(bound, int | float) for bound in bounds)
     bounds = bounds if isinstance(bounds, list) else []
     if not sound or len(bounds) != 2 or not 0 <= bounds[0] < bounds[1] <= 2500:
         raise InputError(
@@ -267,7 +267,7 @@ def _battery(
     if counts is None:
         return np.full(rows, np.nan), []
     cell = headers.get("vbatcellvoltage")
-    fine = isinstance(cell, list) and all(isinstance(one, int) and one > 100 for one in cell)
+    fine = isinstance(cell, list) and all(isinstance(volts, int) and volts > 100 for volts in cell)
     volts = counts[:, 0] * (0.01 if fine else 0.1)
     sound = (volts > 1.0) & (volts < 100.0)
     if sound.mean() < 0.5:

@@ -120,7 +120,7 @@ _KNOWN = {
 def recognises(table: Table) -> bool:
     """Returns whether a clock and three or more columns are log variables of the firmware."""
     columns = set(table.frame.columns)
-    return len(_KNOWN & columns) >= 3 and not {f"{one}.time" for one in ("motor", "gyro")} & columns
+    return len(_KNOWN & columns) >= 3 and not {f"{key}.time" for key in ("motor", "gyro")} & columns
 
 
 def flights(table: Table) -> LoggedFlights:

@@ -87,14 +87,14 @@ def _read(reader: Any) -> tuple[Messages, dict[str, float]]:
         if kind == "PARM":
             parameters[str(message.Name)] = float(message.Value)
             continue
-        numbers = [int(getattr(message, one)) for one in _NUMBERS if hasattr(message, one)]
+        numbers = [int(getattr(message, name)) for name in _NUMBERS if hasattr(message, name)]
         if kind == "IMU" and any(numbers):
             continue  # The first is read, and others are as many rows again.
         logged = message.get_fieldnames()
-        known = [one for one in logged if _OLDER.sub("C", one) in ardupilot.MESSAGES[kind]]
+        known = [field for field in logged if _OLDER.sub("C", field) in ardupilot.MESSAGES[kind]]
         key = f"{kind}[{numbers[0]}]" if numbers else kind
         if fields.setdefault(key, known) == known:
-            rows.setdefault(key, []).append([float(getattr(message, one)) for one in known])
+            rows.setdefault(key, []).append([float(getattr(message, field)) for field in known])
     return {key: _renamed(fields[key], np.array(table).T) for key, table in rows.items()}, {
         key: value for key, value in parameters.items() if np.isfinite(value)
     }

@@ -146,20 +146,20 @@ def _force(topics: Topics, parameters: Parameters) -> tuple[Stream | None, float
 def _state(name: str, topics: Topics) -> tuple[Stream | None, list[str]]:
     """Position, velocity and attitude, or none where they are not known often enough."""
     numbers = "x", "y", "z", "vx", "vy", "vz"
-    place = columns(topics, "vehicle_local_position", *numbers, clock="timestamp_sample")
+    position = columns(topics, "vehicle_local_position", *numbers, clock="timestamp_sample")
     turned = columns(topics, "vehicle_attitude", *vector("q", 4), clock="timestamp_sample")
-    if place is None or turned is None:
-        lacking = "position" if place is None else "attitude"
+    if position is None or turned is None:
+        lacking = "position" if position is None else "attitude"
         return None, [f"{name}: no {lacking} logged: {joining.ALONE}"]
     fields = topics["vehicle_local_position"]
     names = "xy_valid", "z_valid", "v_xy_valid", "v_z_valid"
     flags = [fields[flag].astype(bool) for flag in names if flag in fields]
-    valid = np.all(flags, axis=0) if flags else np.ones(len(place[0]), bool)
+    valid = np.all(flags, axis=0) if flags else np.ones(len(position[0]), bool)
     if valid.mean() < 0.5:
         share = 100 * (1 - valid.mean())
         return None, [f"{name}: PX4 has no valid position in {share:.0f} %: {joining.ALONE}"]
-    moved = np.concatenate([place[1][:, :3] * LEFT_UP, place[1][:, 3:] * LEFT_UP], axis=1)
-    place_stream = streams.stream(place[0], np.where(valid[:, None], moved, np.nan))
+    moved = np.concatenate([position[1][:, :3] * LEFT_UP, position[1][:, 3:] * LEFT_UP], axis=1)
+    place_stream = streams.stream(position[0], np.where(valid[:, None], moved, np.nan))
     quaternion = turned[1][:, [1, 2, 3, 0]] * [1.0, -1.0, -1.0, 1.0]
     series, notes = joining.state(name, place_stream, streams.stream(turned[0], quaternion))
     if series is not None:

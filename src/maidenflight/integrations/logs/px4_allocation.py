@@ -46,10 +46,10 @@ def effectiveness(rotors: tuple[Rotor, ...]) -> Float[np.ndarray, "4 M"]:
     """
     return np.array(
         [
-            [-one.thrust * one.right for one in rotors],
-            [one.thrust * one.forward for one in rotors],
-            [one.thrust * one.moment for one in rotors],
-            [-one.thrust for one in rotors],
+            [-rotor.thrust * rotor.right for rotor in rotors],
+            [rotor.thrust * rotor.forward for rotor in rotors],
+            [rotor.thrust * rotor.moment for rotor in rotors],
+            [-rotor.thrust for rotor in rotors],
         ]
     )
 

@@ -101,8 +101,8 @@ def rotors(name: str, parameters: Parameters) -> Rotors:
         return Rotors(_ORDER, (note,))
     corners = [(True, False), (False, False), (False, True), (True, True)]
     quadrants = {number: (forward > 0, left > 0) for number, (forward, left) in placed.items()}
-    size = max(np.hypot(*place) for place in placed.values())
-    diagonal = all(min(abs(one), abs(other)) > 0.2 * size for one, other in placed.values())
+    size = max(np.hypot(*position) for position in placed.values())
+    diagonal = all(min(abs(forward), abs(left)) > 0.2 * size for forward, left in placed.values())
     if len(placed) != 4 or set(quadrants.values()) != set(corners) or not diagonal:
         places = "; ".join(f"{forward:g}, {left:g}" for forward, left in placed.values())
         raise InputError(
@@ -242,5 +242,7 @@ def rotor_speed(topics: Topics, order: tuple[int, ...]) -> Stream | None:
 def _by_function(fields: Mapping[str, np.ndarray]) -> Int[np.ndarray, "4"]:
     """Which ESC drives motors 1 to 4: by their function, 101 to 104, or their number."""
     functions = [fields.get(f"esc[{number}].actuator_function") for number in range(4)]
-    motor_numbers = [int(one[-1]) - 101 for one in functions if one is not None and len(one)]
+    motor_numbers = [
+        int(field[-1]) - 101 for field in functions if field is not None and len(field)
+    ]
     return np.argsort(motor_numbers) if sorted(motor_numbers) == [0, 1, 2, 3] else np.arange(4)

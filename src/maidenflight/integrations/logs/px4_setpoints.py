@@ -109,7 +109,7 @@ def _rotors(parameters: Parameters) -> tuple[Rotor, ...] | None:
         Rotor(*(parameters.get(f"CA_ROTOR{number}_{name}", usual[name]) for name in usual))
         for number in range(4)
     )
-    return rotors if any(one.forward or one.right for one in rotors) else None
+    return rotors if any(rotor.forward or rotor.right for rotor in rotors) else None
 
 
 def _explained(logged: Stream, rebuilt: Stream) -> float | None:

@@ -115,7 +115,7 @@ def read(path: Path) -> Layout | Variables:
 def _variables(path: Path, content: dict[str, Any]) -> Variables:
     names = content["variables"]
     sound = [
-        isinstance(some, list) and some and all(isinstance(one, str) for one in some)
+        isinstance(some, list) and some and all(isinstance(name, str) for name in some)
         for some in (names.values() if isinstance(names, dict) else [None])
     ]
     if set(content) != {"variables"} or not all(sound):

@@ -122,7 +122,9 @@ def _opened(path: Path, name: str) -> Iterator[Bag]:
         grown = sum(chunk.uncompressed_size for chunk in getattr(storage, "chunks", ()))
         budget.LOG.check_growth(path.stat().st_size, grown)
         types: dict[str, Any] = {}
-        budget.DEFINITIONS.check("bytes", sum(len(one.msgdef.data) for one in storage.connections))
+        budget.DEFINITIONS.check(
+            "bytes", sum(len(connection.msgdef.data) for connection in storage.connections)
+        )
         for connection in storage.connections:
             text = connection.msgdef.data
             if text and connection.msgdef.format.name == "IDL":
@@ -142,7 +144,9 @@ def _opened(path: Path, name: str) -> Iterator[Bag]:
         ) from error
 
     def messages(topics: list[str]) -> Iterator[tuple[str, int, Any]]:
-        connections = [one for one in storage.connections if one.topic in topics]
+        connections = [
+            connection for connection in storage.connections if connection.topic in topics
+        ]
         for connection, stamp, raw in storage.messages(connections) if connections else ():
             try:
                 plain = rosbag_guards.unpack_message(raw) if bytes(raw[:4]) == _ZSTD else raw
@@ -152,7 +156,7 @@ def _opened(path: Path, name: str) -> Iterator[Bag]:
             yield connection.topic, stamp, message
 
     try:
-        types = {one.topic: one.msgtype for one in storage.connections}
+        types = {connection.topic: connection.msgtype for connection in storage.connections}
         yield Bag(name, types, messages, frozenset(set(types.values()) - set(store.fielddefs)))
     finally:
         storage.close()
@@ -324,7 +328,7 @@ def _of_variables(bag: Bag, layout_notes: Variables) -> LoggedFlights:
     """Log variables of a Crazyflie, read as those that its radio logs."""
     _refuse_missing(bag, bag.name, layout_notes.names)
     fields = {
-        topic: ("timestamp", *(f"values[{place}]" for place in range(len(names))))
+        topic: ("timestamp", *(f"values[{index}]" for index in range(len(names))))
         for topic, names in layout_notes.names.items()
     }
     read, notes = _collected(bag, fields)

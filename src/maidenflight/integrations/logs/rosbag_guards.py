@@ -81,6 +81,6 @@ def check_names(types: Mapping[str, Any]) -> None:
         ValueError: one is.
     """
     for name, (constants, fields) in types.items():
-        names = [one for one, *_ in (*constants, *fields)]
+        names = [name for name, *_ in (*constants, *fields)]
         if not _TYPE.fullmatch(name) or not all(map(_FIELD.fullmatch, names)):
             raise ValueError(f"a definition of {name!r:.60} with names that are none")

@@ -88,11 +88,11 @@ def _torn_bytes(path: Path) -> int:
 def _topics(data: Iterable[Any]) -> dict[str, dict[str, np.ndarray]]:
     """Fields by topic; of several instances the first, of outputs the one that changes most."""
     topics: dict[str, dict[str, np.ndarray]] = {}
-    for one in data:
-        fields = {name: values for name, values in one.data.items() if values.ndim == 1}
-        former = topics.get(one.name)
+    for dataset in data:
+        fields = {name: values for name, values in dataset.data.items() if values.ndim == 1}
+        former = topics.get(dataset.name)
         if "timestamp" in fields and (former is None or _changes(fields) > _changes(former)):
-            topics[one.name] = fields
+            topics[dataset.name] = fields
     return topics
 
 

@@ -166,9 +166,9 @@ def _joined(
     columns: dict[str, np.ndarray] = {CLOCK: (stamps - stamps[0]) * unit}
     for number, records in tables.items():
         rows = None if number == main else _rows(stamps, records[CLOCK].astype(np.int64))
-        for place, column in enumerate(events[number].columns):
+        for index, column in enumerate(events[number].columns):
             with np.errstate(invalid="ignore"):  # a NaN of damaged bytes may signal
-                values = records[f"f{place}"].astype(np.float64)
+                values = records[f"f{index}"].astype(np.float64)
             spread = values if rows is None else _spread(values, rows, len(stamps))
             columns.setdefault(column, spread)
     return polars.DataFrame(columns)
@@ -216,7 +216,7 @@ def table_2019(raw: bytes, name: str) -> Table:
     except ValueError as error:
         reason = f"not a readable micro-SD log of 2019's format ({error})"
         raise InputError(f"{name}: {reason}. Copy it again.") from error
-    record = np.dtype([(f"f{place}", f"<{kind[0]}") for place, (_, _, kind) in enumerate(entries)])
+    record = np.dtype([(f"f{index}", f"<{kind[0]}") for index, (_, _, kind) in enumerate(entries)])
     at, sets = at + 4, []
     while at < len(raw):
         end = at + 1 + raw[at] * record.itemsize
@@ -230,8 +230,8 @@ def table_2019(raw: bytes, name: str) -> Table:
     rows = np.concatenate(sets)
     with np.errstate(invalid="ignore"):  # a NaN of damaged bytes may signal
         columns = {
-            column: rows[f"f{place}"].astype(np.float64)
-            for place, (column, _, _) in enumerate(entries)
+            column: rows[f"f{index}"].astype(np.float64)
+            for index, (column, _, _) in enumerate(entries)
         }
     ticks = columns.pop(TICK)
     # A clock of 32 bits wraps after 72 minutes.

@@ -38,7 +38,7 @@ def wandb(
     # Its arguments would win over its environment variables, and where the folder is missing it
     # would write elsewhere.
     Path(folder).mkdir(parents=True, exist_ok=True)
-    place = {
+    destination = {
         "project": environ.get("WANDB_PROJECT", "maidenflight"),
         "group": environ.get("WANDB_RUN_GROUP", Path(folder).resolve().name),
         "dir": environ.get("WANDB_DIR", str(folder)),
@@ -54,7 +54,7 @@ def wandb(
                     config=dict(settings),
                     reinit="create_new",
                     settings=own,
-                    **place,
+                    **destination,
                 )
                 runs.append(stack.enter_context(_ended(begun)))
         except package.Error as error:

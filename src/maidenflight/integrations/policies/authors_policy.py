@@ -45,31 +45,31 @@ class Network(NamedTuple):
     deviation: Float[np.ndarray, "inputs"]
 
 
-def read_authors_policy(content: Mapping[str, Any], place: str, control: str | None) -> Policy:
+def read_authors_policy(content: Mapping[str, Any], source: str, control: str | None) -> Policy:
     """Reads the policy of a file of the authors.
 
     Args:
         content: the object in the file, with all of `MARKS`.
-        place: what errors name, usually the file.
-        control: what it commands; what `place` says by default.
+        source: what errors name, usually the file.
+        control: what it commands; what `source` says by default.
 
     Raises:
         InputError: it is damaged, or what it commands is not known.
     """
-    control = control or control_of(Path(place))
+    control = control or control_of(Path(source))
     if control is None:
         raise UnknownControl(
-            f"{place}: one of the authors' policies, which do not say what they command. Begin its "
-            f"name, or call its folder, with one of {', '.join(CONTROLS)}, or give --control."
+            f"{source}: one of the authors' policies, which do not say what they command. Begin "
+            f"its name, or call its folder, with one of {', '.join(CONTROLS)}, or give --control."
         )
     if control not in CONTROLS:
-        raise InputError(f"{place}: control = {control!r}, expected one of {', '.join(CONTROLS)}.")
-    network = _network(content, place)
+        raise InputError(f"{source}: control = {control!r}, expected one of {', '.join(CONTROLS)}.")
+    network = _network(content, source)
     hidden = tuple(bias.size for bias in network.biases[:-1])
     try:
         spec = PolicySpec(history=len(network.mean) // OBSERVATION_SIZE, hidden=hidden)
     except InputError as error:
-        raise InputError(f"{place}: {error}") from error
+        raise InputError(f"{source}: {error}") from error
     return Policy(
         weights=tuple(map(jnp.asarray, network.weights)),
         biases=tuple(map(jnp.asarray, network.biases)),
@@ -80,10 +80,10 @@ def read_authors_policy(content: Mapping[str, Any], place: str, control: str | N
     )
 
 
-def _network(content: Mapping[str, Any], place: str) -> Network:
+def _network(content: Mapping[str, Any], source: str) -> Network:
     """The network of one of the authors' policies."""
     if content["activation"] != "relu":
-        raise InputError(f"{place}: activation = {content['activation']!r}, expected 'relu'.")
+        raise InputError(f"{source}: activation = {content['activation']!r}, expected 'relu'.")
     try:
         layers = [content[str(number)] for number in range(sum(key.isdecimal() for key in content))]
         if any(layer["type"] != "standard" for layer in layers):
@@ -92,10 +92,10 @@ def _network(content: Mapping[str, Any], place: str) -> Network:
         biases = [_numbers(layer["biases"]) for layer in layers]
         mean, deviation = _numbers(content["scaling_parameters"])
         expected = float(content["check_sum"])
-        _verify(weights, biases, expected, place)
+        _verify(weights, biases, expected, source)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputError(
-            f"{place}: damaged policy ({type(error).__name__}: {error}). Export it again."
+            f"{source}: damaged policy ({type(error).__name__}: {error}). Export it again."
         ) from error
     return Network(weights, biases, mean, deviation + np.float32(EPSILON))
 
@@ -124,7 +124,7 @@ def _numbers(nested: Any) -> np.ndarray:
 
 
 def _verify(
-    weights: list[np.ndarray], biases: list[np.ndarray], expected: float, place: str
+    weights: list[np.ndarray], biases: list[np.ndarray], expected: float, source: str
 ) -> None:
     """Compares the check sum with that of the layers, in float64."""
     for number, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
@@ -136,7 +136,7 @@ def _verify(
         check, size = check_sum(weights, biases)
     if not math.isfinite(expected) or not abs(check - expected) <= TOLERANCE * max(1.0, size):
         raise InputError(
-            f"{place}: check sum {check:.7g}, but the file says {expected:.7g}: a weight was "
+            f"{source}: check sum {check:.7g}, but the file says {expected:.7g}: a weight was "
             "changed. Export it again."
         )
 

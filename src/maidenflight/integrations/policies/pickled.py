@@ -109,13 +109,13 @@ class _Reader:
 
     def put_in(self, items: list[Any], pairs: bool) -> None:
         """Puts items into the list, or pairs into the dictionary, that is the newest value."""
-        place = self.stack[-1]
-        entries = place.entries if isinstance(place, Made) else place
+        container = self.stack[-1]
+        entries = container.entries if isinstance(container, Made) else container
         if pairs and isinstance(entries, dict):
             entries.update(zip(items[::2], items[1::2], strict=True))
         elif not pairs and isinstance(entries, list):
             entries.extend(items)
-        elif pairs or not isinstance(place, Made):
+        elif pairs or not isinstance(container, Made):
             raise ValueError("items for what holds none")
 
     def follow(self, code: str, argument: Any) -> None:

@@ -45,11 +45,11 @@ def read_tensors(content: bytes) -> dict[str, np.ndarray]:
     """
     with budget.NETWORK.open_zip(content) as file:
         names = file.namelist()
-        place = next(name for name in [*names, "data.pkl"] if name.endswith("data.pkl"))
-        root = place.removesuffix("data.pkl")
+        pickle_name = next(name for name in [*names, "data.pkl"] if name.endswith("data.pkl"))
+        root = pickle_name.removesuffix("data.pkl")
         if f"{root}byteorder" in names and file.read(f"{root}byteorder") != b"little":
             raise ValueError("numbers of another byte order")
-        held = read_pickle(file.read(place))
+        held = read_pickle(file.read(pickle_name))
         entries = held.entries if isinstance(held, Made) else held
         storages, total = _Storages(file, f"{root}data/"), 0
         tensors: dict[str, np.ndarray] = {}
@@ -69,7 +69,7 @@ def _tensor(value: Any, storages: _Storages) -> np.ndarray:
     _, kind, key, *_ = storage.arguments
     numbers = storages.get(kind, key)
     last = sum((size - 1) * stride for size, stride in zip(shape, strides, strict=True))
-    sound = all(type(one) is int and one >= 0 for one in (offset, *shape, *strides))
+    sound = all(type(number) is int and number >= 0 for number in (offset, *shape, *strides))
     if not sound or math.prod(shape) > len(numbers) or offset + last >= max(1, len(numbers)):
         raise ValueError("a tensor of more numbers than are there")
     steps = [stride * numbers.itemsize for stride in strides]

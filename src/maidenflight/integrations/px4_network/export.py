@@ -75,7 +75,7 @@ def layers_of(policy: Policy) -> list[Layer]:
             "own form only. Train one: maidenflight train --form px4."
         )
     mean, deviation = (
-        np.asarray(one, np.float64) for one in (policy.observation_mean, policy.observation_std)
+        np.asarray(array, np.float64) for array in (policy.observation_mean, policy.observation_std)
     )
     tables = zip(policy.weights, policy.biases, strict=True)
     layers = [tuple(np.asarray(table, np.float64) for table in pair) for pair in tables]
@@ -87,7 +87,7 @@ def layers_of(policy: Policy) -> list[Layer]:
     largest = max(np.abs(table).max() for pair in layers for table in pair)
     if largest > np.finfo(np.float32).max:
         raise InputError("policy: a weight overflows float32. Training diverged: train again.")
-    return [(one.astype(np.float32), other.astype(np.float32)) for one, other in layers]
+    return [(weights.astype(np.float32), other.astype(np.float32)) for weights, other in layers]
 
 
 def _source(model: bytes, origin: str) -> str:

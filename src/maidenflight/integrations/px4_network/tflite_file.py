@@ -54,7 +54,7 @@ def to_tflite(layers: Sequence[Layer], description: str) -> bytes:
     graph = _graph(schema, builder, tensors, operators)
     text = builder.CreateString(description)
     code = _operator_code(schema, builder)
-    vectors = [_references(builder, one) for one in ([code], [graph], buffers)]
+    vectors = [_references(builder, offsets) for offsets in ([code], [graph], buffers)]
     schema.ModelStart(builder)
     schema.ModelAddVersion(builder, VERSION)
     schema.ModelAddOperatorCodes(builder, vectors[0])
@@ -68,8 +68,8 @@ def to_tflite(layers: Sequence[Layer], description: str) -> bytes:
 def _references(builder: Any, places: Sequence[int]) -> int:
     """A vector of tables."""
     builder.StartVector(4, len(places), 4)
-    for place in reversed(places):
-        builder.PrependUOffsetTRelative(place)
+    for offset in reversed(places):
+        builder.PrependUOffsetTRelative(offset)
     return builder.EndVector()
 
 
@@ -119,8 +119,8 @@ def _dense(schema: Any, builder: Any, inputs: Sequence[int], output: int, relu: 
 
 
 def _graph(schema: Any, builder: Any, tensors: Sequence[int], operators: Sequence[int]) -> int:
-    vectors = [_references(builder, one) for one in (tensors, operators)]
-    ends = [_integers(builder, [place]) for place in (0, len(tensors) - 1)]
+    vectors = [_references(builder, offsets) for offsets in (tensors, operators)]
+    ends = [_integers(builder, [index]) for index in (0, len(tensors) - 1)]
     schema.SubGraphStart(builder)
     schema.SubGraphAddTensors(builder, vectors[0])
     schema.SubGraphAddInputs(builder, ends[0])

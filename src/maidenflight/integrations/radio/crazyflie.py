@@ -174,7 +174,9 @@ class Crazyflie:
             before = dict(self._stamps)
 
             def both_came(before: Mapping[str, int] = before) -> bool:
-                stamps = ((self._stamps.get(one.name), before.get(one.name)) for one in self.blocks)
+                stamps = (
+                    (self._stamps.get(block.name), before.get(block.name)) for block in self.blocks
+                )
                 return all(now not in (None, earlier) for now, earlier in stamps)
 
             self._wait(both_came)
@@ -292,16 +294,16 @@ class Crazyflie:
             number = value if kind in ("float", "FP16", "double") else int(value)
             self._cf.param.set_value_raw(name, self._types[kind], number)
 
-    def go_to(self, place: Vector, yaw: float = 0.0, motion: Motion | None = None) -> None:
+    def go_to(self, position: Vector, yaw: float = 0.0, motion: Motion | None = None) -> None:
         """Asks for a position [m] and a yaw [rad]; with a motion, for full states of the commander.
 
         To be repeated, for 0.5 s later the drone only levels itself.
         """
         if motion is None:
-            self._cf.commander.send_position_setpoint(*place, math.degrees(yaw))
+            self._cf.commander.send_position_setpoint(*position, math.degrees(yaw))
             return
         turned = (0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0))
-        self._cf.commander.send_full_state_setpoint(place, *motion, turned, 0.0, 0.0, 0.0)
+        self._cf.commander.send_full_state_setpoint(position, *motion, turned, 0.0, 0.0, 0.0)
 
     def stop(self) -> None:
         """Stops the motors and disarms."""

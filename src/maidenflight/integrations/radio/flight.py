@@ -182,13 +182,13 @@ class _Flight:
         ground = drone.latest.position
         reference = plan.reference + np.array([ground[0], ground[1], 0.0])
 
-        def step(place: Vector, yaw: float = 0.0, motion: Motion | None = None) -> Reading:
-            drone.go_to(place, yaw, motion)
+        def step(position: Vector, yaw: float = 0.0, motion: Motion | None = None) -> Reading:
+            drone.go_to(position, yaw, motion)
             clock.sleep(PERIOD)
             assert drone.latest is not None
             broken = str(self.rows.error.strerror) if self.rows.error else ""
             status = FlightStatus(
-                clock.now(), drone.latest, place, ground, drone.lost, broken, self.stops()
+                clock.now(), drone.latest, position, ground, drone.lost, broken, self.stops()
             )
             if trip := watch.trip(status):
                 raise _BrokenOff(*trip)
@@ -200,8 +200,8 @@ class _Flight:
             moving: Callable[[float], Motion | None] = lambda seconds: None,
         ) -> None:
             began = clock.now()
-            while (place := places(seconds := clock.now() - began)) is not None:
-                step(place, turned(seconds), moving(seconds))
+            while (position := places(seconds := clock.now() - began)) is not None:
+                step(position, turned(seconds), moving(seconds))
 
         start = _vector(reference[0])
         above = (ground[0], ground[1], start[2])
@@ -250,7 +250,7 @@ class _Flight:
     def _policy_places(self, reference: np.ndarray) -> Callable[[float], Vector | None]:
         """Set-points of the policy on board by time, as long as it flies."""
 
-        def place(seconds: float) -> Vector | None:
+        def position_at(seconds: float) -> Vector | None:
             estimate = self.drone.latest
             assert estimate is not None
             # Old rows tell nothing of the policy; other guards judge their age.
@@ -259,7 +259,7 @@ class _Flight:
                 raise _BrokenOff(f"the controller on board handed back to the PID ({estimate.why})")
             return _entry(reference, seconds)
 
-        return place
+        return position_at
 
     def _motions(self, reference: np.ndarray) -> Callable[[float], Motion | None]:
         """Velocity and acceleration by time, for a policy on board that looks ahead; else none."""
@@ -334,8 +334,8 @@ def _nearest(rows: np.ndarray, seconds: float) -> np.ndarray:
 def _straight(start: Vector, end: Vector, speed: float) -> Callable[[float], Vector | None]:
     distance = float(np.linalg.norm(np.subtract(end, start)))
 
-    def place(seconds: float) -> Vector | None:
+    def position_at(seconds: float) -> Vector | None:
         share = seconds * speed / distance if distance > 1e-6 else 1.0
         return _vector(np.add(start, share * np.subtract(end, start))) if share < 1 else None
 
-    return place
+    return position_at

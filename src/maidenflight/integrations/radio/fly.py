@@ -194,16 +194,16 @@ class Fly(Verb):
         count = self.flights or (4 if pid and self.plan is None else 1)
         uri = self.uri or ""
         session_result = record(uri, output, course, count, self.seed, say=_say, care=care)
-        complete = [one.ending.reason for one in session_result] == [COMPLETE] * count
+        complete = [flight.ending.reason for flight in session_result] == [COMPLETE] * count
         flown = [
-            {"flight": one.name, "ended": one.ending.reason, "packets": one.rows}
-            | {"log": str(one.log) if one.log else None}
-            for one in session_result
+            {"flight": flight.name, "ended": flight.ending.reason, "packets": flight.rows}
+            | {"log": str(flight.log) if flight.log else None}
+            for flight in session_result
         ]
         return Result(
             content={"flights": flown, "simulated": not real},
             summary=[f"{len(session_result)} flights in {output}/"],
-            notes=[note for one in session_result for note in one.notes],
+            notes=[note for flight in session_result for note in flight.notes],
             next=("identify", output),
             exit_code=0 if complete else 1,
             value=session_result,

@@ -251,13 +251,13 @@ def _match_instants(
 def _on_grid(flight: Flight, time: Float[np.ndarray, "N"], name: str, simulated: str) -> Flight:
     """The flight with a row each period; those that are missing are not numbers."""
     number = np.round(time / PERIOD).astype(int)
-    place, first = np.unique(number, return_index=True)
+    index, first = np.unique(number, return_index=True)
     fields: dict[str, Any] = {}
     for group in GROUPS:
         if group != "time":
             values = getattr(flight, group)
-            fields[group] = np.full((place[-1] + 1, *values.shape[1:]), np.nan, np.float32)
-            fields[group][place] = values[first]
+            fields[group] = np.full((index[-1] + 1, *values.shape[1:]), np.nan, np.float32)
+            fields[group][index] = values[first]
     return Flight(
         name=name,
         period=PERIOD,

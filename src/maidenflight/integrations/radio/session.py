@@ -322,8 +322,8 @@ def record(
         care = care._replace(limits=within(course.room, care.limits))
         plans = [of_flight_plan(course)] * count
         settings = {"plan": Path(course.name).name, "duration": course.seconds}
-    for one in plans:
-        checked_plan(one, care.limits)
+    for plan in plans:
+        checked_plan(plan, care.limits)
     session_record = results.record(seed=seed, inputs=[], settings=settings)
     clock = clock or WallClock()
     with (

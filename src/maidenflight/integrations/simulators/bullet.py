@@ -116,13 +116,13 @@ class Bullet:
         moved = np.empty((*states.shape[:-1], 13), states.dtype)
         with _LOCK:
             world = _world()
-            for place in np.ndindex(states.shape[:-1]):
-                row = states[place]
+            for index in np.ndindex(states.shape[:-1]):
+                row = states[index]
                 world.set_up(row[20:], self.linear_damping, self.angular_damping)
                 values = row.tolist()
                 world.place(values[:13])
                 world.step(values[13:20])
-                moved[place] = world.read()
+                moved[index] = world.read()
         return moved
 
 
@@ -193,15 +193,15 @@ class _World:
             return
         bullet, frame = self.bullet, self.bullet.LINK_FRAME
         forces, further = push[:4], push[4:]
-        for force, place in zip(forces, self.places, strict=True):
-            bullet.applyExternalForce(self.body, -1, (0.0, 0.0, force), place, frame, **self.client)
+        for force, arm in zip(forces, self.places, strict=True):
+            bullet.applyExternalForce(self.body, -1, (0.0, 0.0, force), arm, frame, **self.client)
         bullet.applyExternalTorque(self.body, -1, further, frame, **self.client)
         if any(self.drag) or any(self.flapping) or self.damping:
             x, y, z, w = bullet.getBasePositionAndOrientation(self.body, **self.client)[1]
             moving, turning = bullet.getBaseVelocity(self.body, **self.client)
             through_air = [of - air for of, air in zip(moving, self.wind, strict=True)]
             velocity, rates = (
-                bullet.rotateVector((-x, -y, -z, w), one) for one in (through_air, turning)
+                bullet.rotateVector((-x, -y, -z, w), vector) for vector in (through_air, turning)
             )
             slowing = [-share * speed for share, speed in zip(self.drag, velocity, strict=True)]
             bullet.applyExternalForce(self.body, -1, slowing, (0.0, 0.0, 0.0), frame, **self.client)
@@ -261,11 +261,11 @@ def _all_motors(
 ) -> tuple[Float[Array, "N 4"], Float[Array, "N 7"]]:
     """`_motors` over a whole flight; the motors do not depend on how the body moves."""
 
-    def one(rotor_speed: Array, command: Array) -> tuple[Array, tuple[Array, Array]]:
+    def step_motors(rotor_speed: Array, command: Array) -> tuple[Array, tuple[Array, Array]]:
         moved = _motors(rotor_speed, command, parameters)
         return moved[0], moved
 
-    return lax.scan(one, rotor_speed, commands)[1]
+    return lax.scan(step_motors, rotor_speed, commands)[1]
 
 
 def _state(parts: Any, rotor_speed: Any) -> State:

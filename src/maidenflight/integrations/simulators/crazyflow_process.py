@@ -49,7 +49,7 @@ def _world(drone: str) -> tuple[Any, Any]:
     crazyflow: Any = importlib.import_module("crazyflow")
     physics: Any = importlib.import_module("crazyflow.dynamics")
     physical = crazyflow.Dynamics.first_principles
-    names = [str(one) for one in crazyflow.Drone if physical in physics.supported_dynamics(one)]
+    names = [str(name) for name in crazyflow.Drone if physical in physics.supported_dynamics(name)]
     if drone not in names:
         return None, names
     drone_name, motors = crazyflow.Drone(drone), crazyflow.Control.rotor_vel

@@ -154,7 +154,7 @@ class L2F:
         """Resets to hover, level and at rest at a position [m]; nothing here is random."""
         l2f = self._l2f
         l2f.initial_state(self._device, self._environment, self._settings, self._state)
-        self._state.position = [float(place) for place in position]
+        self._state.position = [float(coordinate) for coordinate in position]
         self._state.orientation = [1.0, 0.0, 0.0, 0.0]
         self._state.linear_velocity = [0.0] * 3
         self._state.angular_velocity = [0.0] * 3

@@ -15,15 +15,15 @@ def ranks(summary: Sequence[dict[str, Any]]) -> Figure:
     Args:
         summary: as `calibration.summarize` gives it.
     """
-    rows = [one for one in summary if one["in_model"]]
-    highest = max(max(one["ranks"]) for one in rows)
+    rows = [row for row in summary if row["in_model"]]
+    highest = max(max(row["ranks"]) for row in rows)
     panels = []
-    for one in rows:
-        low, high = uniform_band(one["in_model"])
+    for row in rows:
+        low, high = uniform_band(row["in_model"])
         edges = [100 * number / BINS for number in range(BINS + 1)]
         data = [
             {"kind": "bar", "x": left, "x2": right, "y": count, "zero": 0}
-            for left, right, count in zip(edges[:-1], edges[1:], one["ranks"], strict=True)
+            for left, right, count in zip(edges[:-1], edges[1:], row["ranks"], strict=True)
         ]
         data.append({"kind": "band", "x": 0, "x2": 100, "y": high, "zero": low})
         x = charts.number("x", "rank of the truth [%]", axis={"values": [0, 50, 100]})
@@ -36,8 +36,8 @@ def ranks(summary: Sequence[dict[str, Any]]) -> Figure:
             charts.layer("band", band, **ends),
             charts.layer("bar", bar, **ends, tooltip=tooltip),
         ]
-        name = text.label(one["parameter"])
-        title = [name, f"{one['held']} of {one['in_model']} held"]
+        name = text.label(row["parameter"])
+        title = [name, f"{row['held']} of {row['in_model']} held"]
         panels.append(charts.panel(charts.rows(data), layers, title=title, height=70, zooms=()))
     legend = [Entry("drones", "orange", "area"), Entry("99 % of uniform ranks", "soft", "area")]
     return Figure("Ranks of the truth among posterior samples", panels, legend, least=150)

@@ -29,14 +29,14 @@ def changes(recoveries: polars.DataFrame, flights: Sequence[Flight]) -> Figure:
     parts = [
         part.head(MAX_PANELS) for _, part in recoveries.group_by("reality", maintain_order=True)
     ]
-    rows = [flights[place] for part in parts for place in part["place"]]
-    step = max(1 / _RATE, sum(one.duration for one in rows) / _POINTS)
+    rows = [flights[index] for part in parts for index in part["place"]]
+    step = max(1 / _RATE, sum(flight.duration for flight in rows) / _POINTS)
     legend = [Entry(name, colour, "thin", name) for name, colour in colours.items()]
     legend += [Entry("change of the drone", "ink", "line")]
     legend += [Entry(f"{100 * WITHIN_M:g} cm", "soft", "dashed")]
     if not all(part["lasts"].all() for part in parts):
         legend.append(Entry("flight ended by a guard", "soft", "cross"))
-    last = max(*(one.duration for one in rows), *recoveries["at"])
+    last = max(*(flight.duration for flight in rows), *recoveries["at"])
     panels = [_panel(part, flights, step, last, colours) for part in parts]
     return Figure("Distance from the set-point", panels, legend, least=360, chooses=True)
 

@@ -50,7 +50,7 @@ def corner(
     names, best = list(values), optimum or {}
     marginals = [
         _marginal(name, values[name], best.get(name, np.nan))
-        for name in (names[place] for place in places)
+        for name in (names[index] for index in places)
     ]
     count = len(values[marginals[0].name])
     indices = np.unique(np.linspace(0, count - 1, min(count, MAX_POINTS)).astype(int))
@@ -194,9 +194,9 @@ def _cloud(x: _Marginal, y: _Marginal, correlation: float, first: bool, last: bo
         weight = "bold" if abs(correlation) >= STRONG else "normal"
         words = text.fixed(correlation, 2)
         mark = {"type": "text", "text": words, "y": 9, "dx": -4, "align": "right"}
-        place: Spec = {"value": "width"}
+        width: Spec = {"value": "width"}
         if correlation >= 0:
-            mark, place = {**mark, "dx": 4, "align": "left"}, {"value": 0}
-        number = charts.layer("", {**mark, "fontWeight": weight}, x=place)
+            mark, width = {**mark, "dx": 4, "align": "left"}, {"value": 0}
+        number = charts.layer("", {**mark, "fontWeight": weight}, x=width)
         layers.append({"data": charts.table({"one": [1]}), **number})
     return {"layer": layers}

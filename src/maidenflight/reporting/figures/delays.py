@@ -168,7 +168,7 @@ def plane(
         for axis, label, (low, high) in zip("xy", labels.values(), ends.T, strict=True)
     )
     colours = {entry.series: entry.colour for entry in legend if entry.series}
-    place = {"x": x, "y": y, "color": charts.coloured(colours)}
+    channels = {"x": x, "y": y, "color": charts.coloured(colours)}
     dots = " && ".join(f"!isValid(datum.{name})" for name in ("curve", "bar", "mark"))
     values = charts.tooltip({"x": labels[DELAYS[0]], "y": labels[DELAYS[1]]})
     named = charts.tooltip({"mark": "", "x": labels[DELAYS[0]], "y": labels[DELAYS[1]]})
@@ -184,9 +184,9 @@ def plane(
     mark = {"type": "point", "filled": True, "size": 130, "opacity": 1, "clip": True}
     ends_of = {"x2": {"field": "x2"}, "y2": {"field": "y2"}}
     layers = [
-        charts.layer(dots, dot, **place, tooltip=values),
-        charts.layer("isValid(datum.curve)", line, **place, **curve_of),
-        charts.layer("isValid(datum.bar)", bar, **place, **ends_of),
-        charts.layer("isValid(datum.mark)", mark, **place, shape=shape, tooltip=named),
+        charts.layer(dots, dot, **channels, tooltip=values),
+        charts.layer("isValid(datum.curve)", line, **channels, **curve_of),
+        charts.layer("isValid(datum.bar)", bar, **channels, **ends_of),
+        charts.layer("isValid(datum.mark)", mark, **channels, shape=shape, tooltip=named),
     ]
     return Figure(title, [charts.panel(charts.rows(drawn), layers, height=380)], legend)

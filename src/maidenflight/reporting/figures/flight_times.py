@@ -42,8 +42,8 @@ def flight_times(
         )
     if "group" in rows.columns:
         order = rows["group"].unique(maintain_order=True).to_list()
-        place = polars.col("group").replace_strict(order, range(len(order)))
-        rows = rows.sort(place, maintain_order=True)
+        rank = polars.col("group").replace_strict(order, range(len(order)))
+        rows = rows.sort(rank, maintain_order=True)
     names = rows["row"].unique(maintain_order=True).to_list()[:MAX_FLIGHTS]
     rows = rows.filter(polars.col("row").is_in(names))
     panels = rows["panel"].unique(maintain_order=True).to_list()

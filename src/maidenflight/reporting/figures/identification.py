@@ -43,7 +43,7 @@ def identification(result: Identification, start: Parameters) -> Figure:
     references = {"start": {name: [float(component(start, name))] for name in names}}
     figure = estimates(result.estimates, result.unidentified, references)
     panels = [*figure.panels]
-    delays = [one for one in result.evidence if one.parameter == DELAY]
+    delays = [estimate for estimate in result.evidence if estimate.parameter == DELAY]
     panels += [_draw_delays(delays)] if delays else []
     panels += [_gains(result.gains)] if result.gains else []
     title = f"Identified from {source.seconds:.0f} s of {kind}"
@@ -70,13 +70,13 @@ def estimates(
         references: what else is marked, the first in numbers too.
     """
     names: list[tuple[str, ...]] = []
-    marks, priors = [], {name: plausible_range(one) for name, one in known.items()} | dict(unknown)
+    marks, priors = [], {name: plausible_range(known[name]) for name in known} | dict(unknown)
     for row, name in enumerate((*known, *unknown)):
         low, high = known[name].interval if name in known else unknown[name]
         others = {series: values[name] for series, values in references.items() if name in values}
         scale, digits, unit = text.rounding(name, low, high)
 
-        def place(value: float, ends: tuple[float, float] = priors[name]) -> float:
+        def share(value: float, ends: tuple[float, float] = priors[name]) -> float:
             return (value - ends[0]) / (ends[1] - ends[0])
 
         def written(value: float, scale: float = scale, digits: int = digits) -> str:
@@ -85,19 +85,19 @@ def estimates(
         between = f"{written(low)} .. {written(high)} {unit}".rstrip()
         common = {"row": row, "name": text.label(name), "between": between}
         series, colour = ("identified", "orange") if name in known else ("unidentified", "line")
-        if name in known and place(high) - place(low) > _WEAK:
+        if name in known and share(high) - share(low) > _WEAK:
             series, colour = "weak", "soft"
         common |= {"series": series, "colour": charts.paint(colour)}
-        marks.append({**common, "kind": "bar", "x": place(low), "x2": place(high)})
+        marks.append({**common, "kind": "bar", "x": share(low), "x2": share(high)})
         numbers = f"not identified, {written(low)} .. {written(high)} {unit}"
         if name in known:
             value = known[name].value
-            marks.append({**common, "kind": "value", "x": place(value), "value": written(value)})
+            marks.append({**common, "kind": "value", "x": share(value), "value": written(value)})
             numbers = f"{written(value)} [{written(low)}, {written(high)}] {unit}"
         for series, values in others.items():
             look = {"series": series, "colour": charts.paint(_ENTRIES[series].colour)}
             look |= {"row": row, "kind": "line", "name": common["name"], "source": series}
-            marks += [{**look, "x": place(each), "value": written(each)} for each in values]
+            marks += [{**look, "x": share(each), "value": written(each)} for each in values]
         first = next(iter(others), None)
         reference_text = f", {first} {' .. '.join(map(written, others[first]))}" if first else ""
         names.append((common["name"], numbers.rstrip(), reference_text))

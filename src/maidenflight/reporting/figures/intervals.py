@@ -76,14 +76,14 @@ def rows(
         for side in (left, right)
     ]
     layers += [
-        {"data": {"values": [{"x": place}]}, "mark": mark, "encoding": {"x": x}}
-        for place, mark in across
+        {"data": {"values": [{"x": value}]}, "mark": mark, "encoding": {"x": x}}
+        for value, mark in across
     ]
     offset = charts.number("shift", scale={"domain": [-0.5, 0.5]})
     shifted = {"yOffset": offset} if any("shift" in mark for mark in marks) else {}
     colour = {"field": "colour", "type": "nominal", "scale": None}
     for kind, mark in _MARKS.items():
-        if any(one["kind"] == kind for one in data):
+        if any(row["kind"] == kind for row in data):
             encoding = {"x": x, "y": {**y, "axis": None}, "color": colour}
             encoding |= shifted
             encoding |= {"x2": {"field": "x2"}} if mark["type"] == "rule" else {}

@@ -141,8 +141,8 @@ def _legend(entries: Sequence[Entry], width: float) -> Spec:
         if across > 0 and across + entry_width > width:
             across, line = 0.0, line + 1
         sample = {"width": 2, "dash": [1, 0], "fill": 0, **samples[entry.sample]}
-        place = {"x": across, "name": entry.name, "colour": f"var(--{entry.colour})"}
-        rows.append({**place, "y": line * _LINE, "text_x": across + 30, **sample})
+        row = {"x": across, "name": entry.name, "colour": f"var(--{entry.colour})"}
+        rows.append({**row, "y": line * _LINE, "text_x": across + 30, **sample})
         across += entry_width + 18
     x, y = ({"field": axis, "type": "quantitative", "scale": None, "axis": None} for axis in "xy")
     as_it_is: dict[str, Any] = {"scale": None, "legend": None, "type": "nominal"}

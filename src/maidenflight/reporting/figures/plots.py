@@ -114,14 +114,14 @@ def plot_flight(flight: Flight) -> Picture:
 def plot_policy(policy: Policy) -> Picture:
     """Draws the commands of a drone at rest 1 m high over the set-point's distance on each axis."""
     actor, still = Actor(policy, 1.0 / float(crazyflie().thrust_to_weight)), (0.0, 0.0, 0.0)
-    place = np.array([0.0, 0.0, 1.0])
-    level = Measurement(*map(jnp.asarray, (place, still, (0.0, 0.0, 0.0, 1.0), still)))
+    position = np.array([0.0, 0.0, 1.0])
+    level = Measurement(*map(jnp.asarray, (position, still, (0.0, 0.0, 0.0, 1.0), still)))
     panels = []
     for number, axis in enumerate("xyz"):
         commands = []
         for offset in _OFFSETS:
             actor.reset()
-            setpoint = place + offset * np.eye(3)[number]
+            setpoint = position + offset * np.eye(3)[number]
             points = policy.spec.look_ahead.points
             ahead = np.tile(setpoint, (points, 1)) if points else None
             commands.append(actor.act(level, setpoint, ahead).command)
@@ -140,11 +140,11 @@ def _legend(*names: str) -> list[Entry]:
 
 def _lines(title: str, x: str, places: np.ndarray, lines: Mapping[str, np.ndarray]) -> Spec:
     rows = [
-        {"series": series, "x": place, "y": value}
+        {"series": series, "x": at, "y": value}
         for series, values in lines.items()
-        for place, value in zip(places, values, strict=True)
+        for at, value in zip(places, values, strict=True)
     ]
-    domain = {"domain": list("1234"), "range": [charts.paint(one) for one in charts.PALETTE]}
+    domain = {"domain": list("1234"), "range": [charts.paint(colour) for colour in charts.PALETTE]}
     colour = {"field": "series", "type": "nominal", "scale": domain, "legend": None}
     channels = {"x": charts.number("x", x), "y": charts.number("y", scale={"zero": False})}
     layer = charts.layer("", {"type": "line", "strokeWidth": 1}, **channels, color=colour)

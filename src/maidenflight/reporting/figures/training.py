@@ -67,15 +67,15 @@ def panel(scores: polars.DataFrame, score: str, title: str, over: str = "steps")
     drawn = scale * values
     is_finite = np.isfinite(drawn).any(axis=1)
     rows = [
-        {"series": "each", "policy": f"policy {policy}", "x": place, "y": value}
+        {"series": "each", "policy": f"policy {policy}", "x": step, "y": value}
         for policy, column in enumerate(drawn.T, 1)
-        for place, value in zip(places, column, strict=True)
+        for step, value in zip(places, column, strict=True)
         if several
     ]
-    for place, each in zip(places[is_finite], drawn[is_finite], strict=True):
-        rows.append({"series": "mean", "policy": "mean", "x": place, "y": np.nanmean(each)})
+    for step, each in zip(places[is_finite], drawn[is_finite], strict=True):
+        rows.append({"series": "mean", "policy": "mean", "x": step, "y": np.nanmean(each)})
         ends = {"y": np.nanmin(each), "high": np.nanmax(each)}
-        rows += [{"series": "range", "policy": "range", "x": place, **ends}] if several else []
+        rows += [{"series": "range", "policy": "range", "x": step, **ends}] if several else []
     blue, x = charts.paint("blue"), charts.number("x", _OVER[over][0])
     y = charts.number("y", **charts.within(*_span(score, drawn)))
     tooltip = charts.tooltip({"policy": "", "x": _OVER[over][0], "y": label})
@@ -119,8 +119,8 @@ def compared_curves(runs: Mapping[str, polars.DataFrame], colours: Mapping[str, 
             known = np.isfinite(values).any(axis=1)
             means = scale * np.nanmean(values[known], axis=1)
             rows += [
-                {"series": name, "x": place, "y": mean}
-                for place, mean in zip(places[known], means, strict=True)
+                {"series": name, "x": step, "y": mean}
+                for step, mean in zip(places[known], means, strict=True)
             ]
         span = _span(score, [row["y"] for row in rows])
         x = charts.number("x", _OVER["steps"][0])

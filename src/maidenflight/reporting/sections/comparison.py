@@ -71,14 +71,14 @@ def key_figures(runs: Runs) -> Markup:
 
 def _subtract(first: str, second: str) -> str:
     """Returns how much the second figure is above the first, in digits that both have."""
-    (one, unit), (other, own) = (text_of.partition(" ")[::2] for text_of in (first, second))
+    (value, unit), (other, own) = (text_of.partition(" ")[::2] for text_of in (first, second))
     try:
-        low, high = (float(number.replace("\N{MINUS SIGN}", "-")) for number in (one, other))
+        low, high = (float(number.replace("\N{MINUS SIGN}", "-")) for number in (value, other))
     except ValueError:
         return text.NOTHING
     if unit != own:
         return text.NOTHING
-    digits = min(len(number.partition(".")[2]) for number in (one, other))
+    digits = min(len(number.partition(".")[2]) for number in (value, other))
     return f"{text.signed(f'{high - low:+.{digits}f}')} {unit}".rstrip()
 
 
@@ -109,7 +109,7 @@ def parameters(runs: Runs) -> Markup:
             for name, run in drones.items()
         }
         estimates = [
-            one.estimates[parameter] for one in drones.values() if parameter in one.estimates
+            drone.estimates[parameter] for drone in drones.values() if parameter in drone.estimates
         ]
         label = f"{text.label(parameter)}{f' [{unit}]' if unit else ''}"
         rows.append({"parameter": label, **values, "apart": _measure_difference(estimates)})
@@ -134,7 +134,7 @@ def _decimals(runs: Runs, name: str) -> dict[str, int]:
         run_name: text.places(factor * (high - low))
         for run_name, (low, high) in intervals_of.items()
     }
-    return {run_name: min(one + 1, max(own.values())) for run_name, one in own.items()}
+    return {run_name: min(decimals + 1, max(own.values())) for run_name, decimals in own.items()}
 
 
 def _written(run: Run, name: str, factor: float, digits: int) -> str:
@@ -182,7 +182,7 @@ def _show_flights(runs: Runs, parts: Mapping[str, polars.DataFrame | None]) -> M
         polars.col("^largest_.*$").max(),
     )
     columns = {
-        name: one for name, one in (_LEADING | _OF_FLIGHTS).items() if name in summary.columns
+        name: column for name, column in (_LEADING | _OF_FLIGHTS).items() if name in summary.columns
     }
     colours = {_colour(runs, name): name for name in runs}
     times = flight_time_figures.flight_times(rows, "Flight times", colours)
@@ -196,9 +196,9 @@ def _draw(runs: Runs, names: Sequence[str]) -> Figure:
     shifts = intervals.levels(len(runs))
     for row, name in enumerate(names):
         ranges = [
-            plausible_range(one.estimates[name]) for one in runs.values() if name in one.estimates
+            plausible_range(run.estimates[name]) for run in runs.values() if name in run.estimates
         ]
-        ranges += [one.unidentified[name] for one in runs.values() if name in one.unidentified]
+        ranges += [run.unidentified[name] for run in runs.values() if name in run.unidentified]
         low, high = min(low for low, _ in ranges), max(high for _, high in ranges)
         for shift, (run_name, run) in zip(shifts, runs.items(), strict=True):
             ends = _interval(run, name)
@@ -224,7 +224,7 @@ def _colour(runs: Runs, name: str) -> str:
 
 def _measure_difference(estimates: Sequence[Estimate]) -> float:
     """Largest difference of two estimates in standard errors of it; NaN of fewer than two."""
-    values = [(one.value, np.ptp(one.interval) / _WIDTH) for one in estimates]
+    values = [(estimate.value, np.ptp(estimate.interval) / _WIDTH) for estimate in estimates]
     return max(
         (
             abs(value - other) / max(float(np.hypot(error, other_error)), 1e-30)

@@ -166,9 +166,11 @@ def recorded(run: Run) -> Markup:
 def _signals(run: Run) -> list[tuple[str, Figure]]:
     """Name and signals of the first flights that no viewer can show, which lack a state."""
     others = [
-        one for one in run.recorded if runs.usable(one).stop <= 1 and np.isfinite(one.command).any()
+        flight
+        for flight in run.recorded
+        if runs.usable(flight).stop <= 1 and np.isfinite(flight.command).any()
     ]
-    return [(one.name, plot_flight(one).figure) for one in others[:12]]
+    return [(flight.name, plot_flight(flight).figure) for flight in others[:12]]
 
 
 def _viewer(run: Run) -> Markup:

@@ -148,12 +148,12 @@ def judgements(run: Run) -> list[Judgement]:
     """Returns what the record of a prediction says of its policies, those that may fly first."""
     lists = [record.get("verdicts") for record in run.records.values()]
     all_of_them = [
-        Judgement(bool(one.get("good")), str(one.get("sentence", "")))
+        Judgement(bool(entry.get("good")), str(entry.get("sentence", "")))
         for some in lists
-        for one in (some if isinstance(some, list) else [])
-        if isinstance(one, dict)
+        for entry in (some if isinstance(some, list) else [])
+        if isinstance(entry, dict)
     ]
-    return sorted(all_of_them, key=lambda one: not one.is_good)
+    return sorted(all_of_them, key=lambda judgement: not judgement.is_good)
 
 
 def _predicted(run: Run) -> list[str]:
@@ -167,11 +167,11 @@ def _predicted(run: Run) -> list[str]:
 def _tested(run: Run) -> list[str]:
     if run.table is None:
         return []
-    place = f"on {listed(run.table['reality'].unique(maintain_order=True))}"
+    remark = f"on {listed(run.table['reality'].unique(maintain_order=True))}"
     if run.flights:
-        place = _on(run.flights)
-        place = "on the same drone" if run.recorded and place == _on(run.recorded) else place
-    return [f"{text.plural(run.table.height, 'test flight')} flown {place}"]
+        remark = _on(run.flights)
+        remark = "on the same drone" if run.recorded and remark == _on(run.recorded) else remark
+    return [f"{text.plural(run.table.height, 'test flight')} flown {remark}"]
 
 
 def _on(flights: Iterable[Any]) -> str:
@@ -235,10 +235,10 @@ def _of_training(run: Run) -> list[KeyFigure]:
     best = last.sort("episode_return", descending=True).row(0, named=True)
     of = f"of {text.plural(last.height, 'policy')}" if last.height > 1 else "at the end of training"
     survival, error = f"{100 * best['survival']:.1f}", _centimetres(best["position_error"])
-    place = "in simulation, with randomization"
+    remark = "in simulation, with randomization"
     return [
         KeyFigure(text.number(best["episode_return"], 3), "", "return of the best policy", of),
-        KeyFigure(survival, "%", "episodes that it survives", place),
+        KeyFigure(survival, "%", "episodes that it survives", remark),
         KeyFigure(error, "cm", "its mean position error", "mean over an episode"),
     ]
 

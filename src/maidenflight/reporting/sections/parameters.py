@@ -58,7 +58,7 @@ it."""
 def section(run: Run) -> Markup:
     """Returns what was identified, and how sure it is."""
     best = {name: estimate.value for name, estimate in run.estimates.items()}
-    draws = {name: one for name, one in run.posterior.items() if name in best}
+    draws = {name: values for name, values in run.posterior.items() if name in best}
     return render(
         "parameters.html",
         source=_source(run),
@@ -104,9 +104,11 @@ def _advice(run: Run) -> Markup | str:
         return Cell(f"{ends} {unit}".rstrip(), low)
 
     rows = []
-    for one in run.drone.advice:
-        low, high = one.interval or (None, None)
-        rows.append({"parameter": one.parameter, "action": one.action, "low": low, "high": high})
+    for entry in run.drone.advice:
+        low, high = entry.interval or (None, None)
+        rows.append(
+            {"parameter": entry.parameter, "action": entry.action, "low": low, "high": high}
+        )
     columns = {
         "parameter": Column("Parameter", lambda name, _: _head(name, "")),
         "action": Column("What narrows it"),
@@ -145,7 +147,7 @@ def estimate(run: Run, name: str, decimals: int | None = None) -> tuple[str, str
     scale, digits, _ = text.rounding(name, *estimate.interval)
     digits = digits if decimals is None else decimals
     value, low, high = (
-        text.fixed(scale * one, digits) for one in (estimate.value, *estimate.interval)
+        text.fixed(scale * end, digits) for end in (estimate.value, *estimate.interval)
     )
     return value, low, high
 
@@ -220,7 +222,9 @@ def _estimates(run: Run) -> Markup | str:
         "low": Column("95 % interval", interval),
         "between_sd": Column("Between flights", between),
         "truth": Column("Truth", lambda _, row: _truth(run, row["parameter"], scale(row)[0])),
-        "paper": Column("Paper", lambda one, row: Cell(text.number(one * scale(row)[0]), one)),
+        "paper": Column(
+            "Paper", lambda value, row: Cell(text.number(value * scale(row)[0]), value)
+        ),
     }
     if run.reality is None:
         del columns["truth"]

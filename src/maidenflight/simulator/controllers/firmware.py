@@ -148,18 +148,18 @@ def position_loops(
     assert memory.position is not None
     assert memory.velocity is not None
     yaw, velocity_setpoint = state.attitude[2], setpoint.velocity
-    target, place, speed = setpoint.position, state.position, state.velocity
+    target, actual, speed = setpoint.position, state.position, state.velocity
     if firmware == "2026.08":
         velocity_setpoint = jnp.where(
             setpoint.velocity_body, velocity_setpoint, _turn(velocity_setpoint, yaw)
         )
-        target, place, speed = _turn(target, yaw), _turn(place, yaw), _turn(speed, yaw)
+        target, actual, speed = (_turn(target, yaw), _turn(actual, yaw), _turn(speed, yaw))
     else:
         velocity_setpoint = jnp.where(
             setpoint.velocity_body, _turn(velocity_setpoint, -yaw), velocity_setpoint
         )
     position, reference = pid(
-        memory.position, target, place, platform.position, firmware, POSITION_RATE
+        memory.position, target, actual, platform.position, firmware, POSITION_RATE
     )
     absolute = setpoint.mode[:3] == ABSOLUTE
     position = choose(absolute, position, memory.position)

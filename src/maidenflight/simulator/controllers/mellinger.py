@@ -140,10 +140,10 @@ def tick(
         Memory, and the four motors' commands [counts], not yet compensated for the battery.
     """
     error = target.position - state.position
-    place = jnp.clip(memory.position + error * PERIOD, -POSITION_LIMIT, POSITION_LIMIT)
+    total = jnp.clip(memory.position + error * PERIOD, -POSITION_LIMIT, POSITION_LIMIT)
     lift = target.acceleration + jnp.array([0.0, 0.0, GRAVITY])
     p, d, i = POSITION
-    force = platform.mass * lift + p * error + d * (target.velocity - state.velocity) + i * place
+    force = platform.mass * lift + p * error + d * (target.velocity - state.velocity) + i * total
     x, y, z = (jnp.stack(axis) for axis in rotations.axes(state.quaternion))
     thrust = COUNTS_PER_NEWTON * jnp.dot(force, z)
     to_x, to_y, to_z = desired_axes(force)
@@ -163,8 +163,8 @@ def tick(
     # Without thrust the motors stand still and the integrals begin anew.
     flies = thrust > 0.0
     motors = jnp.where(flies, mix(thrust, torque, firmware, mixer), 0.0)
-    place, rotation = (jnp.where(flies, value, 0.0) for value in (place, rotation))
-    return Memory(place, rotation, rates, memory.step + 1), motors
+    total, rotation = (jnp.where(flies, value, 0.0) for value in (total, rotation))
+    return Memory(total, rotation, rates, memory.step + 1), motors
 
 
 def mellinger(

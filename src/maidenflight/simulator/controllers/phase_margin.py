@@ -141,11 +141,13 @@ def phase_margin(loop: RateLoop) -> Margin:
     gain, phase = np.log(np.abs(response)), np.unwrap(np.angle(response))
     # From the integral and the body's inertia on, two integrations: -180 deg.
     phase += 2.0 * np.pi * np.round((-np.pi - phase[0]) / (2.0 * np.pi))
-    places = np.flatnonzero((gain[:-1] > 0.0) & (gain[1:] <= 0.0))
+    indices = np.flatnonzero((gain[:-1] > 0.0) & (gain[1:] <= 0.0))
     margins = []
-    for place in places:
-        share = gain[place] / (gain[place] - gain[place + 1])
-        at, about = (np.interp(share, [0, 1], one[place : place + 2]) for one in (frequency, phase))
+    for index in indices:
+        share = gain[index] / (gain[index] - gain[index + 1])
+        at, about = (
+            np.interp(share, [0, 1], curve[index : index + 2]) for curve in (frequency, phase)
+        )
         margins.append(Margin(float(about + np.pi), float(at)))
     return min(margins)
 
@@ -177,7 +179,9 @@ def describe_rate_loop(
     if then >= 0.0:
         return sentence
     shares = np.linspace(0.95, 0.05, 19)
-    fits = (one for one in shares if rate_margin(drone, full_scale_counts, later, one)[0] > _SOUND)
+    fits = (
+        share for share in shares if rate_margin(drone, full_scale_counts, later, share)[0] > _SOUND
+    )
     share = next(fits, None)
     gains = "" if share is None else f", or give its rate PIDs {share:.0%} of their gains"
     which = "itself" if now < 0.0 else f"with {1e3 * later:g} ms more"

@@ -54,11 +54,11 @@ def rotor_speed_command(command: Float[Array, "4"]) -> Float[Array, "4"]:
     Source: Gronauer et al. 2022, eq:motor-dynamics.
     """
 
-    def one(command: Array) -> Array:
+    def rotor_command(command: Array) -> Array:
         is_off = command <= 0
         return jnp.where(is_off, 0.0, jnp.sqrt(jnp.where(is_off, 1.0, command)))
 
-    return each(one, command)
+    return each(rotor_command, command)
 
 
 def actuate(

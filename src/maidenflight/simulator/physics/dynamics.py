@@ -199,12 +199,12 @@ def motor_derivative(
     flights (docs/identification.md).
     """
 
-    def one(speed: Array, command: Array) -> Array:
+    def derivative(speed: Array, command: Array) -> Array:
         change = command - speed
         _, square, lag = _lags(change, speed, parameters)
         return change * square / lag
 
-    return each(one, rotor_speed, command)
+    return each(derivative, rotor_speed, command)
 
 
 def equivalent_lag(speeding_up: Any, ratio: Any) -> Any:
@@ -260,7 +260,7 @@ def spin_up(
     differential equations (one stage).
     """
 
-    def one(speed: Array, command: Array) -> Array:
+    def spin(speed: Array, command: Array) -> Array:
         change = command - speed
         time_constant, square, lag = _lags(change, speed, parameters)
         above = jnp.maximum(-change, 0.0)
@@ -270,7 +270,7 @@ def spin_up(
         )
         return change * square * lag / (lag * lag + 0.5 * parameters.time_step * steepness)
 
-    return each(one, rotor_speed, command)
+    return each(spin, rotor_speed, command)
 
 
 def _rate_of_change(

@@ -73,9 +73,9 @@ def put(
         newest: of the same form.
         number: how many were put before.
     """
-    place = (-1 - number) % _length(commands)
-    set_at = partial(lax.dynamic_update_index_in_dim, index=place, axis=0)
-    return DelayLine(each(set_at, commands, newest), place, ring=True)
+    index = (-1 - number) % _length(commands)
+    set_at = partial(lax.dynamic_update_index_in_dim, index=index, axis=0)
+    return DelayLine(each(set_at, commands, newest), index, ring=True)
 
 
 def in_front(commands: Float[Array, "slots 4"], number: int) -> Float[Array, "slots 4"]:
@@ -113,10 +113,10 @@ def in_step(
     share = periods - whole
 
     def at(slot: Array) -> Float[Array, "... 4"]:
-        place = line.newest + jnp.clip(slot.astype(jnp.int32), 0, oldest)
+        index = line.newest + jnp.clip(slot.astype(jnp.int32), 0, oldest)
         if line.ring:
-            place = jnp.where(place < size, place, place - size)
-        return each(lambda commands: commands[place], line.commands)
+            index = jnp.where(index < size, index, index - size)
+        return each(lambda commands: commands[index], line.commands)
 
     if isinstance(steps, int) and steps == 1:
         slot = jnp.broadcast_to(whole, jnp.shape(number))

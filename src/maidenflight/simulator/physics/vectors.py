@@ -50,7 +50,7 @@ class Entries:
     def _with(self, operation: Callable[[Any, Any], Any], other: Any) -> "Entries":
         whole = isinstance(other, Entries) or jnp.ndim(other)
         others = other if whole else [other] * len(self)
-        return Entries(operation(one, by) for one, by in zip(self, others, strict=True))
+        return Entries(operation(entry, by) for entry, by in zip(self, others, strict=True))
 
     def __add__(self, other: Any) -> "Entries":
         return self._with(add, other)
@@ -59,7 +59,7 @@ class Entries:
         return self._with(sub, other)
 
     def __rsub__(self, other: Any) -> "Entries":
-        return self._with(lambda one, by: by - one, other)
+        return self._with(lambda entry, by: by - entry, other)
 
     def __mul__(self, other: Any) -> "Entries":
         return self._with(mul, other)

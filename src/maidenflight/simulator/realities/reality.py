@@ -130,9 +130,9 @@ def reality(name: str) -> AnyReality:
         return _imported(kind, rest)
     raise InputError(
         f"{name}: no such reality.{_hint(kind, rest)} Expected "
-        f"{', '.join(f'{one}:SEED' for one in VARIANTS)}, {VARIANTS[1]}:SEED@DRONE, NAME:SEED or "
-        f"NAME:DRONE with {', '.join(REALITIES)}, MODULE:FACTORY, a drone's TOML file, or "
-        f"{' or '.join(parameters.DRONES)}."
+        f"{', '.join(f'{variant}:SEED' for variant in VARIANTS)}, {VARIANTS[1]}:SEED@DRONE, "
+        f"NAME:SEED or NAME:DRONE with {', '.join(REALITIES)}, MODULE:FACTORY, a drone's TOML "
+        f"file, or {' or '.join(parameters.DRONES)}."
     )
 
 
@@ -166,8 +166,9 @@ def _virtual_about(drawn_name: str, centre: str) -> VirtualDrone:
     kind, _, seed = drawn_name.partition(":")
     if kind not in VARIANTS or not seed.isdecimal():
         raise InputError(
-            f"{drawn_name}@{centre}: expected one of {', '.join(f'{one}:SEED' for one in VARIANTS)}"
-            " before @, such as virtual:7@drone.toml."
+            f"{drawn_name}@{centre}: expected one of "
+            f"{', '.join(f'{variant}:SEED' for variant in VARIANTS)} before @, such as "
+            "virtual:7@drone.toml."
         )
     law = law_for(parameters.full_scale_counts(centre))
     drone = virtual_drone(int(seed), kind, parameters.read_drone(centre), law)
@@ -209,14 +210,14 @@ def _hint(kind: str, rest: str) -> str:
 
 def _imported(module: str, factory: str) -> AnyReality:
     """What a factory in a module makes."""
-    place = f"{module}:{factory}"
+    name = f"{module}:{factory}"
     try:
-        make = import_part(place, "reality")
+        make = import_part(name, "reality")
     except InputError as error:
         raise InputError(f"{error}{_hint(module, factory)}") from error
     if not callable(make):
-        raise InputError(f"{place}: is no class or function that makes a reality.")
+        raise InputError(f"{name}: is no class or function that makes a reality.")
     try:
         return check_reality(make())
     except InputError as error:
-        raise InputError(f"{place}: {error}") from error
+        raise InputError(f"{name}: {error}") from error

@@ -36,8 +36,8 @@ class Stepped:
     def reset(self, position: Float[np.ndarray, "3"], seed: int) -> None:
         """Resets to hover, level and at rest at a position [m], with the noise of a seed."""
         self._key, self._steps = jax.random.key(seed), 0
-        place = jnp.asarray(position, jnp.float32)
-        self._state: EnvState = _begin(self._environment, place, self.parameters, self._key)
+        start = jnp.asarray(position, jnp.float32)
+        self._state: EnvState = _begin(self._environment, start, self.parameters, self._key)
         self._command = np.full(4, self.hover)
 
     def step(self, command: Float[np.ndarray, "4"]) -> None:

@@ -247,6 +247,10 @@ _UNCHANGED = (
     "height_walk",
     "velocity_walk",
     "turn_drift",
+    "disturbance_torque",
+    "disturbance_torque_time",
+    "disturbance_force",
+    "disturbance_force_time",
     "platform",
 )
 """What a drone about another has as that one."""

@@ -74,8 +74,8 @@ def excursion(
     library: Any = jnp
     if not isinstance(position, jax.Array):
         library, values = np, [np.asarray(part, np.float64) for part in values]
-    wanted, place, angles, rates = values
-    x, y, z = (wanted[..., axis] - place[..., axis] for axis in range(3))
+    wanted, actual, angles, rates = values
+    x, y, z = (wanted[..., axis] - actual[..., axis] for axis in range(3))
     tilt, rate = (
         library.maximum(library.abs(part[..., 0]), library.abs(part[..., 1]))
         for part in (angles, rates)

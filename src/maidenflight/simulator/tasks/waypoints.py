@@ -233,7 +233,8 @@ def _run_up(points: Waypoints, degree: int = 5) -> tuple[Trajectory, float, floa
         speeds.append(slope * share)
         accelerations.append(bend * share**2 + slope * change)
     speed, acceleration = (
-        float(np.linalg.norm(np.concatenate(one), axis=1).max()) for one in (speeds, accelerations)
+        float(np.linalg.norm(np.concatenate(rows), axis=1).max())
+        for rows in (speeds, accelerations)
     )
     return *between_rests(moving, float(duration), first, last), speed, acceleration
 
@@ -329,29 +330,29 @@ def _read_rows(file: StrPath) -> tuple[list[str], list[tuple[str, dict[str, str 
     return header, [(name, dict(zip(header, line, strict=False))) for name, line in padded]
 
 
-def _number(text: str | None, place: str) -> float:
+def _number(text: str | None, source: str) -> float:
     try:
         return float(text or "")
     except ValueError:
         raise InputError(
-            f"{place} is {text!r}; expected a number. Write it, or leave the row out."
+            f"{source} is {text!r}; expected a number. Write it, or leave the row out."
         ) from None
 
 
 def _checked(
     points: Waypoints | list[tuple[float, ...]],
-    place: str = "",
+    source: str = "",
     names: list[str] | None = None,
     fastest: float = np.inf,
 ) -> Float[np.ndarray, "n 4"]:
     """Way-points as a table whose time starts at zero, in numbers that float32 can hold."""
     names = names or [f"way-point {number}" for number in range(1, len(points) + 1)]
     if len(points) < 2:
-        raise InputError(f"{place}{len(points)} way-points; expected two or more. Add rows.")
+        raise InputError(f"{source}{len(points)} way-points; expected two or more. Add rows.")
     for name, row in zip(names, points, strict=True):
         if len(row) != len(COLUMNS) or not np.all(np.abs(row) < np.finfo(np.float32).max):
             raise InputError(
-                f"{place}{name} is {row}; expected four finite numbers, {','.join(COLUMNS)}."
+                f"{source}{name} is {row}; expected four finite numbers, {','.join(COLUMNS)}."
             )
     table = np.array(points, np.float64)
     table[:, 0] -= table[0, 0]
@@ -359,13 +360,13 @@ def _checked(
     for number in np.flatnonzero(gaps <= 0)[:1]:
         before, after = points[number][0], points[number + 1][0]
         raise InputError(
-            f"{place}{names[number + 1]}: time goes from {before} to {after} s; expected it to "
+            f"{source}{names[number + 1]}: time goes from {before} to {after} s; expected it to "
             "increase. Sort the rows."
         )
     speeds = np.linalg.norm(np.diff(table[:, 1:], axis=0), axis=1) / gaps
     for number in np.flatnonzero(speeds > fastest)[:1]:
         raise InputError(
-            f"{place}{names[number + 1]}: {speeds[number]:.1f} m/s from the point before it, but "
+            f"{source}{names[number + 1]}: {speeds[number]:.1f} m/s from the point before it, but "
             f"at most {fastest:g} m/s are allowed. "
             "Check the units (s, m) and for lost rows, or allow more with fastest."
         )

@@ -52,9 +52,9 @@ def identification_of(drone: Path, logs: Path) -> tuple["DroneFile", Identify]:
 def _find_start(drone: Path, file: "DroneFile", name: str) -> str:
     """Returns the file from which an identification began, beside its result or here."""
     digests = results.recorded_inputs(file.record, str(drone))
-    for place in (drone.parent / name, Path(name)):
-        if place.is_file() and results.digest(place) in digests:
-            return str(place)
+    for path in (drone.parent / name, Path(name)):
+        if path.is_file() and results.digest(path) in digests:
+            return str(path)
     raise InputError(
         f"{drone}: it was identified with --start {name}, which is neither here nor beside it, or "
         "has changed. Put it there, or identify again."
@@ -176,18 +176,18 @@ def _summarize(summary: list[Row], draws: int) -> list[Table | str]:
     from maidenflight.identification.calibration import uniform_band
 
     rows = []
-    for one in summary:
-        width = one["width_ratio"]
+    for row in summary:
+        width = row["width_ratio"]
         rows.append(
-            {"name": one["parameter"], "held": f"{one['held']} of {one['in_model']}"}
+            {"name": row["parameter"], "held": f"{row['held']} of {row['in_model']}"}
             | {"width": "" if width is None else f"{width:.2f}"}
-            | {"ranks": " ".join(f"{count:d}" for count in one["ranks"])}
-            | {"verdict": _verdict(one)}
+            | {"ranks": " ".join(f"{count:d}" for count in row["ranks"])}
+            | {"verdict": _verdict(row)}
         )
     low, high = uniform_band(draws)
     columns = {"parameter": "{name}", "truth in the\n95 % interval": "{held}"}
     columns |= {"width over\nthe file's": "{width}", "ranks": "{ranks}", "": "{verdict}"}
-    narrow = [one["parameter"] for one in summary if not one["enough"]]
+    narrow = [row["parameter"] for row in summary if not row["enough"]]
     return [
         f"intervals that hold the truth too rarely: {', '.join(narrow)}"
         if narrow
@@ -198,15 +198,15 @@ def _summarize(summary: list[Row], draws: int) -> list[Table | str]:
     ]
 
 
-def _verdict(one: Row) -> str:
+def _verdict(row: Row) -> str:
     """Returns what is wrong with the intervals of a parameter, in words."""
-    if not one["in_model"]:
+    if not row["in_model"]:
         return "not in the model"
-    remarks = [] if one["enough"] else ["too narrow"]
-    ranks = one["ranks"]
-    if not one["uniform"] and max(ranks) > ranks[len(ranks) // 2]:
+    remarks = [] if row["enough"] else ["too narrow"]
+    ranks = row["ranks"]
+    if not row["uniform"] and max(ranks) > ranks[len(ranks) // 2]:
         low, high = sum(ranks[:2]), sum(ranks[-2:])
         remarks.append("found too high" if low > high else "found too low")
-    elif not one["uniform"]:
+    elif not row["uniform"]:
         remarks.append("wider than needed")
     return ", ".join(remarks)

@@ -107,8 +107,8 @@ def summarize(result: Identification, settings: Sequence[str] = ()) -> list[str]
 def _name_advice(result: Identification, settings: Sequence[str]) -> list[str]:
     """Returns what to log or fly for narrower intervals, and how this autopilot logs it."""
     actions: dict[str, list[str]] = {}
-    for one in result.advice:
-        actions.setdefault(one.action, []).append(one.parameter)
+    for entry in result.advice:
+        actions.setdefault(entry.action, []).append(entry.parameter)
     text = "; ".join(f"{action} ({', '.join(names)})" for action, names in actions.items())
     if not actions:
         return []
@@ -117,20 +117,20 @@ def _name_advice(result: Identification, settings: Sequence[str]) -> list[str]:
     logs = any(action.startswith("log ") for action in actions)
     return [
         f"to narrow them, by hand in one flight: {text}",
-        *(f"to log it so, {one}" for one in settings if logs),
+        *(f"to log it so, {setting}" for setting in settings if logs),
     ]
 
 
 def describe_advice(result: Identification) -> list[str]:
     """Returns a line for each parameter that another flight narrows, with the interval then."""
     lines = []
-    for one in result.advice:
-        estimate = result.estimates.get(one.parameter)
-        now = result.unidentified[one.parameter] if estimate is None else estimate.interval
-        scale, unit = scale_of(one.parameter, now[1])
-        line = f"narrow {one.parameter}, {_range(now, scale)} {unit}".rstrip()
-        expected = "" if one.interval is None else f"; expect {_range(one.interval, scale)}"
-        lines.append(f"{line}: {one.action}{expected}")
+    for entry in result.advice:
+        estimate = result.estimates.get(entry.parameter)
+        now = result.unidentified[entry.parameter] if estimate is None else estimate.interval
+        scale, unit = scale_of(entry.parameter, now[1])
+        line = f"narrow {entry.parameter}, {_range(now, scale)} {unit}".rstrip()
+        expected = "" if entry.interval is None else f"; expect {_range(entry.interval, scale)}"
+        lines.append(f"{line}: {entry.action}{expected}")
     return lines
 
 
@@ -155,17 +155,20 @@ def tabulate_evidence(result: Identification) -> list[Table | str]:
     agree, rows = agreements(result.evidence), []
     order = {name: number for number, name in enumerate(COMPONENTS)}
     last = ""
-    for one in sorted(result.evidence, key=lambda one: order.get(one.parameter, -1)):
-        is_delay = one.parameter == DELAY
-        scale, unit = (1e3, "ms") if is_delay else scale_of(one.parameter, one.value)
-        row = {"name": "", "agree": "", "signal": one.signal, "unit": unit}
-        if one.parameter != last:
-            last = row["name"] = one.parameter
+    for evidence in sorted(result.evidence, key=lambda evidence: order.get(evidence.parameter, -1)):
+        is_delay = evidence.parameter == DELAY
+        scale, unit = (1e3, "ms") if is_delay else scale_of(evidence.parameter, evidence.value)
+        row = {"name": "", "agree": "", "signal": evidence.signal, "unit": unit}
+        if evidence.parameter != last:
+            last = row["name"] = evidence.parameter
             if last in agree:
                 chance, degrees = agree[last].chance, agree[last].degrees
                 verdict = "" if chance > _DISAGREES else " *"
                 row["agree"] = f"{agree[last].chi_square:.2g} of {degrees}{verdict}"
-        row |= {"value": f"{one.value * scale:.4g}", "error": _two_digits(one.error * scale)}
+        row |= {
+            "value": f"{evidence.value * scale:.4g}",
+            "error": _two_digits(evidence.error * scale),
+        }
         rows.append(row)
     columns = {"parameter": "{name}", "signal": "{signal}", "value": "{value}"}
     columns |= {"error": "{error}", "unit": "{unit}", "chi-square": "{agree}"}

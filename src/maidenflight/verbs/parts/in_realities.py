@@ -80,16 +80,25 @@ class FliesPolicies(Verb):
             drones: names or files of those that fly, or virtual drones about none of them.
         """
         from maidenflight.identification import drone_file
-        from maidenflight.identification.identity import describe_other_drone, identity_of
+        from maidenflight.identification.identity import (
+            describe_other_counts,
+            describe_other_drone,
+            identity_of,
+        )
         from maidenflight.simulator.realities.virtual_drone import RANGES, VARIANTS
 
         lines = []
         for drone in dict.fromkeys(drones):
             is_drawn = drone.partition(":")[0] in VARIANTS
             drawn = {"name": drone, "mass": sum(RANGES["mass"]) / 2.0}
-            other, groups = drawn if is_drawn else identity_of(drone_file.read(drone)), {}
+            flying = None if is_drawn else drone_file.read(drone)
+            other, groups = drawn if flying is None else identity_of(flying), {}
             for name, file in zip(self.fleet.own_names, self.fleet.files, strict=True):
-                groups.setdefault(describe_other_drone(file.identity, other), []).append(name)
+                difference = describe_other_drone(file.identity, other)
+                if flying is not None:
+                    counts = file.policy.interface.full_scale_counts
+                    difference = difference or describe_other_counts(counts, flying)
+                groups.setdefault(difference, []).append(name)
             lines += [
                 f"{first_few(group)}: {difference}. Train for the drone that flies."
                 for difference, group in groups.items()
@@ -203,7 +212,7 @@ class InRealities(FliesPolicies):
         from maidenflight.simulator.realities.virtual_drone import VARIANTS
 
         places = map(drone_of, self.reality or (self.drone or "virtual:7",))
-        return [one for one in places if is_drone(one) or one.partition(":")[0] in VARIANTS]
+        return [name for name in places if is_drone(name) or name.partition(":")[0] in VARIANTS]
 
     def choose_next(self, best: Path) -> tuple[object, ...]:
         """Returns the words of the command that judges policies; it exports what no judge flies."""
@@ -215,7 +224,9 @@ class InRealities(FliesPolicies):
             return export_command(best, policy)
         drone = next(filter(is_drone, self.flying_drones), "DRONE")
         foreign = set(self.fleet.foreign_files)
-        files = [one for one in self.policies if Path(one).exists() and Path(one) not in foreign]
+        files = [
+            file for file in self.policies if Path(file).exists() and Path(file) not in foreign
+        ]
         more = {"control": self.control, "task": self.task, "reference": self.reference}
         options = [word for name, value in more.items() if value for word in (f"--{name}", value)]
         return ("predict", *files, "--drone", drone, *options)
@@ -239,7 +250,7 @@ class InRealities(FliesPolicies):
 
     def make_flight_record(self, task: str, **more: Any) -> dict[str, Any]:
         """Returns how the flights of a task are made, for their files."""
-        places = [place.name for place in self.realities]
+        places = [reality.name for reality in self.realities]
         return self.make_record(
             self.fleet.inputs, task=task, reality=places, **more, **self.fleet.record
         )

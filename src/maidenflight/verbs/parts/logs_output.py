@@ -29,10 +29,10 @@ def note_thrust(flights: Flights, start: str, thrust_to_weight: float) -> list[s
     Physics cannot tell a wrong scale of commands from another drone; who flew it can.
     """
     counts = [
-        one.statistic
+        result.statistic
         for results in flights.checks.values()
-        for one in results
-        if one.name == "thrust to weight" and one.statistic is not None
+        for result in results
+        if result.name == "thrust to weight" and result.statistic is not None
     ]
     if not counts:
         return []
@@ -40,7 +40,7 @@ def note_thrust(flights: Flights, start: str, thrust_to_weight: float) -> list[s
     if 1 / _OTHER_THRUST < logged / thrust_to_weight < _OTHER_THRUST:
         return []
     reason = "PWM limits, percent, another full throttle, sqrt(u) or u squared for u"
-    squares = [one.square_since for one in flights if one.square_since]
+    squares = [flight.square_since for flight in flights if flight.square_since]
     if squares and logged > thrust_to_weight:
         reason = f"{squares[0]}, so u is the square of the throttle: thrust may follow it itself"
     return [
@@ -52,7 +52,9 @@ def note_thrust(flights: Flights, start: str, thrust_to_weight: float) -> list[s
 
 def write_logs(folder: Path, flights: Mapping[str, Flight], record: dict[str, Any]) -> list[Path]:
     """Writes logs by their names, in place of those that an earlier run wrote there."""
-    written = [log.write(folder / f"{name}.csv", one, record) for name, one in flights.items()]
+    written = [
+        log.write(folder / f"{name}.csv", flight, record) for name, flight in flights.items()
+    ]
     results.remove_older(written, record)
     return written
 
@@ -71,7 +73,7 @@ def to_content(flights: Flights) -> dict[str, Any]:
         "seconds": round(flights.duration, 2),
         "dropped": flights.notes,
         "refused": flights.refused,
-        "warnings": [asdict(one) for one in flights.warnings],
+        "warnings": [asdict(warning) for warning in flights.warnings],
     }
 
 
@@ -84,7 +86,7 @@ def describe_flights(flights: Flights, further: str = "", but: Sequence[str] = (
     notes = [
         note
         for note in flights.notes
-        if not any((note.partition(": ")[2] or note) in one for one in but)
+        if not any((note.partition(": ")[2] or note) in line for line in but)
     ]
     dropped, refused = _group(notes), _group(flights.refused)
     head = [f"{_count(len(flights.refused), 'file')} refused:"] if refused else []
