@@ -143,9 +143,8 @@ def plan(
         for manoeuvre in library_plans
         if (limit := allowed.excess(result[manoeuvre], room))
     }
-    indices = [
-        number for number, manoeuvre in enumerate(library_plans) if manoeuvre.name not in left_out
-    ]
+    manoeuvres = [manoeuvre.name for manoeuvre in library_plans]
+    indices = [number for number, name in enumerate(manoeuvres) if name not in left_out]
     on_stage(OTHERS + 1, OTHERS + 3, "information of each manoeuvre")
     names = _names(request, flights[0])
     parts = _information(drone, [flights[number] for number in indices], names)
