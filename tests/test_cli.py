@@ -478,7 +478,7 @@ def test_training_that_is_interrupted_says_how_to_go_on_and_does(
         assert (folder / name).read_bytes() == (whole / name).read_bytes()
     shown = scalars(folder / "tensorboard" / "policy_1")
     assert shown == scalars(whole / "tensorboard" / "policy_1")
-    assert len(shown) == 3 * polars.read_csv(folder / "training.csv")["update"].n_unique()
+    assert len(shown) == 4 * polars.read_csv(folder / "training.csv")["update"].n_unique()
 
     # Without --updates the number is the training's own.
     code, _, err = command(what.replace("--updates 3 ", ""), f"-o {folder} --resume")

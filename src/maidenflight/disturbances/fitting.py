@@ -119,7 +119,7 @@ def fit_disturbances(
     length = round(AHEAD / parts.period)
     few = np.linspace(0, len(parts.flight) - 1, min(_STRETCHES, len(parts.flight))).astype(int)
     parts = parts._replace(
-        rows=jax.tree.map(lambda one: one[few], parts.rows),
+        rows=jax.tree.map(lambda leaf: leaf[few], parts.rows),
         first=parts.first[few],
         row_count=parts.row_count[few],
         is_own=parts.is_own[few],
@@ -128,8 +128,8 @@ def fit_disturbances(
     chosen = np.linspace(0, len(stretch) - 1, min(_WINDOWS, len(stretch))).astype(int)
     with jax.enable_x64(True):
         best = _maximise(parts, (stretch[chosen], row[chosen]), start, length, on_evaluation)
-    fitted, processes = jax.tree.map(lambda one: np.asarray(one, float), best)
-    fitted = jax.tree.map(lambda one: np.asarray(one, np.float32), fitted)
+    fitted, processes = jax.tree.map(lambda leaf: np.asarray(leaf, float), best)
+    fitted = jax.tree.map(lambda leaf: np.asarray(leaf, np.float32), fitted)
     return DisturbanceModel(fitted, processes, carrying)
 
 
@@ -159,7 +159,7 @@ def _maximise(
     on_evaluation: Callable[[int, int], None] | None,
 ) -> tuple[Parameters, Processes]:
     judged = np.unique(np.clip(np.round(np.array(HORIZONS) / parts.period), 1, length)) - 1
-    begin = jax.tree.map(lambda one: jnp.asarray(one, float), start)
+    begin = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), start)
     origin = ravel_pytree((_begin_body(begin), _log_processes()))[0]
     fixed = parts.rows, starts, begin, origin, parts.period
     count = 0
@@ -200,7 +200,7 @@ def _loss(
     model, ahead = _models(numbers, begin), np.array(judged)
     every, speeds = gains(*model, period, length), delay_speeds(rows, model[1], period)
     filtered = filter_rows(rows, model, speeds, every, period)
-    first, unrest = jax.tree.map(lambda one: one[starts], filtered)
+    first, unrest = jax.tree.map(lambda leaf: leaf[starts], filtered)
     errors = predict_rows(rows, model, speeds, first, starts, every.ahead, period)
     scale = scale_variance(every, unrest, model[1])[ahead]
     surprise = -log_density(errors[ahead], scale, 2.0 + model[1].tails[QUANTITY][None, None])
@@ -213,7 +213,7 @@ def _models(numbers: Float[Array, "n"], begin: Parameters) -> tuple[Parameters, 
 
 
 def _log_processes() -> Processes:
-    return jax.tree.map(lambda one: jnp.log(jnp.asarray(one)), start_processes())
+    return jax.tree.map(lambda leaf: jnp.log(jnp.asarray(leaf)), start_processes())
 
 
 def log_density(

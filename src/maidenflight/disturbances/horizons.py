@@ -98,12 +98,12 @@ def predict_windows(
     starts = stretch[chosen], row[chosen]
     own = input_drone(drone, measured=model.carrying_speed is not None)
     with jax.enable_x64(True):
-        drones = jax.tree.map(lambda one: jnp.asarray(one, float), (*model[:2], own))
+        drones = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), (*model[:2], own))
         predicted = _predicted(parts.rows, *drones, starts, length, parts.period)
         error, variance, alone = map(np.asarray, predicted)
     norms = {
-        name: np.linalg.norm(one.reshape(*one.shape[:2], 4, 3), axis=-1)
-        for name, one in ((WITH_DISTURBANCES, error), (ALONE, alone))
+        name: np.linalg.norm(difference.reshape(*difference.shape[:2], 4, 3), axis=-1)
+        for name, difference in ((WITH_DISTURBANCES, error), (ALONE, alone))
     }
     freedom = 2.0 + np.asarray(model.processes.tails)[QUANTITY]
     far = np.abs(error) / np.sqrt(variance)
@@ -127,7 +127,7 @@ def _predicted(
     model, every = (drone, processes), gains(drone, processes, period, length)
     speeds = delay_speeds(rows, processes, period)
     filtered = filter_rows(rows, model, speeds, every, period)
-    first, unrest = jax.tree.map(lambda one: one[starts], filtered)
+    first, unrest = jax.tree.map(lambda leaf: leaf[starts], filtered)
     errors = predict_rows(rows, model, speeds, first, starts, every.ahead, period)
     none = logged_motion(rows, starts, jax.tree.map(jnp.zeros_like, first.slow))
     as_it_is = processes._replace(velocity_scale=jnp.ones(3))
@@ -140,22 +140,22 @@ def _baselines(
     parts: Stretches, starts: tuple[np.ndarray, np.ndarray], length: int
 ) -> dict[str, Float[np.ndarray, "H W 4"]]:
     rows, (stretch, row) = parts.rows, starts
-    position, velocity, quaternion, rates, _ = (one[stretch, row] for one in rows)
+    position, velocity, quaternion, rates, _ = (signal[stretch, row] for signal in rows)
     attitude = Rotation.from_quat(quaternion)
     norms: dict[str, list[np.ndarray]] = {PERSISTENCE: [], CONSTANT_RATES: []}
     for ahead in range(1, length + 1):
-        logged = [one[stretch, row + ahead] for one in rows[:4]]
+        logged = [signal[stretch, row + ahead] for signal in rows[:4]]
         elapsed = ahead * parts.period
         turned = attitude * Rotation.from_rotvec(elapsed * rates)
         moved = position + elapsed * velocity
-        for name, place, turn in (
+        for name, point, turn in (
             (PERSISTENCE, position, attitude),
             (CONSTANT_RATES, moved, turned),
         ):
             angle = (turn.inv() * Rotation.from_quat(logged[2])).magnitude()
             off = [
-                np.linalg.norm(one - other, axis=-1)
-                for one, other in ((place, logged[0]), (velocity, logged[1]), (rates, logged[3]))
+                np.linalg.norm(value - other, axis=-1)
+                for value, other in ((point, logged[0]), (velocity, logged[1]), (rates, logged[3]))
             ]
             norms[name].append(np.stack([off[0], off[1], angle, off[2]], axis=-1))
     return {name: np.stack(some) for name, some in norms.items()}
@@ -186,7 +186,7 @@ def cross_validate(
     if len(logs) == 1:
         whole = max(logs[0], key=len)
         logs = [[whole.part(0, len(whole) // 2)], [whole.part(len(whole) // 2, len(whole))]]
-    sides = [[one for log in logs[side::2] for one in log] for side in (0, 1)]
+    sides = [[piece for log in logs[side::2] for piece in log] for side in (0, 1)]
     parts, filtered = [], []
     for number, (fitted, judged) in enumerate((sides, sides[::-1])):
 
@@ -214,10 +214,11 @@ def tabulate_horizons(parts: Sequence[Predictions]) -> polars.DataFrame:
         others, such as `position_within_80`, mean over the three axes.
     """
     norms = {
-        name: np.concatenate([one.norms[name] for one in parts], axis=1) for name in parts[0].norms
+        name: np.concatenate([part.norms[name] for part in parts], axis=1)
+        for name in parts[0].norms
     }
     within = {
-        share: np.concatenate([one.within[share] for one in parts], axis=1).mean(axis=1)
+        share: np.concatenate([part.within[share] for part in parts], axis=1).mean(axis=1)
         for share in SHARES
     }
     windows, rows = norms[PERSISTENCE].shape[1], []

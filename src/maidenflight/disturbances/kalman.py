@@ -110,16 +110,16 @@ def gains(drone: Parameters, processes: Processes, period: float | Array, length
 
 
 def _covariances(processes: Processes, period: float | Array) -> tuple[Array, Array, Array]:
-    one = processes
-    stationary = jnp.concatenate([size**2 for size in sizes(one)])
-    decay = jnp.concatenate([-jnp.expm1(-2 * period / time) for time in times(one)])
+    model = processes
+    stationary = jnp.concatenate([size**2 for size in sizes(model)])
+    decay = jnp.concatenate([-jnp.expm1(-2 * period / time) for time in times(model)])
     tiny = jnp.full(3, 1e-12)
-    walks = [tiny, one.velocity_walk**2 * period, tiny, one.rate_walk**2 * period]
-    errors = one.position_error, one.velocity_error, one.attitude_error, one.rate_error
+    walks = [tiny, model.velocity_walk**2 * period, tiny, model.rate_walk**2 * period]
+    errors = model.position_error, model.velocity_error, model.attitude_error, model.rate_error
     return (
         jnp.diag(jnp.concatenate([*walks, stationary * decay])),
         jnp.diag(jnp.concatenate([jnp.repeat(jnp.array(_AT_START) ** 2, 3), stationary])),
-        jnp.concatenate([*errors, one.regulator_error]) ** 2,
+        jnp.concatenate([*errors, model.regulator_error]) ** 2,
     )
 
 
@@ -163,7 +163,7 @@ def filter_rows(
             unrest = unrest + share * excess
             return (advance(after, speed, drone, processes, period), unrest), (after, unrest)
 
-        first = jax.tree.map(lambda one: one[0], logged), jnp.ones(5)
+        first = jax.tree.map(lambda leaf: leaf[0], logged), jnp.ones(5)
         numbers = jnp.arange(len(stretch.position))
         return lax.scan(correct, first, (logged, stretch.rotor_speed, numbers))[1]
 
@@ -227,7 +227,7 @@ def predict_rows(
 
 def logged_motion(rows: Rows, places: tuple[Any, Any], slow: Slow) -> Motion:
     """Returns what logs hold of the motion in some rows, by stretch and row."""
-    position, velocity, quaternion, rates = (jnp.asarray(one)[places] for one in rows[:4])
+    position, velocity, quaternion, rates = (jnp.asarray(signal)[places] for signal in rows[:4])
     return Motion(position, velocity, quaternion, rates, slow)
 
 
@@ -286,7 +286,7 @@ def filter_stretches(
 ) -> list[Filtered]:
     """Returns the filtered motion of each flight; see `fitting.filter_flights`."""
     with jax.enable_x64(True):
-        numbers = jax.tree.map(lambda one: jnp.asarray(one, float), (drone, processes))
+        numbers = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), (drone, processes))
         motion, covariance = _filtered(stretches.rows, numbers, stretches.period)
         motion, covariance = jax.tree.map(np.asarray, (motion, covariance))
     inertia, mass = np.asarray(drone.inertia, float), float(drone.mass)
@@ -299,7 +299,7 @@ def filter_stretches(
         # The flight's first rows, too.
         own[0] |= np.arange(own.shape[1]) < min(FIRST, stretches.row_count[parts[0]])
         slow = motion.slow
-        position, velocity, quaternion, rates = (one[parts][own] for one in motion[:4])
+        position, velocity, quaternion, rates = (signal[parts][own] for signal in motion[:4])
         torque = inertia * (slow.gust + slow.trim)[parts][own]
         force, forces = mass * slow.push[parts][own], mass**2 * covariance[18:21, 18:21]
         flights.append(
@@ -324,12 +324,12 @@ def with_disturbances(drone: Parameters, flights: Sequence[Filtered]) -> Paramet
     Source: law of total variance; Uhlenbeck and Ornstein 1930, On the theory of the Brownian
     motion.
     """
-    errors = [[one.torque_covariance, one.force_covariance] for one in flights]
-    rows = np.array([len(one.torque) for one in flights])
+    errors = [[flight.torque_covariance, flight.force_covariance] for flight in flights]
+    rows = np.array([len(flight.torque) for flight in flights])
     unknown = np.average(np.diagonal(errors, axis1=2, axis2=3), axis=0, weights=rows)
     period, parts = (
         flights[0].period,
-        ([one.torque for one in flights], [one.force for one in flights]),
+        ([flight.torque for flight in flights], [flight.force for flight in flights]),
     )
     (torque, turning), (force, pushing) = (_spread(some, period) for some in parts)
     return replace(
@@ -345,11 +345,11 @@ def _spread(
     parts: Sequence[Float[np.ndarray, "N 3"]], period: float
 ) -> tuple[Float[np.ndarray, "3"], float]:
     """Returns the variance of each axis about the mean of each part, and a correlation time [s]."""
-    off = [one - one.mean(axis=0) for one in parts]
+    off = [part - part.mean(axis=0) for part in parts]
     variance = np.maximum(np.concatenate(off).var(axis=0), np.finfo(float).tiny)
     longest = max(map(len, off)) - 1
     for lag in range(1, longest):
-        pairs = np.concatenate([one[:-lag] * one[lag:] for one in off if len(one) > lag])
+        pairs = np.concatenate([part[:-lag] * part[lag:] for part in off if len(part) > lag])
         if np.mean(pairs.mean(axis=0) / variance) < np.exp(-1.0):
             return variance, lag * period
     return variance, longest * period

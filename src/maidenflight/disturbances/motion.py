@@ -128,8 +128,8 @@ def advance(
         state.body_rates + turning,
         Slow(
             *(
-                jnp.exp(-period / time) * one
-                for one, time in zip(slow, times(processes), strict=True)
+                jnp.exp(-period / time) * value
+                for value, time in zip(slow, times(processes), strict=True)
             )
         ),
     )
@@ -137,14 +137,14 @@ def advance(
 
 def times(processes: Processes) -> tuple[Array, ...]:
     """Returns the correlation times of `Slow` [s]."""
-    one = processes
-    return one.gust_time, one.trim_time, one.push_time, one.demand_time, one.drift_time
+    model = processes
+    return model.gust_time, model.trim_time, model.push_time, model.demand_time, model.drift_time
 
 
 def sizes(processes: Processes) -> tuple[Array, ...]:
     """Returns the standard deviations of `Slow`."""
-    one = processes
-    return one.gust_size, one.trim_size, one.push_size, one.demand_size, one.drift_size
+    model = processes
+    return model.gust_size, model.trim_size, model.push_size, model.demand_size, model.drift_size
 
 
 def angular_acceleration(
@@ -181,7 +181,9 @@ def move(motion: Motion, error: Float[Array, "27"]) -> Motion:
         motion.velocity + rotation @ error[3:6],
         _product(motion.quaternion, _turn(error[6:9])),
         motion.body_rates + error[9:12],
-        Slow(*(one + by for one, by in zip(motion.slow, error[12:].reshape(5, 3), strict=True))),
+        Slow(
+            *(value + by for value, by in zip(motion.slow, error[12:].reshape(5, 3), strict=True))
+        ),
     )
 
 
@@ -209,7 +211,7 @@ def difference(motion: Motion, other: Motion) -> Float[Array, "12"]:
 def hover(drone: Parameters) -> tuple[Motion, Float[Array, "4"]]:
     """Returns a drone at rest, and its rotors' speeds."""
     still = dynamics.at_hover(jnp.zeros(3), drone)
-    position, velocity, quaternion, rates = (jnp.asarray(one, float) for one in still[:4])
+    position, velocity, quaternion, rates = (jnp.asarray(vector, float) for vector in still[:4])
     slow = Slow(*[jnp.zeros(3)] * 5)
     return Motion(position, velocity, quaternion, rates, slow), jnp.asarray(still[4], float)
 
@@ -226,9 +228,9 @@ def _turn(vector: Float[Array, "3"]) -> Float[Array, "4"]:
     return jnp.concatenate([vector * (jnp.sin(angle / 2) / angle), jnp.cos(angle / 2)[None]])
 
 
-def _product(one: Float[Array, "4"], other: Float[Array, "4"]) -> Float[Array, "4"]:
-    vector = one[3] * other[:3] + other[3] * one[:3] + jnp.cross(one[:3], other[:3])
-    return jnp.concatenate([vector, (one[3] * other[3] - one[:3] @ other[:3])[None]])
+def _product(first: Float[Array, "4"], other: Float[Array, "4"]) -> Float[Array, "4"]:
+    vector = first[3] * other[:3] + other[3] * first[:3] + jnp.cross(first[:3], other[:3])
+    return jnp.concatenate([vector, (first[3] * other[3] - first[:3] @ other[:3])[None]])
 
 
 def linearise(

@@ -74,7 +74,8 @@ class Stretches(NamedTuple):
 def has_speeds(flights: Sequence[Flight]) -> bool:
     """Returns whether all logs hold the rotors' measured speeds, which then are the inputs."""
     return all(
-        one.rotor_speed is not None and bool(np.isfinite(one.rotor_speed).all()) for one in flights
+        flight.rotor_speed is not None and bool(np.isfinite(flight.rotor_speed).all())
+        for flight in flights
     )
 
 
@@ -92,7 +93,7 @@ def input_drone(drone: Parameters, *, measured: bool) -> Parameters:
 
 def hover_speed(flights: Sequence[Flight]) -> float:
     """Returns the root mean square of measured rotor speeds [rad/s], which carries the weight."""
-    squares = [np.square(one.rotor_speed.astype(float)) for one in flights]  # type: ignore[union-attr]
+    squares = [np.square(flight.rotor_speed.astype(float)) for flight in flights]  # type: ignore[union-attr]
     return float(np.sqrt(np.concatenate(squares).mean()))
 
 
@@ -111,7 +112,7 @@ def stretches(
         InputError: no flight is long enough, one has no state, or their rates differ.
     """
     must_have_one_rate(flights)
-    bare = [one.name for one in flights if not one.has_state]
+    bare = [flight.name for flight in flights if not flight.has_state]
     if bare:
         raise InputError(f"{bare[0]}: no position, velocity and attitude in it. Leave it out.")
     every = max(1, round(ROW / flights[0].period)) if flights else 1

@@ -131,9 +131,8 @@ def describe_unknown(file: DroneFile) -> list[str]:
 def repeat_doubts(file: DroneFile) -> list[str]:
     """Returns the sure doubts of a drone's file, and how many others `identify` has said."""
     others = [warning for warning in file.warnings if not warning.sure]
-    lines = doubts(
-        replace(file, warnings=tuple(warning for warning in file.warnings if warning.sure))
-    )
+    certain = tuple(warning for warning in file.warnings if warning.sure)
+    lines = doubts(replace(file, warnings=certain))
     if len(others) < 2:
         return [*lines, *doubts(replace(file, warnings=tuple(others)))]
     name = Path(file.name).name

@@ -47,7 +47,7 @@ class Table:
     notes: tuple[str, ...] = ()
     """What was left out already."""
 
-    def place(self, row: int) -> str:
+    def location(self, row: int) -> str:
         """Returns where a row lies, such as `line 17`; rows count from 0."""
         if self.first_line:
             return f"line {self.first_line + row}"
@@ -365,6 +365,6 @@ def _parsed(table: Table, column: str, cells: polars.Series) -> polars.Series:
         )
         raise InputError(
             f"{table.name}: column {column} holds something that is not a number, {cell!r} in "
-            f"{table.place(row)}.{again}"
+            f"{table.location(row)}.{again}"
         )
     return numbers

@@ -166,7 +166,7 @@ def read_run(source: StrPath | None = None, options: FileOptions | None = None) 
         table=table,
         flights=flights,
         records={
-            name: record for name, record in records.items() if isinstance(record, dict) and record
+            name: entry for name, entry in records.items() if isinstance(entry, dict) and entry
         },
         refused=tuple(refused),
         missing_files=files.missing,

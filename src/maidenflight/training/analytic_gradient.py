@@ -224,7 +224,7 @@ def segment_with(
     """Returns what `segment` does and all observations, with numbers added to policy outputs."""
     task = env.task
 
-    def one(
+    def advance(
         env_state: EnvState, now: tuple[Array, Array]
     ) -> tuple[EnvState, tuple[Array, Array, Array, Array]]:
         key, more = now
@@ -255,7 +255,7 @@ def segment_with(
         return next_state, (jnp.where(lost, 0.0, cost), lost, margin, observation)
 
     env_state, (costs, lost, margins, observations) = lax.scan(
-        one, drone.env_state, (jax.random.split(key, settings.horizon), added)
+        advance, drone.env_state, (jax.random.split(key, settings.horizon), added)
     )
     failed = (
         0.0
@@ -336,9 +336,9 @@ def take_step(
         return jnp.mean(costs), segments
 
     if settings.largest_gradient:
-        one = partial(jax.grad(cost, has_aux=True), learner.policy.network)
-        one = one if each_gradient is None else partial(each_gradient, learner.policy)
-        gradients, (env_states, lost) = jax.vmap(one)(learner.instances, flight_keys)
+        grad_of = partial(jax.grad(cost, has_aux=True), learner.policy.network)
+        grad_of = grad_of if each_gradient is None else partial(each_gradient, learner.policy)
+        gradients, (env_states, lost) = jax.vmap(grad_of)(learner.instances, flight_keys)
         gradient = devices.limited_mean(gradients, settings.largest_gradient)
     else:
         gradient, (env_states, lost) = jax.grad(mean_cost, has_aux=True)(learner.policy.network)
@@ -388,7 +388,7 @@ def _fly_segment(
     _: Array,
 ) -> Learner:
     """One gradient step along what flights cost."""
-    flying, each = (partial(one, env, settings) for one in (segment, gradient_by_outputs))
+    flying, each = (partial(function, env, settings) for function in (segment, gradient_by_outputs))
     return take_step(env, settings, box, flying, learner, key, each)
 
 

@@ -70,7 +70,7 @@ def _difference(stored: str, expected: str) -> str:
     if stored == expected:
         return ""
     try:
-        before, now = (_flat(json.loads(one.partition(" ")[2])) for one in (stored, expected))
+        before, now = (_flat(json.loads(line.partition(" ")[2])) for line in (stored, expected))
     except (ValueError, AttributeError, RecursionError):
         return ""
     names = [name for name in {**before, **now} if before.get(name) != now.get(name)]

@@ -80,14 +80,14 @@ def advantages(
     """
     surprises = rewards + discount * jnp.where(terminated, 0.0, values_after) - values
 
-    def one(
+    def accumulate(
         later: Float[Array, ""], now: tuple[Array, Array]
     ) -> tuple[Float[Array, ""], Float[Array, ""]]:
         surprise, over = now
         advantage = surprise + discount * gae_lambda * jnp.where(over, 0.0, later)
         return advantage, advantage
 
-    return lax.scan(one, jnp.zeros(()), (surprises, terminated | truncated), reverse=True)[1]
+    return lax.scan(accumulate, jnp.zeros(()), (surprises, terminated | truncated), reverse=True)[1]
 
 
 def moments_of(samples: Float[Array, "n ..."]) -> Moments:
@@ -99,14 +99,14 @@ def moments_of(samples: Float[Array, "n ..."]) -> Moments:
     )
 
 
-def merged(one: Moments, other: Moments) -> Moments:
+def merged(first: Moments, other: Moments) -> Moments:
     """Moments of the samples of both. Source: Chan, Golub and LeVeque 1983, eq. 2.1."""
-    count = one.samples + other.samples
-    share, step = other.samples / count, other.mean - one.mean
+    count = first.samples + other.samples
+    share, step = other.samples / count, other.mean - first.mean
     variance = (
-        (1.0 - share) * one.variance + share * other.variance + share * (1.0 - share) * step**2
+        (1.0 - share) * first.variance + share * other.variance + share * (1.0 - share) * step**2
     )
-    return Moments(count, one.mean + share * step, variance)
+    return Moments(count, first.mean + share * step, variance)
 
 
 def value_of(moments: Moments, critic: Critic, observation: Float[Array, "S"]) -> Float[Array, ""]:

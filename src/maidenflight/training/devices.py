@@ -60,19 +60,23 @@ def limited_mean(gradients: Any, most: float) -> Any:
 
 
 def begun(
-    one: Callable[[Any, Array], Learner], sharding: Learner, num_envs: int, boxes: Any, keys: Array
+    init: Callable[[Any, Array], Learner], sharding: Learner, num_envs: int, boxes: Any, keys: Array
 ) -> Learner:
     """Returns a learner for each policy, stacked.
 
     Args:
-        one: (drones, key) to a learner with this device's share of the environments.
+        init: (drones, key) to a learner with this device's share of the environments.
         sharding: of each part of a learner.
         num_envs: of each learner.
         boxes: drones of each policy, stacked.
         keys: one per policy.
     """
     return jax.shard_map(
-        jax.vmap(one), mesh=mesh(num_envs), in_specs=REPLICATED, out_specs=sharding, check_vma=False
+        jax.vmap(init),
+        mesh=mesh(num_envs),
+        in_specs=REPLICATED,
+        out_specs=sharding,
+        check_vma=False,
     )(boxes, keys)
 
 
@@ -146,14 +150,14 @@ def learning(update: Callable[..., Any], sharding: Any) -> Wrapped:
         def all_of(boxes: Any, learners: Any, keys: Array) -> Any:
             # A loop over `vmap` traces sooner than `vmap` of a loop, whose body JAX batches anew
             # until it knows what of it has an axis of policies.
-            def one(number: Array, box: Any, learner: Any, key: Array) -> Any:
+            def step(number: Array, box: Any, learner: Any, key: Array) -> Any:
                 key = jax.random.fold_in(key, number)
                 return update(env, settings, box, learner, key, number)
 
             return lax.fori_loop(
                 first,
                 end,
-                lambda number, learners: jax.vmap(partial(one, number))(boxes, learners, keys),
+                lambda number, learners: jax.vmap(partial(step, number))(boxes, learners, keys),
                 learners,
             )
 

@@ -151,13 +151,13 @@ SHARDING = _Learner(**_PARTS)  # type: ignore[arg-type]
 def init(env: Environment, settings: Distillation, boxes: Distribution, keys: Array) -> _Learner:
     """Returns untrained learners with teachers, one per key and distribution of drones."""
 
-    def one(box: Distribution, key: Array) -> _Learner:
+    def init_learner(box: Distribution, key: Array) -> _Learner:
         learner = analytic_gradient.init_learner(env, settings, box, key)
         teacher = _teacher(env, settings, box, learner.instances, jax.random.fold_in(key, 1))
         teaching = optimiser_of(settings).init(teacher.network)
         return _Learner(*learner, teacher, teaching, learner.optimiser)
 
-    return begun(one, SHARDING, settings.num_envs, boxes, keys)
+    return begun(init_learner, SHARDING, settings.num_envs, boxes, keys)
 
 
 def _teacher(
@@ -190,7 +190,7 @@ def _imitation(
     Its gradient goes through the memory, not through the drone.
     """
 
-    def one(env_state: EnvState, key: Array) -> tuple[EnvState, tuple[Array, Array]]:
+    def advance(env_state: EnvState, key: Array) -> tuple[EnvState, tuple[Array, Array]]:
         observation = environment.observation(env, env_state)
         output = policy(observation)
         target = lax.stop_gradient(teacher(drone.parameters, observation))
@@ -202,7 +202,7 @@ def _imitation(
         return next_state, (jnp.where(lost, 0.0, squared(difference)), lost)
 
     env_state, (costs, lost) = lax.scan(
-        one, drone.env_state, jax.random.split(key, settings.horizon)
+        advance, drone.env_state, jax.random.split(key, settings.horizon)
     )
     return jnp.mean(costs), (env_state, jnp.any(lost))
 

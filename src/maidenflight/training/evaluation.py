@@ -151,11 +151,11 @@ def fly_drone_itself(
     """
     if not policies:
         return []
-    one = control.in_fitting_steps(drone, controller)
+    drone = control.in_fitting_steps(drone, controller)
     still = task if task.floor is not None else task._replace(reset=_at_hover(task.reference))
-    env = Environment.matching(one, still, controller, spec=policies[0].spec)
+    env = Environment.matching(drone, still, controller, spec=policies[0].spec)
     stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *policies)
-    episodes = _fly_itself(env, stacked, relative_box(one, 0.0), jax.random.split(key, FLIGHTS))
+    episodes = _fly_itself(env, stacked, relative_box(drone, 0.0), jax.random.split(key, FLIGHTS))
     rate = controller.interface.rate
     return [
         OwnFlights(
@@ -207,7 +207,7 @@ def _fly_episode(
     """Flies each episode; `env`, `policy` and `steps` as for `evaluate`."""
     periods = round(env.task.duration * env.controller.interface.rate) if steps is None else steps
 
-    def one(start: Starts) -> _Episode:
+    def fly_start(start: Starts) -> _Episode:
         first, drone = start.instances
         _, (_, step_result) = rollout(env, policy, first, drone, start.keys, periods)
         failed = jnp.cumsum(step_result.terminated) > 0
@@ -221,7 +221,7 @@ def _fly_episode(
             jnp.sum(~failed, dtype=jnp.float32),
         )
 
-    return jax.vmap(one)(starts)
+    return jax.vmap(fly_start)(starts)
 
 
 def _means(env: Environment, episodes: _Episode) -> Evaluation:

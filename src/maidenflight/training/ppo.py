@@ -76,7 +76,7 @@ class _Period(NamedTuple):
 def init(env: Environment, settings: PPO, boxes: Distribution, keys: Array) -> _Learner:
     """Returns untrained learners, one per key and distribution of drones, all stacked."""
 
-    def one(box: Distribution, key: Array) -> _Learner:
+    def init_learner(box: Distribution, key: Array) -> _Learner:
         policy_key, critic_key, key = jax.random.split(key, 3)
         policy = untrained_policy(policy_key, env.controller.interface, env.spec)
         instances = jax.vmap(partial(randomized_reset, env, box))(
@@ -95,7 +95,7 @@ def init(env: Environment, settings: PPO, boxes: Distribution, keys: Array) -> _
         discounted = jnp.zeros(observations.shape[0])
         return _Learner(policy, critic, optimisers, moments, returns, instances, discounted)  # type: ignore[arg-type]
 
-    return begun(one, SHARDING, settings.num_envs, boxes, keys)
+    return begun(init_learner, SHARDING, settings.num_envs, boxes, keys)
 
 
 _CRITIC_PARAMETERS = (*PAPER_FIELDS, "latency")
@@ -143,7 +143,7 @@ def _rollout(
     resets = jax.vmap(partial(randomized_reset, env, box))(jax.random.split(reset_key, count))
     observe = partial(_critic_observation, env, settings, box.centre)
 
-    def one(
+    def advance(
         carry: tuple[EnvInstance, Array], now: tuple[Array, Array, Array]
     ) -> tuple[tuple[EnvInstance, Array], _Period]:
         (drone, discounted), (number, noise, key) = carry, now
@@ -168,7 +168,7 @@ def _rollout(
 
     noises = jax.random.normal(noise_key, (settings.horizon, ACTION_SIZE))
     periods = (jnp.arange(settings.horizon), noises, jax.random.split(key, settings.horizon))
-    (drone, discounted), rollout = lax.scan(one, (drone, discounted), periods)
+    (drone, discounted), rollout = lax.scan(advance, (drone, discounted), periods)
     return drone, discounted, rollout
 
 
@@ -279,13 +279,13 @@ def _update(
     def actor_cost(network: Any, some: tuple[_Period, Array]) -> Float[Array, ""]:
         policy = learner.policy.with_network(network)
 
-        def one(periods: _Period, gains: Float[Array, "L"]) -> Float[Array, "L"]:
+        def cost(periods: _Period, gains: Float[Array, "L"]) -> Float[Array, "L"]:
             noises = (periods.action - _actions(policy, periods)) / deviation
             return surrogate(
                 jnp.exp(jnp.sum(periods.noise**2 - noises**2, axis=1) / 2.0), gains, settings.clip
             )
 
-        return -jnp.mean(jax.vmap(one)(*some))
+        return -jnp.mean(jax.vmap(cost)(*some))
 
     def critic_cost(critic: Critic, some: tuple[Array, Array]) -> Float[Array, ""]:
         observations, targets = some
@@ -329,13 +329,13 @@ def _actions(policy: Policy, periods: _Period) -> Float[Array, "L 4"]:
     """What a policy does in L consecutive periods; its memory is empty after a reset."""
     size = policy.observation_mean.size
 
-    def one(memory: Float[Array, "M"], period: _Period) -> tuple[Array, Float[Array, "4"]]:
+    def act(memory: Float[Array, "M"], period: _Period) -> tuple[Array, Float[Array, "4"]]:
         observation = jnp.concatenate([period.critic_observation[:size], memory])
         action, memory = jnp.split(policy(observation), [ACTION_SIZE])
         return jnp.where(period.terminated | period.truncated, 0.0, memory), action
 
     first = periods.critic_observation[0, size : size + policy.spec.memory]
-    return lax.scan(one, first, periods)[1]
+    return lax.scan(act, first, periods)[1]
 
 
 def _normalizing(policy: Policy, moments: Moments) -> Policy:

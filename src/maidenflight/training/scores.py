@@ -64,14 +64,14 @@ class Scores:
     @property
     def rows(self) -> list[dict[str, Any]]:
         """Returns a row of a table for each policy's best scores."""
-        return [{"policy": f"policy_{number}", **one} for number, one in enumerate(self.best, 1)]
+        return [{"policy": f"policy_{number}", **row} for number, row in enumerate(self.best, 1)]
 
 
 def best_scores(evaluations: Sequence[Progress]) -> list[dict[str, float]]:
     """Returns the best scores of each policy among the evaluations of a training."""
 
     def best(number: int) -> Evaluation:
-        scores = (one.score for one in evaluations)
+        scores = (evaluation.score for evaluation in evaluations)
         return reduce(lambda old, new: new if bool(new.beats(old)[number]) else old, scores)
 
     count = len(evaluations[0].score.survival)
@@ -90,7 +90,7 @@ def describe_spread(best: Sequence[dict[str, float]]) -> list[str]:
     """
     if len(best) < 2:
         return []
-    survival, error = ([one[name] for one in best] for name in ("survival", "position_error"))
+    survival, error = ([scores[name] for scores in best] for name in ("survival", "position_error"))
     spread = (
         f"spread over {len(best)} seeds: survival {min(survival):.0%} to {max(survival):.0%}, "
         f"position error {100 * min(error):.1f} to {100 * max(error):.1f} cm"
@@ -125,22 +125,22 @@ def find_falls(flights: Sequence[OwnFlights], drone: str) -> dict[int, str]:
     """Returns a sentence on each policy that falls on the drone itself, by its number from 1."""
     return {
         number: f"policy_{number} falls on {drone} itself, without randomization: "
-        f"{FLIGHTS - one.lasting} of {FLIGHTS} flights end before {FLIGHT_S:g} s "
-        f"({one.seconds:.1f} s in the mean). Do not fly it; train on with --resume and more "
+        f"{FLIGHTS - flight.lasting} of {FLIGHTS} flights end before {FLIGHT_S:g} s "
+        f"({flight.seconds:.1f} s in the mean). Do not fly it; train on with --resume and more "
         "--updates, or fly another."
-        for number, one in enumerate(flights, 1)
-        if one.lasting < FLIGHTS
+        for number, flight in enumerate(flights, 1)
+        if flight.lasting < FLIGHTS
     }
 
 
 def describe_own_flights(flights: Sequence[OwnFlights], drone: str) -> list[str]:
     """Returns a line on how a training's policies fly the drone itself, and one on each fall."""
-    lasting = [one for one in flights if one.lasting == FLIGHTS]
+    lasting = [flight for flight in flights if flight.lasting == FLIGHTS]
     line = (
         f"on {drone} itself, without randomization: {len(lasting)} of {len(flights)} policies fly "
         f"{FLIGHT_S:g} s"
     )
-    errors = [100 * one.position_error for one in lasting]
+    errors = [100 * flight.position_error for flight in lasting]
     much = (
         f", {min(errors):.1f} to {max(errors):.1f} cm from the set-point by its estimate"
         if errors

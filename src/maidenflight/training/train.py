@@ -142,9 +142,9 @@ def train(
     method = _method_of(settings)
     spec = validate(task, controller, distribution, keys, settings, policy)
     env, drones, from_zero = spec.env, spec.drones, spec.initial is not None
-    place = checkpoint if isinstance(checkpoint, Checkpoint | None) else Checkpoint(checkpoint)
-    path, fingerprint = None if place is None else place.path, spec.fingerprint()
-    state, stages, starts = _begin(method, spec, place, fingerprint)
+    store = checkpoint if isinstance(checkpoint, Checkpoint | None) else Checkpoint(checkpoint)
+    path, fingerprint = None if store is None else store.path, spec.fingerprint()
+    state, stages, starts = _begin(method, spec, store, fingerprint)
     stages = checkpoints.extended(
         path, stages, settings.updates, settings.evaluations, int(state.scored), from_zero
     )
@@ -205,7 +205,7 @@ def _must_have_learned(before: Any, after: Any, first: int, end: int) -> None:
 
 def _parts(first: int, end: int, several: bool) -> list[int]:
     """Updates at which the user hears of training: one program computes any stretch of them."""
-    return sorted({int(one) for one in np.linspace(first, end, _PARTS + 1 if several else 2)})
+    return sorted({int(number) for number in np.linspace(first, end, _PARTS + 1 if several else 2)})
 
 
 def _method_of(settings: Settings) -> Method:
@@ -234,7 +234,7 @@ def _begin(
         every = stages or (settings.updates,)
         count = len(checkpoints.ends(every, settings.evaluations, spec.initial is not None))
         worst = Evaluation(*[np.full(len(keys), np.float32(-np.inf))] * len(Evaluation._fields))
-        nothing = tree.map(lambda one: np.full((count, *one.shape), np.float32(np.nan)), worst)
+        nothing = tree.map(lambda leaf: np.full((count, *leaf.shape), np.float32(np.nan)), worst)
         return _State(learners, learners.policy, worst, nothing, np.int32(0))
 
     with ThreadPoolExecutor(1) as executor:

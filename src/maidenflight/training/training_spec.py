@@ -91,7 +91,7 @@ def validate(
         raise InputError(
             "keys must be random keys, one a policy: jax.random.split(jax.random.key(0), 3)."
         )
-    boxes = [_in_fitting_steps(one, controller) for one in _one_each(distribution, len(keys))]
+    boxes = [_in_fitting_steps(box, controller) for box in _one_each(distribution, len(keys))]
     if controller.interface.name == EXCITATION.name:
         raise InputError(
             f"control structure {EXCITATION.name} cannot be trained for: it flies by itself. Give "
@@ -103,7 +103,7 @@ def validate(
     spec = policy if isinstance(policy, PolicySpec) else policy.spec
     if isinstance(settings, PPO):
         spec.policy_form.check_method("ppo")
-    env, *others = (Environment.matching(one.centre, task, controller, spec=spec) for one in boxes)
+    env, *others = (Environment.matching(box.centre, task, controller, spec=spec) for box in boxes)
     if any(other != env for other in others):
         raise InputError(
             "distributions of drones of different frames or time steps; expected drones that one "
@@ -135,10 +135,10 @@ def _one_each(box: Distribution | Sequence[Distribution], count: int) -> Sequenc
         InputError: there is another number of them, or one is none.
     """
     boxes = box if isinstance(box, Sequence) else [box] * count
-    for one in boxes:
-        if not hasattr(one, "centre"):
+    for distribution in boxes:
+        if not hasattr(distribution, "centre"):
             raise InputError(
-                f"{type(one).__name__} is no distribution of drones; expected what "
+                f"{type(distribution).__name__} is no distribution of drones; expected what "
                 "mf.simulator.relative_box(DRONE) gives."
             )
     if len(boxes) != count:

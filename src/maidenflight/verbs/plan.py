@@ -127,9 +127,7 @@ def _find_gaps(drone: str) -> dict[str, str]:
     if not shared.own_files(drone):
         return {}
     file = drone_file.read(drone)
-    return dict.fromkeys(file.unidentified, "") | {
-        entry.parameter: entry.action for entry in file.advice
-    }
+    return dict.fromkeys(file.unidentified, "") | {tip.parameter: tip.action for tip in file.advice}
 
 
 def _summarize(flight_plan: "planning.PlanResult") -> list[Table | str]:

@@ -231,7 +231,7 @@ class Predict(FliesPolicies):
         from maidenflight.experiments.verdict import judge
         from maidenflight.parameters import COMPONENTS, component
 
-        actions = {entry.parameter: entry.action for entry in drones.read_file(self.drone).advice}
+        actions = {tip.parameter: tip.action for tip in drones.read_file(self.drone).advice}
         samples = {}
         if np.ndim(drawn_drones.mass):
             samples = {name: component(drawn_drones, name) for name in COMPONENTS}
@@ -251,7 +251,7 @@ class Predict(FliesPolicies):
         if verdict.is_good:
             return export_command(best, policy.policy), ""
         known = drones.read_file(self.drone)
-        actions = {entry.parameter: entry.action for entry in known.advice}
+        actions = {tip.parameter: tip.action for tip in known.advice}
         if verdict.parameter in actions:
             again = Path(self.drone).with_name("drone_2.toml")
             return ("identify", "LOGS", "-o", again), f"LOGS: {actions[verdict.parameter]}"

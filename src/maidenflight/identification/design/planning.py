@@ -290,10 +290,7 @@ def _simulate_library(
         if number > OTHERS:
             slowest.add(other.name)
         drones.append(other)
-        result = {
-            manoeuvre: worst_of([result.get(manoeuvre, here), here])
-            for manoeuvre, here in far.items()
-        }
+        result = {key: worst_of([result.get(key, here), here]) for key, here in far.items()}
         if number == 0:
             flights = [
                 flight_log(each, manoeuvre.name, request.rate, keys[0])

@@ -61,7 +61,7 @@ def advise(
         # Any hover shows the trim about z as a share of this.
         needed = "torque_to_thrust" if name == "torque_bias_z" else name
         advice.append(_general(name, needed if needed in unidentified else name))
-    return tuple(entry for entry in advice if entry is not None)
+    return tuple(tip for tip in advice if tip is not None)
 
 
 def _may_narrow(ratio: Estimate) -> bool:

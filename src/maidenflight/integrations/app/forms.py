@@ -29,9 +29,7 @@ def fields(verb: type[Verb]) -> dict[str, Setting]:
 
     A question of trust or safety has none: only who runs a command answers it.
     """
-    settings = {
-        name: setting for name, (_, setting) in verb.settings().items() if not setting.consent
-    }
+    settings = {name: field for name, (_, field) in verb.settings().items() if not field.consent}
     target, help = verb.output, "Replace results of an earlier run."
     output = Setting(path(), None, target.help, usual=target.default or "", group="Output")
     settings["output"] = replace(output, rare=target.default is not None)

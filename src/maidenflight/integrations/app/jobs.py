@@ -51,9 +51,8 @@ class Job:
     @property
     def command(self) -> str:
         """Returns it as one types it."""
-        return shlex.join(
-            ["maidenflight", self.verb, *(word for word in self.words if word != "--")]
-        )
+        words = [word for word in self.words if word != "--"]
+        return shlex.join(["maidenflight", self.verb, *words])
 
     def interrupt(self) -> None:
         """Interrupts it as Ctrl-C does."""

@@ -57,7 +57,7 @@ def flights(table: Table) -> LoggedFlights:
         logs.append((flight, np.arange(len(flight)) * PERIOD))
     if len(parts) == 1:
         return logs, []
-    places = ", ".join(table.place(start) for start, _ in parts[1:4])
+    places = ", ".join(table.location(start) for start, _ in parts[1:4])
     reason = f"time runs backwards or leaps at {places}"
     return logs, [f"{table.name}: {len(parts)} flights in one file; {reason}"]
 

@@ -143,7 +143,7 @@ def to_flight(path: Path) -> tuple[Flight, dict[str, Any], tuple[str, ...]]:
     odd = ~((read["timestamp"] >= 0) & (read["timestamp"] < _WRAP))
     if odd.any():
         raise InputError(
-            f"{table.name}: timestamp in {table.place(int(odd.argmax()))} is none; expected "
+            f"{table.name}: timestamp in {table.location(int(odd.argmax()))} is none; expected "
             "milliseconds of 24 bits. Drop the line."
         )
     stamps = _unwrapped(read["timestamp"])

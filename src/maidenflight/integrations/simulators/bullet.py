@@ -97,7 +97,7 @@ class Bullet:
         with _LOCK:
             world = _world()
             world.set_up(np.asarray(constants), self.linear_damping, self.angular_damping)
-            world.place(np.asarray(body).tolist())
+            world.put(np.asarray(body).tolist())
             for push in np.asarray(pushes).tolist():
                 world.step(push)
                 rollouts.append(world.read())
@@ -120,7 +120,7 @@ class Bullet:
                 row = states[index]
                 world.set_up(row[20:], self.linear_damping, self.angular_damping)
                 values = row.tolist()
-                world.place(values[:13])
+                world.put(values[:13])
                 world.step(values[13:20])
                 moved[index] = world.read()
         return moved
@@ -176,7 +176,7 @@ class _World:
         )
         self.settings = settings
 
-    def place(self, body: list[float]) -> None:
+    def put(self, body: list[float]) -> None:
         """Puts the body where the drone is; Bullet's angular velocity is along world axes."""
         quaternion = body[6:10]
         self.bullet.resetBasePositionAndOrientation(self.body, body[:3], quaternion, **self.client)

@@ -104,11 +104,9 @@ def _advice(run: Run) -> Markup | str:
         return Cell(f"{ends} {unit}".rstrip(), low)
 
     rows = []
-    for entry in run.drone.advice:
-        low, high = entry.interval or (None, None)
-        rows.append(
-            {"parameter": entry.parameter, "action": entry.action, "low": low, "high": high}
-        )
+    for tip in run.drone.advice:
+        low, high = tip.interval or (None, None)
+        rows.append({"parameter": tip.parameter, "action": tip.action, "low": low, "high": high})
     columns = {
         "parameter": Column("Parameter", lambda name, _: _head(name, "")),
         "action": Column("What narrows it"),

@@ -107,8 +107,8 @@ def summarize(result: Identification, settings: Sequence[str] = ()) -> list[str]
 def _name_advice(result: Identification, settings: Sequence[str]) -> list[str]:
     """Returns what to log or fly for narrower intervals, and how this autopilot logs it."""
     actions: dict[str, list[str]] = {}
-    for entry in result.advice:
-        actions.setdefault(entry.action, []).append(entry.parameter)
+    for tip in result.advice:
+        actions.setdefault(tip.action, []).append(tip.parameter)
     text = "; ".join(f"{action} ({', '.join(names)})" for action, names in actions.items())
     if not actions:
         return []
@@ -124,13 +124,13 @@ def _name_advice(result: Identification, settings: Sequence[str]) -> list[str]:
 def describe_advice(result: Identification) -> list[str]:
     """Returns a line for each parameter that another flight narrows, with the interval then."""
     lines = []
-    for entry in result.advice:
-        estimate = result.estimates.get(entry.parameter)
-        now = result.unidentified[entry.parameter] if estimate is None else estimate.interval
-        scale, unit = scale_of(entry.parameter, now[1])
-        line = f"narrow {entry.parameter}, {_range(now, scale)} {unit}".rstrip()
-        expected = "" if entry.interval is None else f"; expect {_range(entry.interval, scale)}"
-        lines.append(f"{line}: {entry.action}{expected}")
+    for tip in result.advice:
+        estimate = result.estimates.get(tip.parameter)
+        now = result.unidentified[tip.parameter] if estimate is None else estimate.interval
+        scale, unit = scale_of(tip.parameter, now[1])
+        line = f"narrow {tip.parameter}, {_range(now, scale)} {unit}".rstrip()
+        expected = "" if tip.interval is None else f"; expect {_range(tip.interval, scale)}"
+        lines.append(f"{line}: {tip.action}{expected}")
     return lines
 
 
@@ -155,20 +155,17 @@ def tabulate_evidence(result: Identification) -> list[Table | str]:
     agree, rows = agreements(result.evidence), []
     order = {name: number for number, name in enumerate(COMPONENTS)}
     last = ""
-    for evidence in sorted(result.evidence, key=lambda evidence: order.get(evidence.parameter, -1)):
-        is_delay = evidence.parameter == DELAY
-        scale, unit = (1e3, "ms") if is_delay else scale_of(evidence.parameter, evidence.value)
-        row = {"name": "", "agree": "", "signal": evidence.signal, "unit": unit}
-        if evidence.parameter != last:
-            last = row["name"] = evidence.parameter
+    for entry in sorted(result.evidence, key=lambda entry: order.get(entry.parameter, -1)):
+        is_delay = entry.parameter == DELAY
+        scale, unit = (1e3, "ms") if is_delay else scale_of(entry.parameter, entry.value)
+        row = {"name": "", "agree": "", "signal": entry.signal, "unit": unit}
+        if entry.parameter != last:
+            last = row["name"] = entry.parameter
             if last in agree:
                 chance, degrees = agree[last].chance, agree[last].degrees
                 verdict = "" if chance > _DISAGREES else " *"
                 row["agree"] = f"{agree[last].chi_square:.2g} of {degrees}{verdict}"
-        row |= {
-            "value": f"{evidence.value * scale:.4g}",
-            "error": _two_digits(evidence.error * scale),
-        }
+        row |= {"value": f"{entry.value * scale:.4g}", "error": _two_digits(entry.error * scale)}
         rows.append(row)
     columns = {"parameter": "{name}", "signal": "{signal}", "value": "{value}"}
     columns |= {"error": "{error}", "unit": "{unit}", "chi-square": "{agree}"}
