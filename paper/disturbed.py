@@ -20,6 +20,7 @@ import maidenflight as mf
 from maidenflight import parameters, policy_file
 from maidenflight.experiments.drones import find_reality
 from maidenflight.simulator.realities.additions import in_air
+from maidenflight.simulator.tasks.failures import END_REASONS, TIME_LIMIT
 from maidenflight.simulator.tasks.tasks import find_task
 
 PLACES = (
@@ -71,7 +72,7 @@ def main() -> None:
                     **{name: polars.lit(value) for name, value in labels.items()}
                 )
                 tables.append(table)
-                lasting = (table["end_reason"] == "time_limit").sum()
+                lasting = (table["end_reason"] == END_REASONS[TIME_LIMIT]).sum()
                 error = 100 * float(table["position_error"].mean())  # type: ignore[arg-type]
                 print(*labels.values(), f"{lasting} of {len(table)}, {error:.2f} cm", flush=True)
         polars.concat(tables).write_csv(arguments.output / "flights.csv")

@@ -174,6 +174,7 @@ class Validate(Verb):
         ]
         simulated, rows = any(flight.simulated for flight in flights), errors.to_dicts()
         verdict, doubts, remark = _judge(name, likelihoods, rows)
+        trained = places[3] if self.disturbances else self.drone
         return Result(
             content={
                 "log_likelihoods": likelihoods,
@@ -198,7 +199,7 @@ class Validate(Verb):
             record=record,
             rows=[{**row, "log_likelihood": likelihoods.get(row["model"])} for row in rows],
             notes=notes,
-            next=("log", self.logs) if doubts else ("train", "--drone", self.drone),
+            next=("log", self.logs) if doubts else ("train", "--drone", trained),
             next_remark=remark,
             value=errors,
         )
