@@ -11,7 +11,7 @@ from maidenflight.inputs import StrPath
 from maidenflight.settings import path, setting, several
 from maidenflight.verb import Output, Progress, Result, Verb
 
-_MARK = b"<footer>Written by maidenflight "
+_MARK = b"Written by maidenflight "
 """What every report holds."""
 
 

@@ -50,7 +50,7 @@ ERRORS = {"error": "{position_error:.1f cm}", "estimated": "{estimated_error:.1f
 """Columns of mean distances from the set-point, true and as the drone estimates them."""
 CHANGE = "change of u\nin 10 ms"
 """Column of the mean change of commands."""
-RARE = (CHANGE, *reversed(LARGEST))
+RARE = (CHANGE, *reversed(LARGEST), "estimated")
 """Columns of flights that a narrow terminal leaves out first."""
 
 
