@@ -17,6 +17,7 @@ import resource
 import shlex
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import jax
@@ -26,6 +27,7 @@ from identified_drones import SOURCES, Source, identify_drone
 
 import maidenflight as mf
 from maidenflight import compiler, parameters, policy_file, results
+from maidenflight.errors import InputError
 from maidenflight.experiments.drones import find_reality
 from maidenflight.policy import Policy
 from maidenflight.simulator.controllers.phase_margin import rate_margin
@@ -82,9 +84,13 @@ def fly(drone: str, policies: list[Policy], folder: Path) -> polars.DataFrame:
     """Returns a row a flight of each policy in each place, from the folder if they are there."""
     path = folder / "flights.csv"
     if not path.is_file():
-        places = [find_reality(name.format(drone=drone), True) for name in PLACES.values()]
-        table = mf.transfer(policies, places, TRIALS, jax.random.key(0)).table
-        where = dict(zip((one.name for one in places), PLACES, strict=True))
+        places = {}
+        for place, name in PLACES.items():
+            # A drone may lift no more than itself.
+            with suppress(InputError):
+                places[place] = find_reality(name.format(drone=drone), True)
+        table = mf.transfer(policies, list(places.values()), TRIALS, jax.random.key(0)).table
+        where = {reality.name: place for place, reality in places.items()}
         table = table.with_columns(place=polars.col("reality").replace(where))
         results.write(path, table.write_csv(float_precision=5))
     return polars.read_csv(path)
@@ -104,6 +110,8 @@ def lacks(reality: VirtualDrone, policy: Policy) -> str:
 def describe(place: str, drone: str, flights: polars.DataFrame, policy: Policy) -> str:
     """Returns a cell: error [cm], and where flights end how many do not."""
     here = flights.filter(polars.col("place") == place)
+    if here.is_empty():
+        return "cannot fly"
     error = 100.0 * float(here["position_error"].to_numpy().mean())
     lasting = int((here["end_reason"] == "time limit").sum())
     if lasting == len(here):
