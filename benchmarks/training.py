@@ -65,8 +65,6 @@ class Recipe(NamedTuple):
     """A name in `DRONES`."""
     history: int = 2
     """Instants that a policy sees."""
-    updates: int | None = None
-    """Gradient steps; the default by default."""
 
     @property
     def spec(self) -> PolicySpec:
@@ -94,8 +92,6 @@ class Recipe(NamedTuple):
         )
         if self.history != 2:
             command += f" --history {self.history}"
-        if self.updates is not None:
-            command += f" --updates {self.updates}"
         if self.control == "attitude_rate":
             command += " --yaw-penalty 0"
         if self.control == "attitude":
@@ -107,7 +103,7 @@ RECIPES = {
     recipe.name: recipe
     for recipe in (
         Recipe("pwm"),
-        Recipe("attitude_rate", history=4, updates=1500),
+        Recipe("attitude_rate", history=4),
         Recipe("attitude"),
         Recipe("attitude", drone="authors', 30 g"),
         *(Recipe("pwm", task) for task in ("figure_eight", "hover", "take_off")),
@@ -144,8 +140,7 @@ def train_recipe(
     evaluations: list[tuple[float, Progress]] = []
     began = time.perf_counter()
     settings: Any = defaults.choose_settings(recipe.control, recipe.task, "gradient", recipe.spec)
-    chosen = updates or recipe.updates or settings.updates
-    settings = dataclasses.replace(settings, updates=chosen)
+    settings = settings if updates is None else dataclasses.replace(settings, updates=updates)
     task, controller = tasks.TASKS[recipe.task](), control.CONTROLLERS[recipe.control]()
     keys = jax.random.split(jax.random.key(0), SEEDS)
 

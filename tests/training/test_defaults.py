@@ -88,16 +88,6 @@ def test_attitude_rate_fits_a_crazyflie_with_four_instants() -> None:
     check_export("crazyflie", control.attitude_rate().interface, spec, crazyflie())
 
 
-def test_attitude_rate_takes_fewer_updates_on_the_circle_alone_where_they_were_measured() -> None:
-    def updates(**settings: Any) -> int:
-        return chosen(control="attitude_rate", method="gradient", **settings)[0].updates
-
-    usual = updates(task="take_off")
-    assert usual > updates()
-    assert updates(memory=16) == usual
-    assert updates(task="figure_eight") == 3 * usual
-
-
 @pytest.mark.parametrize("structure", control.CONTROLLERS)
 def test_gradients_see_most_of_a_second_ahead_and_with_a_memory_no_less(structure: str) -> None:
     rate = control.CONTROLLERS[structure]().interface.rate

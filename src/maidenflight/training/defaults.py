@@ -195,9 +195,6 @@ def _by_gradient(structure: str, task: str, remembering: bool) -> AnalyticGradie
     # Far larger than the circle, and faster; or of many shapes.
     if task in ("figure_eight", "fast_figure_eight", TRACKING):
         return dataclasses.replace(settings, updates=3 * settings.updates)
-    if (structure, task) == ("attitude_rate", "circle") and not remembering:
-        # More did not fly better (paper/defaults.py); other tasks were not measured.
-        return dataclasses.replace(settings, updates=600)
     return settings
 
 
