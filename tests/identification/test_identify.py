@@ -259,7 +259,7 @@ def test_a_single_stretch_of_flight_has_no_interval_to_be_sure_of(flights):
     assert any("interval" in note for note in found.notes)
 
 
-@pytest.mark.slow
+@pytest.mark.night
 def test_a_third_of_the_real_pwm_flights_gives_the_studys_drone(shared_data):
     """Thrust and total lag of the throw-away study on these logs, from every third policy."""
     folders = sorted((shared_data / "authors" / "flights" / "pwm").iterdir())[::3]

@@ -544,7 +544,7 @@ def test_the_gradient_of_a_flight_with_respect_to_the_drone_is_its_slope(structu
         np.testing.assert_allclose(slopes[name], (ahead - behind) / (2 * h), rtol=0.03)
 
 
-@pytest.mark.slow
+@pytest.mark.night
 def test_computing_a_period_once_more_changes_no_gradient(monkeypatch):
     env = Environment.matching(FINE, controller=control.attitude_rate())
     first = environment.begin(env, dynamics.at_hover(jnp.zeros(3), FINE), jnp.float32(0), FINE, KEY)

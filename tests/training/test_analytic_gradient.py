@@ -22,7 +22,10 @@ pytestmark = pytest.mark.usefixtures("without_optimizations")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("structure", "rate"), [("pwm", 100), ("attitude_rate", 50)])
+@pytest.mark.parametrize(
+    ("structure", "rate"),
+    [("pwm", 100), pytest.param("attitude_rate", 50, marks=pytest.mark.night)],
+)
 def test_an_update_changes_the_network_and_nothing_else_of_a_policy(
     structure: str, rate: int
 ) -> None:

@@ -343,6 +343,7 @@ def test_scores_are_the_values_slope(
 
 
 @pytest.mark.skipif(not IMU.exists(), reason="no logs of accelerometer and gyro alone here")
+@pytest.mark.night
 def test_logs_of_a_crazyflie_flown_by_hand() -> None:
     found = identify(read_flights(IMU), start=replace(crazyflie(), mass=0.027))
     drone = found.parameters
