@@ -303,7 +303,7 @@ MOST = {
     "study to table: names": 122,
     "constants": 750,
     "constants without a source": 587,
-    "lines": 62_200,
+    "lines": 62_199,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

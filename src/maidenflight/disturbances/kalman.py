@@ -327,17 +327,15 @@ def with_disturbances(drone: Parameters, flights: Sequence[Filtered]) -> Paramet
     errors = [[flight.torque_covariance, flight.force_covariance] for flight in flights]
     rows = np.array([len(flight.torque) for flight in flights])
     unknown = np.average(np.diagonal(errors, axis1=2, axis2=3), axis=0, weights=rows)
-    period, parts = (
-        flights[0].period,
-        ([flight.torque for flight in flights], [flight.force for flight in flights]),
-    )
-    (torque, turning), (force, pushing) = (_spread(some, period) for some in parts)
+    period = flights[0].period
+    torque, torque_time = _spread([flight.torque for flight in flights], period)
+    force, force_time = _spread([flight.force for flight in flights], period)
     return replace(
         drone,
         disturbance_torque=np.sqrt(torque + unknown[0]).astype(np.float32),
-        disturbance_torque_time=np.float32(turning),
+        disturbance_torque_time=np.float32(torque_time),
         disturbance_force=np.sqrt(force + unknown[1]).astype(np.float32),
-        disturbance_force_time=np.float32(pushing),
+        disturbance_force_time=np.float32(force_time),
     )
 
 

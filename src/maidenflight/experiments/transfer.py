@@ -146,6 +146,7 @@ def transfer(
         simulated = fly_all(reality, flown_pilots, scenario, keys, guard)
         for (policy, trial), outcome in zip(plan, simulated, strict=True):
             flight = outcome.to_flight(f"flight_{len(table) + 1:02d}")
+            excursions = [outcome.rows.excursion(by_estimate) for by_estimate in (False, True)]
             table.append(
                 {
                     # A printed table shows the first four and the last four columns.
@@ -156,10 +157,10 @@ def transfer(
                     "flight": len(table) + 1,
                     "trial": trial + 1,
                     **activity(flight),
-                    **failures.largest(outcome.excursion),
+                    **failures.largest(excursions[outcome.estimated]),
                     **{
-                        name: round(float(np.mean(outcome.rows.excursion(by).position_error)), 6)
-                        for name, by in zip(failures.ERRORS, (False, True), strict=True)
+                        name: round(float(np.mean(excursion.position_error)), 6)
+                        for name, excursion in zip(failures.ERRORS, excursions, strict=True)
                     },
                 }
             )

@@ -215,8 +215,8 @@ def begin(
     estimator = jnp.zeros((environment.estimator_memory, 10))
     for _ in range(environment.estimator_memory):
         estimator = sensors.remember(estimator, state)
-    shaken = parameters.gyro_noise * normal[3 + sensors.NORMALS : read_size]
-    read = state._replace(body_rates=state.body_rates + bias + shaken)
+    gyro_noise = parameters.gyro_noise * normal[3 + sensors.NORMALS : read_size]
+    read = state._replace(body_rates=state.body_rates + bias + gyro_noise)
     measurement = sensors.measure(read, parameters, normal[3 : 3 + sensors.NORMALS], uniform)
     action = environment.controller.interface.level(command)
     instant = observe(measurement, environment.task.reference(time), action)
@@ -230,7 +230,7 @@ def begin(
         controller=environment.controller.init(),
         gyro=state.body_rates,
         gyro_bias=bias,
-        gyro_noise=shaken,
+        gyro_noise=gyro_noise,
         estimator=estimator,
         drift=jnp.zeros(6),
         disturbance=draw_disturbance(

@@ -111,8 +111,8 @@ class SpeedErrors(SensorErrors):
             terms[row // rows] += (speed + after) / (2 * rows)
             speed = after
         powers = signals.command[..., None] ** _POWERS
-        asked = np.einsum("nsri,sri->nsr", powers, self._weights(terms))
-        return type(self)(replace(signals, command=asked / np.abs(asked).max(axis=0)))
+        targets = np.einsum("nsri,sri->nsr", powers, self._weights(terms))
+        return type(self)(replace(signals, command=targets / np.abs(targets).max(axis=0)))
 
     def explained(self, drone: Parameters) -> float:
         """Returns the share of what speeds do within a second that a drone explains.
