@@ -87,6 +87,20 @@ def test_a_velocity_that_is_logged_too_large_is_taken_for_what_it_is(planted):
     assert off[0] < 0.2 * off[1]
 
 
+def test_a_thrust_that_is_fitted_acts_when_flights_are_read_again(planted, monkeypatch):
+    """A tenth more of it at the same speeds lifts by a tenth of the weight, unless air pushes."""
+
+    def maximise(parts, starts, start, *_):
+        stronger = replace(start, thrust_to_weight=1.1 * start.thrust_to_weight)
+        return stronger, model(planted, push_size=np.full(3, 1.0)).processes
+
+    monkeypatch.setattr(fitting, "_maximise", maximise)
+    found = fitting.fit_disturbances([planted], DRONE)
+    (filtered,) = filter_flights([planted], found)
+    weight = float(DRONE.mass * DRONE.gravity)
+    assert filtered.force[200:, 2].mean() == pytest.approx(-0.1 * weight, rel=0.15)
+
+
 @pytest.fixture(scope="module")
 def table(planted):
     predictions = horizons.predict_windows([planted], model(planted), DRONE, every=7)
