@@ -57,7 +57,7 @@ OPTIONAL: dict[str, tuple[str, ...]] = dict(
 TRUTH: dict[str, tuple[str, ...]] = {
     "true_position": ("true_position_x", "true_position_y", "true_position_z"),
 }
-"""Columns of a simulated flight that nobody but who looks at it may read, likewise."""
+"""Columns of a simulated flight that no estimator may read, likewise."""
 
 _COLUMNS = tuple(column for columns in GROUPS.values() for column in columns)
 
@@ -74,7 +74,10 @@ _LEGEND = (
 
 @dataclass(frozen=True)
 class Flight:
-    """A flight, or a gapless piece of one, in SI units; N rows at equal distances in time."""
+    """A flight, or a gapless piece of one, in SI units; N rows at equal distances in time.
+
+    NaN is what was not logged of a signal that every flight has; the others may be None.
+    """
 
     name: str
     """Where it comes from, usually a file."""
@@ -154,7 +157,7 @@ class Flight:
             InputError: a column or signal is missing or no number; or the table contradicts
                 physics, or is no single stretch of usable flight.
         """
-        # Checks and maps of columns are made of flights.
+        # Imported here, for checks and maps of columns import flights.
         frames = import_module("maidenflight.flights.frames")
         return frames.flight_of_frame(frame, columns, name, zero_order_hold)
 
@@ -203,7 +206,7 @@ class Flight:
 def flights_of(flights: Iterable[Flight] | StrPath) -> list[Flight]:
     """Returns flights, or the checked ones of a log or a folder of logs."""
     if isinstance(flights, PATHS):
-        # Formats of logs are made of flights.
+        # Imported here, for formats of logs import flights.
         return list(import_module("maidenflight.flights.reading").read_flights(flights))
     return list(flights)
 
@@ -257,7 +260,7 @@ def flight_of(name: str, period: float, **known: Any) -> Flight:
     for group, names in GROUPS.items():
         if group != "time" and known.get(group) is None:
             known[group] = np.full(rows if group == "battery" else (rows, len(names)), np.nan)
-    with np.errstate(over="ignore"):  # what is not finite is refused by checking
+    with np.errstate(over="ignore"):  # checking refuses what overflowed
         arrays = {
             field: values.astype(np.float32)
             for field, values in known.items()
@@ -267,7 +270,10 @@ def flight_of(name: str, period: float, **known: Any) -> Flight:
 
 
 def to_csv(flight: Flight, record: Mapping[str, Any] | None = None) -> str:
-    """Returns the text of a flight in our format: comments, a header line, a line a row."""
+    """Returns the text of a flight in our format: comments, a header line, a line a row.
+
+    NaN is an empty cell, and a signal that is None has no column.
+    """
     columns: dict[str, np.ndarray] = {"time": np.arange(len(flight)) * flight.period}
     names = GROUPS | OPTIONAL | TRUTH
     for group, values in flight.arrays.items():

@@ -76,6 +76,11 @@ def step(
 ) -> tuple[EnvState, StepResult]:
     """Holds an action for one control period.
 
+    For each estimate and each of its commands: the gyro is read, the controller commands the
+    motors, the disturbance pushes for half the period, the physics goes on, and the disturbance
+    pushes for the other half. Then the sensors are read and the next disturbance is drawn. At the
+    end come the clock, the set-point, failure, time limit and reward, and what the policy observes.
+
     Args:
         environment: what is simulated.
         env_state: the drone before.
