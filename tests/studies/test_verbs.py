@@ -17,7 +17,7 @@ from maidenflight.verb import Progress, Result
 from maidenflight.verbs.identify import Identify
 from quick import QUICK
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("without_optimizations")]
+pytestmark = pytest.mark.slow
 README = {"policies": 3, "yaw_penalty": 0.1}
 """Settings of its training, which other tests compile too."""
 

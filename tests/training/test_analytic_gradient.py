@@ -18,8 +18,6 @@ from maidenflight.training import analytic_gradient, devices
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.devices import DRONES
 
-pytestmark = pytest.mark.usefixtures("without_optimizations")
-
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
