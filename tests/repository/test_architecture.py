@@ -284,17 +284,17 @@ if str(BENCHMARKS) not in sys.path:
 parts: Any = importlib.import_module("parts")
 
 MOST = {
-    "closure of identify": 109,
-    "closure of train": 57,
+    "closure of identify": 86,
+    "closure of train": 58,
     "closure of export": 30,
-    "log to drone.toml: stops": 744,
+    "log to drone.toml: stops": 741,
     "log to drone.toml: modules": 120,
-    "log to drone.toml: names": 979,
+    "log to drone.toml: names": 975,
     "drone to policy: stops": 338,
-    "drone to policy: modules": 70,
+    "drone to policy: modules": 71,
     "drone to policy: names": 501,
     "policy to flight: stops": 273,
-    "policy to flight: modules": 55,
+    "policy to flight: modules": 57,
     "policy to flight: names": 416,
     "policy to C: stops": 46,
     "policy to C: modules": 12,
@@ -304,7 +304,7 @@ MOST = {
     "study to table: names": 122,
     "constants": 750,
     "constants without a source": 587,
-    "lines": 62_199,
+    "lines": 62_233,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
