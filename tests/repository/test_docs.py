@@ -165,6 +165,7 @@ def test_the_python_of_the_training_page_runs(
     assert Path("training.npz").exists()
 
 
+@pytest.mark.slow
 def test_the_python_on_predicted_flights_runs(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -246,6 +246,7 @@ def test_another_number_of_updates_or_another_weight_compiles_nothing_anew(train
     assert programs() == before
 
 
+@pytest.mark.slow
 def test_an_extension_is_recorded(tmp_path: Path, monkeypatch: Any) -> None:
     made = policy.untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
     stub = training_that_gives(made)
