@@ -11,7 +11,7 @@ import pytest
 
 import maidenflight
 from made_flights import driven
-from maidenflight.flights import log
+from maidenflight.flights import flight_csv
 
 SOURCE = Path(maidenflight.__file__).parent
 PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
@@ -117,7 +117,7 @@ def test_the_library_is_extended_in_as_many_files_as_the_page_says(
         text = (copy / file).read_text()
         assert text.count(old) == 1, file
         (copy / file).write_text(text.replace(old, new))
-    log.write(tmp_path / "flight.csv", driven(900))
+    flight_csv.write(tmp_path / "flight.csv", driven(900))
     place = os.environ | {"PYTHONPATH": str(copy.parent)}
     done = subprocess.run(
         [sys.executable, "-c", program], cwd=tmp_path, env=place, capture_output=True, text=True

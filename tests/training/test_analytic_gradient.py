@@ -1,3 +1,4 @@
+import dataclasses
 from typing import Any
 
 import jax
@@ -198,18 +199,17 @@ def test_a_failure_costs_most_and_what_is_lost_anyway_pulls_no_more() -> None:
 
     @jax.jit
     def both(away: jax.Array) -> tuple[jax.Array, jax.Array]:
-        def cost(away: jax.Array, settings: AnalyticGradient) -> jax.Array:
+        def cost(away: jax.Array, failure: Any) -> jax.Array:
+            settings = dataclasses.replace(AnalyticGradient(horizon=4), failure_penalty=failure)
             position = env_state.state.position + away * jnp.array([1.0, 0.0, 0.0])
             moved = env_state._replace(state=env_state.state._replace(position=position))
             return analytic_gradient.segment(
                 simulated, settings, policy, EnvInstance(moved, drone), jax.random.key(3)
             )[0]
 
-        values = [
-            jax.value_and_grad(cost)(away, AnalyticGradient(horizon=4, failure_penalty=failure))
-            for failure in (0.0, 5.0)
-        ]
-        return values[1][0] - values[0][0], values[1][1] - values[0][1]
+        penalties = jnp.array([0.0, 5.0])
+        values, slopes = jax.vmap(jax.value_and_grad(cost), (None, 0))(away, penalties)
+        return values[1] - values[0], slopes[1] - slopes[0]
 
     near, edge, lost = (both(jnp.float32(away)) for away in (0.0, 0.25, 0.8))
     assert float(near[0]) < 0.5
