@@ -107,6 +107,7 @@ def table(planted):
     return horizons.tabulate_horizons([predictions])
 
 
+@pytest.mark.slow
 def test_predictions_with_the_torque_beat_those_without(table):
     sums = {row["model"]: row for row in table.filter(horizon=horizons.SUMS).to_dicts()}
     ours, alone = sums[horizons.WITH_DISTURBANCES], sums[horizons.ALONE]
@@ -118,6 +119,7 @@ def test_predictions_with_the_torque_beat_those_without(table):
     assert len(table) == 4 * 51
 
 
+@pytest.mark.slow
 def test_sums_add_up_and_baselines_need_no_model(planted, table):
     for (name,), rows in table.group_by("model"):
         ahead, total = rows.filter(rows["horizon"] > 0), rows.filter(rows["horizon"] == 0)
