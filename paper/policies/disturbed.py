@@ -5,7 +5,7 @@ for DRONE_disturbed.toml beside it, as `validate --disturbances` writes it; with
 air is that of `+air`. Both fly the drone itself, others about it, and itself changed, calm and
 disturbed, three flights of 20 s each. Prints a row a drone; a table of paper/notes/nanodrone.md.
 
-    python paper/disturbed.py brushed.toml brushless.toml crazyflie.toml -o disturbed
+    python paper/policies/disturbed.py brushed.toml brushless.toml crazyflie.toml -o disturbed
 """
 
 import argparse
