@@ -287,9 +287,9 @@ MOST = {
     "closure of identify": 86,
     "closure of train": 58,
     "closure of export": 30,
-    "log to drone.toml: stops": 741,
+    "log to drone.toml: stops": 742,
     "log to drone.toml: modules": 120,
-    "log to drone.toml: names": 975,
+    "log to drone.toml: names": 976,
     "drone to policy: stops": 338,
     "drone to policy: modules": 71,
     "drone to policy: names": 501,
@@ -302,9 +302,9 @@ MOST = {
     "study to table: stops": 75,
     "study to table: modules": 14,
     "study to table: names": 122,
-    "constants": 750,
+    "constants": 751,
     "constants without a source": 587,
-    "lines": 62_233,
+    "lines": 62_261,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
