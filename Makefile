@@ -66,7 +66,7 @@ $(TABLES): | $(VENV)/.installed-dev
 $(RESULTS)/gradients/zero_shot/flights.csv:
 	$(STUDY)/figure_4.py -o $(@D)
 $(RESULTS)/PPO/zero_shot/flights.csv:
-	$(STUDY)/figure_4.py --settings paper/zero_shot_ppo.toml -o $(@D)
+	$(STUDY)/figure_4.py --settings paper/settings/zero_shot_ppo.toml -o $(@D)
 $(RESULTS)/gradients/ablations/flights.csv:
 	$(STUDY)/ablations.py -o $(@D)
 $(RESULTS)/PPO/ablations/flights.csv:

@@ -130,7 +130,7 @@ LEARNERS = {
 
 @pytest.mark.parametrize(("name", "rate"), [("zero_shot", None), ("zero_shot_100hz", 100)])
 def test_the_papers_studies_are_the_papers(figure_4: Any, name: str, rate: int | None) -> None:
-    study = figure_4.read_study(PAPER / f"{name}.toml")
+    study = figure_4.read_study(PAPER / "settings" / f"{name}.toml")
     pairs, kinds = figure_4.find_flown_tasks(study), list(LEARNERS)[0 if rate is None else 1 :]
     assert len(study.tasks) == 2 * len(pairs)
     cells = {
@@ -158,7 +158,7 @@ def test_the_papers_studies_are_the_papers(figure_4: Any, name: str, rate: int |
 
 def test_the_study_by_ppo_flies_the_cells_of_that_by_gradients(figure_4: Any) -> None:
     by_ppo, by_gradients = (
-        figure_4.find_flown_tasks(figure_4.read_study(PAPER / f"{name}.toml"))
+        figure_4.find_flown_tasks(figure_4.read_study(PAPER / "settings" / f"{name}.toml"))
         for name in ("zero_shot_ppo", "zero_shot")
     )
     assert [task.settings["seed"] for task, _ in by_ppo] == [0] * 27 + [1] * 27 + [2] * 27
@@ -174,7 +174,7 @@ def test_the_study_by_ppo_flies_the_cells_of_that_by_gradients(figure_4: Any) ->
 
 
 def test_a_small_study_trains_a_policy_a_cell_for_a_third_as_long(figure_4: Any) -> None:
-    small = figure_4.read_study(PAPER / "zero_shot.toml", small=True)
+    small = figure_4.read_study(PAPER / "settings" / "zero_shot.toml", small=True)
     trained = [task.settings for task in small.tasks if task.kind == "train"]
     assert len(trained) == 27
     assert {one["policies"] for one in trained} == {1}
@@ -186,8 +186,8 @@ def test_a_small_study_trains_a_policy_a_cell_for_a_third_as_long(figure_4: Any)
 
 
 def test_a_study_that_flies_no_cells_is_refused(figure_4: Any, tmp_path: Path) -> None:
-    text = (PAPER / "zero_shot.toml").read_text().replace('"set.latency"', '"set.drag_x"')
-    (tmp_path / "study.toml").write_text(text)
+    text = (PAPER / "settings" / "zero_shot.toml").read_text()
+    (tmp_path / "study.toml").write_text(text.replace('"set.latency"', '"set.drag_x"'))
     with pytest.raises(figure_4.InputError, match=r"set\.latency"):
         figure_4.read_study(tmp_path / "study.toml")
 

@@ -390,7 +390,7 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
     assert output.read_bytes() == first
     assert "Predicted flight times, simulated" in out
     assert "of 5" in out
-    published = Path(__file__).parents[2] / "paper" / "gronauer_2021.toml"
+    published = Path(__file__).parents[2] / "paper" / "settings" / "gronauer_2021.toml"
     for others in ("posterior", f"0 --conditions {published}"):
         assert command(arguments, f"--overwrite --randomize {others}")[0] == 0
         assert output.read_bytes() != first

@@ -318,8 +318,9 @@ def test_what_one_has_to_hold_in_the_head_does_not_grow():
     grown = {name: (count, MOST[name]) for name, count in counts.items() if count > MOST[name]}
     assert not grown, "counted, allowed"
     assert not {name for name, (files, _) in parts.folders().items() if files > MOST_FILES}
-    of_tests = Counter(path.parent.name for path in BENCHMARKS.with_name("tests").rglob("*.py"))
-    assert max(of_tests.values()) <= MOST_FILES, of_tests
+    for root in ("tests", "paper"):
+        files = Counter(path.parent.name for path in BENCHMARKS.with_name(root).rglob("*.py"))
+        assert max(files.values()) <= MOST_FILES, files
 
 
 def test_a_walk_follows_calls_methods_and_what_a_package_hands_on(tmp_path, monkeypatch):

@@ -11,7 +11,8 @@ import pytest
 from maidenflight import errors
 
 ROOT = Path(__file__).parents[2]
-SCRIPTS = sorted([*ROOT.glob("benchmarks/*.py"), *ROOT.glob("paper/*.py")])
+PAPER = {*ROOT.glob("paper/**/*.py")} - {*ROOT.glob("paper/tests/*.py")}
+SCRIPTS = sorted([*ROOT.glob("benchmarks/*.py"), *PAPER])
 OPTIONAL = {*errors._EXTRAS, "ray", "crazyflow", "l2f", "pybullet", "h5py", "onnx", "onnxruntime"}
 ELSEWHERE = {"crazyflow_speed.py", "maidenflight_speed.py", "notes_in_site.py"}
 """What other scripts start in an environment that they made or asked for."""
@@ -54,7 +55,7 @@ HIDE = (
         ("benchmarks/simulator.py", [], "gymnasium", "gym"),
         ("benchmarks/gallery.py", ["."], "PIL", "gym"),
         ("benchmarks/checkup.py", ["--data", "."], "pyulog", "ulog"),
-        ("paper/other_simulators.py", ["--reality", "l2f:crazyflie"], "l2f", "l2f"),
+        ("paper/measured/other_simulators.py", ["--reality", "l2f:crazyflie"], "l2f", "l2f"),
     ],
 )
 def test_what_lacks_is_said_before_anything_is_done(

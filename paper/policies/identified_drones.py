@@ -4,7 +4,7 @@ Each drone is identified from its logs (quickstart, step 3) and policies are tra
 4). They, the firmware's PID and Mellinger's controller fly drones of its posterior for 20 s. Writes
 a table of paper/notes/training.md. What a folder of an earlier run holds is not made again.
 
-    python paper/identified_drones.py --data ../shared/data -o identified
+    python paper/policies/identified_drones.py --data ../shared/data -o identified
 """
 
 import argparse

@@ -5,7 +5,7 @@ likelihood. From every row of a checked flight but its first 30, the logged inpu
 prediction on. NanoDrone leaves each of its four training flights out, NanoBench a manoeuvre, the
 micro-SD logs a third of the logs.
 
-    python paper/nanodrone.py --data ../shared/data -o nanodrone.csv
+    python paper/identification/nanodrone.py --data ../shared/data -o nanodrone.csv
 
 Source: Busetto et al. 2025, Nonlinear system identification nano-drone benchmark; Ullah and Baca
 2026 (NanoBench); IMRCLab's micro-SD logs.

@@ -7,7 +7,7 @@ table of paper/notes/training.md; a cell in which a flight ends says what the dr
 the phase margin of the firmware's rate loop, unless policies command the motors, and thrust. What
 the folder holds is not made again.
 
-    python paper/defaults.py --data ../shared/data -o defaults
+    python paper/policies/defaults.py --data ../shared/data -o defaults
 
 `--train` gives training other settings than the default, to compare.
 """

@@ -6,7 +6,7 @@ torques behind the motors' lag and the latency turn. A linear-quadratic regulato
 and weighs error, body rate and torque; `sensors.walk_factor` of the rates that it makes grows the
 noise. The least error over the weights bounds linear controllers (paper/notes/training.md).
 
-    python paper/drift_floor.py identified/authors/drone.toml
+    python paper/policies/drift_floor.py identified/authors/drone.toml
 """
 
 import argparse

@@ -6,7 +6,7 @@ air is that of `+air`. Both fly the drone itself, others about it, and itself ch
 disturbed, three flights of 20 s each. Prints error and commands at limits of each: a table of
 paper/notes/nanodrone.md.
 
-    python paper/disturbed.py brushed.toml brushless.toml crazyflie.toml -o disturbed
+    python paper/policies/disturbed.py brushed.toml brushless.toml crazyflie.toml -o disturbed
 """
 
 import argparse

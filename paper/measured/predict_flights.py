@@ -1,11 +1,11 @@
 """How well a drone's parameters predict real flight times of the authors' policies.
 
-`python paper/predict_flights.py --authors ../shared/data/authors --drone drone.toml` flies every
-published policy in simulation, prints how predicted and measured mean flight times agree, control
-structure by control structure, beside how one real flight agrees with the others of its policy, and
-what share of real flights lies within the band of 10 to 90 % of the predicted ones (80 % if
-predictions were right, more where many reach the time limit), and draws predicted over measured
-times as SVG. `--json` prints one object instead of the table.
+`python paper/measured/predict_flights.py --authors ../shared/data/authors --drone drone.toml` flies
+every published policy in simulation, prints how predicted and measured mean flight times agree,
+control structure by control structure, beside how one real flight agrees with the others of its
+policy, and what share of real flights lies within the band of 10 to 90 % of the predicted ones (80
+% if predictions were right, more where many reach the time limit), and draws predicted over
+measured times as SVG. `--json` prints one object instead of the table.
 """
 
 import argparse

@@ -7,7 +7,7 @@ Two studies, of policies that remember and of others beside them.
 - Memory: drones of any make are flown, and a linear read-out (ridge regression) of the memory is
   fitted to what each drone is. How well does it tell drones that it was not fitted to?
 
-    python paper/adaptation.py policies/policy_1.json others/policy_1.json -o adaptation
+    python paper/policies/adaptation.py policies/policy_1.json others/policy_1.json -o adaptation
 """
 
 import argparse

@@ -6,7 +6,7 @@ rate loop has left, the pole that grows fastest from action to action, the margi
 that knows all of that state and pays most for its actions, and its flights of 20 s from 2 cm beside
 a set-point, with the drone's noise.
 
-    python paper/attitude_bound.py virtual:43 virtual:43+10ms
+    python paper/policies/attitude_bound.py virtual:43 virtual:43+10ms
 
 Source: Anderson and Moore 1990, Optimal control, sec. 5.4 (margins of a regulator by the largest
 singular value of its sensitivity).

@@ -5,7 +5,7 @@ Drones of other simulators are recorded first, and identified from three starts;
 where their packages are not installed. Writes paper/notes/truth-board.md and a CSV; `--only`
 computes some drones again, and `--lag` adds the lag of every log and folder at 500, 250 and 100 Hz.
 
-    python paper/truth_board.py --data ../shared/data -o truth_board
+    python paper/identification/truth_board.py --data ../shared/data -o truth_board
 """
 
 import argparse
@@ -40,7 +40,7 @@ from maidenflight.parameters import Parameters, arm_length, component, crazyflie
 from maidenflight.parameters import replace as changed
 from maidenflight.simulator.physics.dynamics import equivalent_lag
 
-PAGE = Path(__file__).parent / "notes" / "truth-board.md"
+PAGE = Path(__file__).parents[1] / "notes" / "truth-board.md"
 TOTAL = "lag + latency"
 """Of the equivalent lag, speeding up and slowing down."""
 PER_SQUARE = "thrust by squared speed [N s2]"
@@ -403,7 +403,7 @@ they say 84 ms of the brushed drone.
 Drones of l2f and crazyflow are recorded by our PID, 4 flights of 30 s, and identified from three
 starts: the farthest from the truth, of which values are shares; their lag is that about hover, and
 inertia that of the start's mass and arm. Rebuilt by
-`python paper/truth_board.py --data ../shared/data`.
+`python paper/identification/truth_board.py --data ../shared/data`.
 
 | drone | quantity | truth | found | interval | high / low | inside | R2 of speed | truth by |
 |---|---|---|---|---|---|---|---|---|

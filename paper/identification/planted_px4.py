@@ -5,7 +5,7 @@ allocation, with its filters of the gyro, vibration and gusts. Thrust-to-weight 
 and inertia are drawn at random, and identified as by `identify LOG --start x500 --mass GRAMS`.
 Prints what is found over the truth, and whether 95 % intervals hold it.
 
-    python paper/planted_px4.py --drones 6 -o planted_px4
+    python paper/identification/planted_px4.py --drones 6 -o planted_px4
 
 Source of the controller: PX4 v1.14, src/modules/mc_att_control, mc_rate_control,
 lib/control_allocation; of the logged topics: src/modules/logger/logged_topics.cpp.

@@ -6,7 +6,7 @@ which the default kind follows. No choice was made in these realities.
     maidenflight train --drone crazyflie -o two
     maidenflight train --drone crazyflie --memory 16 --randomize any-day -o memory
     maidenflight train --drone crazyflie --task tracking -o tracking
-    python paper/kinds.py two memory tracking
+    python paper/policies/kinds.py two memory tracking
 """
 
 import argparse

@@ -5,7 +5,7 @@ source regresses the specific force on the lagged commands, and the torque of th
 differentiated gyro. It scales the acceleration by 9.18 m/s2, although the accelerometer shows 1.000
 at rest; the lag is the same with 9.81, thrust and inertia are 6.9 % larger.
 
-    python paper/eschmann_2024.py --imu ../shared/data/usd_imu -o eschmann_2024
+    python paper/identification/eschmann_2024.py --imu ../shared/data/usd_imu -o eschmann_2024
 
 Source: Eschmann, Albani and Loianno 2024, Data-driven system identification of quadrotors subject
 to motor delays (IROS), and its logs.

@@ -5,8 +5,8 @@ Hz, every second, and so on, with and without the accelerometer. The search for 
 nothing is found goes below the one that `identify` accepts. With `--speeds` logs hold the rotors'
 speeds, from every command at 500 Hz on, of drones whose lags are scaled as well.
 
-    python paper/log_rates.py -o log_rates
-    python paper/log_rates.py --speeds
+    python paper/identification/log_rates.py -o log_rates
+    python paper/identification/log_rates.py --speeds
 """
 
 import argparse

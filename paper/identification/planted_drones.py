@@ -6,7 +6,7 @@ unknown. (A policy in a limit cycle throws commands between 0 and 1, where the s
 motors' noise off and the lag comes out up to 2.4 ms too long.) Prints the coverage of 90 and 95 %
 intervals and the largest errors.
 
-    python paper/planted_drones.py --drones 240 -o planted_drones
+    python paper/identification/planted_drones.py --drones 240 -o planted_drones
 
 Source of the method: Cook, Gelman and Rubin 2006, Validation of software for Bayesian models.
 """

@@ -11,7 +11,7 @@ flown by
 
 What is there already is not made again, so an interrupted run goes on.
 
-    python paper/rivals.py -o rivals --drones 1 2 --authors ../shared/data/authors --raptor
+    python paper/policies/rivals.py -o rivals --drones 1 2 --authors ../shared/data/authors --raptor
 """
 
 import argparse

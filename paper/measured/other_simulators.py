@@ -6,7 +6,7 @@ small that errors differ. `predict` says their mean distance from the set-point 
 drone, and they fly there. Prints the ratio of predicted and flown and their rank correlation. What
 a folder of an earlier run holds is not made again.
 
-    python paper/other_simulators.py -o other --reality l2f:crazyflie+sensors \
+    python paper/measured/other_simulators.py -o other --reality l2f:crazyflie+sensors \
       --reality crazyflow:cf2x_L250+sensors
 """
 

@@ -3,7 +3,7 @@
 Seven of ten policies' flights make the drones, the others' judge them. No flight time is used for
 anything but judging.
 
-    python paper/real_flights.py --authors ../shared/data/authors -o real_flights
+    python paper/measured/real_flights.py --authors ../shared/data/authors -o real_flights
 
 Source of flights and policies: Gronauer et al. 2022, github SvenGronauer/phoenix-drone-simulation.
 """

@@ -1,4 +1,4 @@
-"""Predicts tracking errors of a real Crazyflie on which a policy of others was flown.
+r"""Predicts tracking errors of a real Crazyflie on which a policy of others was flown.
 
 L2F's published policy flew figure-eights and a star on Crazyflies of SimpleFlight (Chen et al.
 2024), which logged the way and its error. No package ships its weights, so RAPTOR, of the same
@@ -7,7 +7,8 @@ posterior of such a Crazyflie. Writes the table of paper/notes/rivals.md.
 
     maidenflight identify cf0/ --start crazyflie_2.0 --mass 32.1 -o cf0.toml
     maidenflight train --drone cf0.toml --task tracking --yaw-penalty 0.1 -o policies/
-    python paper/l2f_flights.py cf0.toml policies/ --flights ../shared/data/real/simpleflight
+    python paper/policies/l2f_flights.py cf0.toml policies/ \
+        --flights ../shared/data/real/simpleflight
 """
 
 import argparse

@@ -6,9 +6,9 @@ identified from the named drone, with nothing else told but its mass; inertia ab
 named drone, since yaw tells only its ratio to the torque. The truth is the nearest drone that the
 format holds. Prints each estimate with its interval, and how many intervals hold it.
 
-    pip install rotorpy && python paper/round_trip.py rotorpy
-    SCIPY_ARRAY_API=1 python paper/round_trip.py crazyflow
-    python paper/round_trip.py mjcf
+    pip install rotorpy && python paper/identification/round_trip.py rotorpy
+    SCIPY_ARRAY_API=1 python paper/identification/round_trip.py crazyflow
+    python paper/identification/round_trip.py mjcf
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""Flight times of the authors' policies by drones that their own flights had no part in.
+r"""Flight times of the authors' policies by drones that their own flights had no part in.
 
 Policies are dealt into five outer folds (`fold_of`). For each, the whole recipe runs with the
 flights and policies of the other four: the likelihood of the dynamics, trims and how they differ,
@@ -7,7 +7,8 @@ count. The inner score is that of the drone of all flights, which predicts all p
 with one flight of the policy whose number is next as a log of the day. Drones lie in the output
 folder, those of a fold in one of their own, and are not made again.
 
-    python paper/closed_loop.py --authors ../shared/data/authors -o closed_loop --folds 0 1 2 3 4
+    python paper/measured/closed_loop.py --authors ../shared/data/authors -o closed_loop \
+        --folds 0 1 2 3 4
 
 Without `--folds` only the inner score. With logs of other Crazyflies it says how well the drones of
 all flights predict these: by the likelihood of a row, and by the rotor speeds where they were

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from maidenflight.errors import InputError
 from maidenflight.experiments.conditions import read_conditions
 
-CONDITIONS = Path(__file__).with_name("gronauer_2021.toml")
+CONDITIONS = Path(__file__).parents[1] / "settings" / "gronauer_2021.toml"
 GRONAUER_2021 = read_conditions(CONDITIONS)
 """How the published flights were flown."""
 
