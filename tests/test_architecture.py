@@ -289,9 +289,9 @@ MOST = {
     "log to drone.toml: stops": 744,
     "log to drone.toml: modules": 120,
     "log to drone.toml: names": 979,
-    "drone to policy: stops": 338,
-    "drone to policy: modules": 70,
-    "drone to policy: names": 501,
+    "drone to policy: stops": 347,
+    "drone to policy: modules": 72,
+    "drone to policy: names": 514,
     "policy to flight: stops": 273,
     "policy to flight: modules": 55,
     "policy to flight: names": 416,
@@ -301,9 +301,9 @@ MOST = {
     "study to table: stops": 75,
     "study to table: modules": 14,
     "study to table: names": 122,
-    "constants": 750,
-    "constants without a source": 587,
-    "lines": 62_199,
+    "constants": 755,
+    "constants without a source": 589,
+    "lines": 62_486,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
