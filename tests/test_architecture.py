@@ -283,17 +283,17 @@ if str(BENCHMARKS) not in sys.path:
 parts: Any = importlib.import_module("parts")
 
 MOST = {
-    "closure of identify": 109,
-    "closure of train": 57,
+    "closure of identify": 86,
+    "closure of train": 58,
     "closure of export": 30,
-    "log to drone.toml: stops": 744,
+    "log to drone.toml: stops": 741,
     "log to drone.toml: modules": 120,
-    "log to drone.toml: names": 979,
+    "log to drone.toml: names": 975,
     "drone to policy: stops": 347,
-    "drone to policy: modules": 72,
+    "drone to policy: modules": 73,
     "drone to policy: names": 514,
     "policy to flight: stops": 273,
-    "policy to flight: modules": 55,
+    "policy to flight: modules": 57,
     "policy to flight: names": 416,
     "policy to C: stops": 46,
     "policy to C: modules": 12,
@@ -303,7 +303,7 @@ MOST = {
     "study to table: names": 122,
     "constants": 755,
     "constants without a source": 589,
-    "lines": 62_486,
+    "lines": 62_520,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
