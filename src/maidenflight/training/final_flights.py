@@ -223,7 +223,7 @@ def _tell(flights: Sequence[FinalFlight]) -> str:
 def _cure(lost: Sequence[Sequence[FinalFlight]], drone: str) -> str:
     if any(flight.is_fault for flights in lost for flight in flights):
         return "Do not fly it; train on with --resume and more --updates, or fly another."
-    return f"No policy may hold these; fly it only if {drone} is as identified."
+    return f"No policy could hold these; fly it only if {drone} is as identified."
 
 
 def describe_flights(flights: Sequence[Sequence[FinalFlight]], drone: str) -> list[str]:

@@ -344,7 +344,7 @@ class Train(Verb):
             content={
                 "policies": [str(path) for path in written["policies"]],
                 "scores": scores.best,
-                "flies": [number not in falls for number in range(1, len(flights) + 1)],
+                "flies": [not any(flight.is_fault for flight in own) for own in flights],
                 "flights": [[flight._asdict() for flight in own] for own in flights],
             },
             summary=[
