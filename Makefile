@@ -37,7 +37,7 @@ test-all: $(VENV)/.installed-dev
 # Tests of a night, and a hundred thousand damaged files, other ones every time.
 night: $(VENV)/.installed-dev
 	$(PYTEST) -m night
-	$(PYTEST) --dist load --hypothesis-profile night tests/test_damaged_files.py
+	$(PYTEST) --dist load --hypothesis-profile night tests/files/test_damaged_files.py
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check

@@ -3,7 +3,8 @@
 For each drone file `maidenflight train` makes PWM policies, nothing set, for the drone as it is and
 for DRONE_disturbed.toml beside it, as `validate --disturbances` writes it; without that file the
 air is that of `+air`. Both fly the drone itself, others about it, and itself changed, calm and
-disturbed, three flights of 20 s each. Prints a row a drone; a table of paper/notes/nanodrone.md.
+disturbed, three flights of 20 s each. Prints error and commands at limits of each: a table of
+paper/notes/nanodrone.md.
 
     python paper/disturbed.py brushed.toml brushless.toml crazyflie.toml -o disturbed
 """
@@ -79,8 +80,10 @@ def main() -> None:
                 )
                 tables.append(table)
                 lasting = (table["end_reason"] == END_REASONS[TIME_LIMIT]).sum()
-                error = 100 * float(table["position_error"].mean())  # type: ignore[arg-type]
-                print(*labels.values(), f"{lasting} of {len(table)}, {error:.2f} cm", flush=True)
+                means = table.select("position_error", "estimated_error", "at_limits").mean().row(0)
+                true, estimated, limits = (100 * value for value in means)
+                shown = f"{true:.2f} cm, {estimated:.2f} by its estimate, {limits:.2f} % at limits"
+                print(*labels.values(), f"{lasting} of {len(table)}, {shown}", flush=True)
         polars.concat(tables).write_csv(arguments.output / "flights.csv")
 
 

@@ -22,8 +22,6 @@ from maidenflight.training.ppo_settings import PPO
 from maidenflight.verbs.train import Train
 from scripts import PAPER, script
 
-pytestmark = pytest.mark.usefixtures("without_optimizations")
-
 
 @pytest.fixture(scope="module")
 def table_2() -> Any:
@@ -82,7 +80,6 @@ def test_a_value_lies_below_inside_or_above_an_interval(table_2: Any) -> None:
 
 
 @pytest.mark.night
-@pytest.mark.usefixtures("without_optimizations_once")
 def test_history_and_hidden_layers_are_studied(
     tmp_path: Path, monkeypatch: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -244,7 +241,6 @@ class Here:
         pass
 
 
-@pytest.mark.usefixtures("without_optimizations_once")
 @pytest.mark.night
 def test_figure_4_computes_gathers_and_draws_a_study_and_goes_on_where_it_was(
     figure_4: Any,

@@ -37,8 +37,6 @@ from maidenflight.training.evaluation import Evaluation, evaluate
 from maidenflight.training.train import Progress, train
 from maidenflight.verbs.train import Train
 
-pytestmark = pytest.mark.usefixtures("without_optimizations")
-
 SMALL = AnalyticGradient(updates=150, num_envs=16, horizon=64, evaluations=3, episodes=32)
 TASK, CONTROLLER = tasks.circle(), control.pwm()
 """The same objects in every test, so that training is compiled once a file."""
@@ -284,6 +282,7 @@ def test_another_number_of_updates_or_another_weight_compiles_nothing_anew(train
     assert programs() == before
 
 
+@pytest.mark.slow
 def test_an_extension_is_recorded(tmp_path: Path, monkeypatch: Any) -> None:
     made = policy.untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
     stub = training_that_gives(made)
@@ -580,12 +579,10 @@ def test_two_processes_learn_what_one_does_and_share_its_checkpoint(
         to.mkdir()
         script = [sys.executable, one_of_many.__file__]
         arguments = [2, number, port, tmp_path, to, method]
-        quickly = {**os.environ, "JAX_DISABLE_MOST_OPTIMIZATIONS": "1"}
         return subprocess.Popen(
             [*script, *map(str, arguments)],
             stderr=subprocess.PIPE,
             text=True,
-            env=quickly,
         ), to
 
     started = [begin(0), begin(1)]

@@ -45,6 +45,7 @@ def write_own_drone() -> None:
     flight_csv.write("logs/flight.csv", dataclasses.replace(flight, rotor_speed=speed))
 
 
+@pytest.mark.slow
 def test_drones_are_written_as_the_page_says() -> None:
     write_own_drone()
     written = [line for line in commands() if line[0] == "drone"]

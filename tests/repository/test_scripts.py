@@ -10,7 +10,7 @@ import pytest
 
 from maidenflight import errors
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 SCRIPTS = sorted([*ROOT.glob("benchmarks/*.py"), *ROOT.glob("paper/*.py")])
 OPTIONAL = {*errors._EXTRAS, "ray", "crazyflow", "l2f", "pybullet", "h5py", "onnx", "onnxruntime"}
 ELSEWHERE = {"crazyflow_speed.py", "maidenflight_speed.py", "notes_in_site.py"}

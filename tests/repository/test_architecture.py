@@ -4,6 +4,7 @@ import ast
 import importlib
 import re
 import sys
+from collections import Counter
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -277,7 +278,7 @@ def test_docstrings_of_functions_begin_with_a_verb():
                 assert len(first) <= 100, f"{place}: {first}"
 
 
-BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 if str(BENCHMARKS) not in sys.path:
     sys.path.append(str(BENCHMARKS))
 parts: Any = importlib.import_module("parts")
@@ -286,12 +287,12 @@ MOST = {
     "closure of identify": 86,
     "closure of train": 58,
     "closure of export": 30,
-    "log to drone.toml: stops": 741,
+    "log to drone.toml: stops": 742,
     "log to drone.toml: modules": 120,
-    "log to drone.toml: names": 975,
-    "drone to policy: stops": 347,
+    "log to drone.toml: names": 976,
+    "drone to policy: stops": 345,
     "drone to policy: modules": 73,
-    "drone to policy: names": 514,
+    "drone to policy: names": 510,
     "policy to flight: stops": 273,
     "policy to flight: modules": 57,
     "policy to flight: names": 416,
@@ -301,9 +302,9 @@ MOST = {
     "study to table: stops": 75,
     "study to table: modules": 14,
     "study to table: names": 122,
-    "constants": 755,
+    "constants": 756,
     "constants without a source": 589,
-    "lines": 62_520,
+    "lines": 62_548,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
@@ -317,6 +318,8 @@ def test_what_one_has_to_hold_in_the_head_does_not_grow():
     grown = {name: (count, MOST[name]) for name, count in counts.items() if count > MOST[name]}
     assert not grown, "counted, allowed"
     assert not {name for name, (files, _) in parts.folders().items() if files > MOST_FILES}
+    of_tests = Counter(path.parent.name for path in BENCHMARKS.with_name("tests").rglob("*.py"))
+    assert max(of_tests.values()) <= MOST_FILES, of_tests
 
 
 def test_a_walk_follows_calls_methods_and_what_a_package_hands_on(tmp_path, monkeypatch):

@@ -77,7 +77,8 @@ def run_commands(snippets: list[str], monkeypatch: pytest.MonkeyPatch) -> int:
 def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An empty folder to work in, and little training."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(defaults.SETTINGS, "pwm", QUICK)
+    for structure in defaults.SETTINGS:
+        monkeypatch.setitem(defaults.SETTINGS, structure, QUICK)
 
 
 @pytest.mark.slow
@@ -93,7 +94,6 @@ def test_the_python_of_the_simulators_page_runs() -> None:
     assert names["picture"].shape == (480, 640, 3)
 
 
-@pytest.mark.usefixtures("without_optimizations_once")
 @pytest.mark.slow
 def test_the_commands_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for number, flight in enumerate(
@@ -155,7 +155,6 @@ def test_all_public_names_resolve() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("without_optimizations_once")
 def test_the_python_of_the_training_page_runs(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -166,6 +165,7 @@ def test_the_python_of_the_training_page_runs(
     assert Path("training.npz").exists()
 
 
+@pytest.mark.slow
 def test_the_python_on_predicted_flights_runs(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -186,7 +186,6 @@ def test_the_python_on_predicted_flights_runs(
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("without_optimizations_once")
 def test_the_commands_on_the_envelope_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("maidenflight.simulator.tasks.trajectories.RAMP_DURATION_S", 1.0)
     monkeypatch.setattr("maidenflight.experiments.envelope.DURATION_S", 0.1)
@@ -221,7 +220,6 @@ def test_the_python_of_the_identification_page_runs(
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("without_optimizations_once")
 def test_the_python_and_the_commands_on_realities_run(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("pybullet")
     policies = [policy.untrained_policy(jax.random.key(0))]

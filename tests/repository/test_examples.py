@@ -19,7 +19,7 @@ from maidenflight.verbs.train import Train
 from maidenflight.verbs.transfer import Transfer
 from numpy_drone import NumpyDrone
 
-EXAMPLES = Path(__file__).parent.parent / "examples"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 @pytest.mark.slow

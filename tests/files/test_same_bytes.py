@@ -46,7 +46,7 @@ def test_the_same_bytes_on_one_and_two_cores_and_with_another_seed_of_hashes(
         process = subprocess.Popen(
             [sys.executable, "-c", code],
             cwd=folder,
-            env={**os.environ, "PYTHONHASHSEED": seed},
+            env={**os.environ, "PYTHONHASHSEED": seed, "JAX_DISABLE_MOST_OPTIMIZATIONS": "0"},
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,

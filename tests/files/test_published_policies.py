@@ -18,7 +18,7 @@ from maidenflight.simulator import environment
 from maidenflight.simulator.physics import battery, rotations
 from maidenflight.simulator.physics.sensors import Measurement
 
-AUTHORS = Path(__file__).parents[2] / "shared/data/authors"
+AUTHORS = Path(__file__).parents[3] / "shared/data/authors"
 ROWS_PER_ACTION = {"pwm": 1, "attitude_rate": 2, "attitude": 4}
 """Rows of a log, 10 ms apart, from one output of the network to the next (100, 50, 25 Hz)."""
 

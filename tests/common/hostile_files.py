@@ -1,6 +1,7 @@
 """Files as somebody would make them to fill a reader's memory, to keep it busy, or to run code.
 
-`python tests/hostile_files.py FOLDER` writes all of them; each is small, and made within a second.
+`python tests/common/hostile_files.py FOLDER` writes all of them; each is small, and made within a
+second.
 """
 
 import base64
@@ -19,7 +20,7 @@ import polars
 
 MB = 1_000_000
 ZEROS = bytes(MB)
-SOUND = Path(__file__).parent / "integrations" / "policies" / "stable_baselines" / "ppo.zip"
+SOUND = Path(__file__).parents[1] / "integrations" / "policies" / "stable_baselines" / "ppo.zip"
 """A policy of Stable-Baselines3, of which others are changed."""
 HEADER = b"time,x,y,z,motor_1,motor_2,motor_3,motor_4\n"
 

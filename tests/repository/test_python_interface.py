@@ -83,6 +83,7 @@ def test_logs_are_read_by_their_path_and_a_whole_number_is_a_key(tmp_path: Path)
         assert random_key(key) == jax.random.key(3)
 
 
+@pytest.mark.slow
 def test_a_policy_file_is_exported_and_flown_by_its_path(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

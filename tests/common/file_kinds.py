@@ -92,7 +92,7 @@ class Kind(NamedTuple):
 def load(name: str) -> Any:
     """Imports a module of the tests, which know how to make good files."""
     for folder in ("flights/maps", "integrations/logs", "reporting"):
-        if (place := str(Path(__file__).parent / folder)) not in sys.path:
+        if (place := str(Path(__file__).parents[1] / folder)) not in sys.path:
             sys.path.append(place)
     return importlib.import_module(name)
 

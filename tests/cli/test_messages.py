@@ -36,7 +36,7 @@ from maidenflight.training.train import Progress
 from maidenflight.verbs.parts import estimates_output, logs_output
 from maidenflight.verbs.train import Train
 
-TRAINING_PAGE = Path(__file__).parent.parent / "docs" / "training.md"
+TRAINING_PAGE = Path(__file__).parents[2] / "docs" / "training.md"
 
 
 @pytest.fixture

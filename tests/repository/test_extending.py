@@ -10,9 +10,11 @@ from pathlib import Path
 import pytest
 
 import maidenflight
+from made_flights import driven
+from maidenflight.flights import flight_csv
 
 SOURCE = Path(maidenflight.__file__).parent
-PAGE = Path(__file__).parents[1] / "docs" / "extending.md"
+PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
 Patches = dict[str, tuple[str, str]]
 """By file, a text and what it is replaced by."""
 
@@ -33,7 +35,6 @@ PARAMETER: Patches = {
     ),
 }
 FLOATS = """
-import jax
 import numpy as np
 import maidenflight as mf
 from maidenflight import parameters
@@ -47,7 +48,7 @@ state = dynamics.at_hover(np.zeros(3, np.float32), mf.crazyflie())
 up = [dynamics.linear_acceleration(state, one)[2] for one in (lifted, mf.crazyflie())]
 assert abs(up[0] - up[1] - 0.5) < 1e-5
 assert physical_bounds(lifted)["buoyancy"] == (0.0, 2.0)
-flights = mf.record(mf.reality("lifted.toml"), jax.random.key(0), flights=1, duration=8.0)
+flights = mf.read_flights("flight.csv")
 few = mf.Likelihood(trials=1, evaluations=2)
 found = mf.identify(flights, few, over=("latency", "buoyancy"))
 assert "buoyancy" in {**found.estimates, **found.unidentified}
@@ -116,8 +117,8 @@ def test_the_library_is_extended_in_as_many_files_as_the_page_says(
         text = (copy / file).read_text()
         assert text.count(old) == 1, file
         (copy / file).write_text(text.replace(old, new))
-    # What is flown and searched lasts for moments.
-    place = os.environ | {"PYTHONPATH": str(copy.parent), "JAX_DISABLE_MOST_OPTIMIZATIONS": "1"}
+    flight_csv.write(tmp_path / "flight.csv", driven(900))
+    place = os.environ | {"PYTHONPATH": str(copy.parent)}
     done = subprocess.run(
         [sys.executable, "-c", program], cwd=tmp_path, env=place, capture_output=True, text=True
     )

@@ -252,7 +252,6 @@ LITTLE = {
 README, which is compiled anyway."""
 
 
-@pytest.mark.usefixtures("without_optimizations_once")
 @pytest.mark.slow
 def test_each_command_names_the_next_which_runs(
     tmp_path: Path, monkeypatch: Any, command: Command
@@ -273,7 +272,6 @@ def test_each_command_names_the_next_which_runs(
     assert "no longer there" not in (tmp_path / "report.html").read_text()
 
 
-@pytest.mark.usefixtures("without_optimizations_once")
 @pytest.mark.slow
 def test_the_line_from_logs_to_report_in_json(tmp_path: Path, command: Command) -> None:
     def said(words: str) -> dict[str, Any]:
@@ -392,8 +390,8 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
     assert output.read_bytes() == first
     assert "Predicted flight times, simulated" in out
     assert "of 5" in out
-    published = Path(__file__).parents[1] / "paper" / "gronauer_2021.toml"
-    for others in ("posterior", "0.2", f"0 --conditions {published}"):
+    published = Path(__file__).parents[2] / "paper" / "gronauer_2021.toml"
+    for others in ("posterior", f"0 --conditions {published}"):
         assert command(arguments, f"--overwrite --randomize {others}")[0] == 0
         assert output.read_bytes() != first
     made = json.loads(output.read_text().splitlines()[1].removeprefix("# record: "))
@@ -401,7 +399,6 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
     assert made["inputs"][1].startswith(f"{published.name} ")
 
 
-@pytest.mark.usefixtures("without_optimizations_once")
 @pytest.mark.night
 def test_policies_are_trained_over_what_flights_leave_possible(
     tmp_path: Path, command: Command
