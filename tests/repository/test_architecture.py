@@ -290,9 +290,9 @@ MOST = {
     "log to drone.toml: stops": 742,
     "log to drone.toml: modules": 120,
     "log to drone.toml: names": 976,
-    "drone to policy: stops": 338,
-    "drone to policy: modules": 71,
-    "drone to policy: names": 501,
+    "drone to policy: stops": 345,
+    "drone to policy: modules": 73,
+    "drone to policy: names": 510,
     "policy to flight: stops": 273,
     "policy to flight: modules": 57,
     "policy to flight: names": 416,
@@ -302,9 +302,9 @@ MOST = {
     "study to table: stops": 75,
     "study to table: modules": 14,
     "study to table: names": 122,
-    "constants": 751,
-    "constants without a source": 587,
-    "lines": 62_261,
+    "constants": 756,
+    "constants without a source": 589,
+    "lines": 62_548,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

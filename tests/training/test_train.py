@@ -236,6 +236,42 @@ def test_training_that_has_ended_is_extended_and_an_extension_is_resumed(tmp_pat
         learn(whole)
 
 
+def test_an_extension_of_one_policy_leaves_the_other_and_is_resumed(tmp_path: Path) -> None:
+    """The one that goes on learns as it would beside the other, to rounding."""
+
+    def extended(name: str, members: Any = None, hear: Any = None) -> tuple[Policy, ...]:
+        saved = tmp_path / name
+        if not saved.exists():
+            learn(saved)
+        return train(
+            TASK,
+            CONTROLLER,
+            BOX,
+            KEYS,
+            changed(TINY, updates=6),
+            SPEC,
+            on_progress=hear,
+            checkpoint=Checkpoint(saved, members=members),
+        )
+
+    def interrupt(progress: Progress) -> None:
+        if progress.update == 5:
+            raise KeyboardInterrupt
+
+    heard: list[Progress] = []
+    policies = extended("whole", [1], heard.append)
+    survival = np.array([progress.score.survival for progress in heard])
+    assert np.isnan(survival).tolist() == [[False] * 2] * 4 + [[True, False]] * 2
+    assert [progress.steps for progress in heard] == [32, 64, 96, 128, 144, 160]
+    with pytest.raises(KeyboardInterrupt):
+        extended("killed", [1], interrupt)
+    assert_same(extended("killed"), policies)
+    both, ended = extended("both"), learn()
+    assert_same(policies[0], ended[0])
+    for one, other in zip(jax.tree.leaves(policies[1]), jax.tree.leaves(both[1]), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-4)
+
+
 def test_another_number_of_updates_or_another_weight_compiles_nothing_anew(trained: Any) -> None:
     def programs() -> int:
         compiled: list[Any] = [analytic_gradient.init, analytic_gradient.update]
@@ -374,8 +410,8 @@ def training_that_gives(*policies: Policy) -> Any:
         *arguments: Any, on_progress: Any, checkpoint: Checkpoint, **_: Any
     ) -> tuple[Policy, ...]:
         score = Evaluation(*(jnp.zeros(len(arguments[3])) for _ in Evaluation._fields))
-        on_progress(Progress(1, 1, score))
-        checkpoints.save(checkpoint.path, (), "", (1,))
+        on_progress(Progress(arguments[4].updates, 1, score))
+        checkpoints.save(checkpoint.path, (), "", (arguments[4].updates,))
         return policies
 
     return given

@@ -41,7 +41,7 @@ from maidenflight.parameters import replace as replace_values
 
 _LATTICE = {LAG: 5, "latency": 11}
 """Lags and latencies from bound to bound of which the likeliest begin the search: of latencies one
-every 5 ms, as wide as the optima of logs at 500 Hz; paper/truth_board.py."""
+every 5 ms, as wide as the optima of logs at 500 Hz; paper/identification/truth_board.py."""
 
 
 class Models(NamedTuple):
