@@ -14,9 +14,9 @@ import run_listing
 from maidenflight import policy_file, run_folder
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.policy import Policy, untrained_policy
-from maidenflight.training import defaults, evaluation
+from maidenflight.training import defaults, final_flights
 from maidenflight.training import train as training
-from maidenflight.training.evaluation import Evaluation, OwnFlights
+from maidenflight.training.evaluation import Evaluation
 from maidenflight.verb import Progress, Result
 from maidenflight.verbs.identify import Identify
 from quick import QUICK
@@ -31,8 +31,8 @@ def less_work(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("maidenflight.simulator.tasks.trajectories.RAMP_DURATION_S", 1.0)
     monkeypatch.setattr("maidenflight.experiments.envelope.DURATION_S", 0.1)
     monkeypatch.setattr(defaults, "choose_settings", lambda *_: QUICK)
-    own = [OwnFlights(4, 20.0, 0.01)] * 3
-    monkeypatch.setattr(evaluation, "fly_drone_itself", lambda *_: own)
+    own = [final_flights.FinalFlight("itself", "mine", 20.0, "time limit", 0.01)] * 3
+    monkeypatch.setattr(final_flights, "fly_drones", lambda *_: [own] * 3)
     train = training.train
 
     def train_if_blind(*given: Any, policy: Any, on_progress: Any, **more: Any) -> Any:
