@@ -17,7 +17,6 @@ from maidenflight.policy import Policy, untrained_policy
 from maidenflight.training import defaults, final_flights
 from maidenflight.training import train as training
 from maidenflight.training.evaluation import Evaluation
-from maidenflight.training.final_flights import ITSELF, FinalFlight
 from maidenflight.verb import Progress, Result
 from maidenflight.verbs.identify import Identify
 from quick import QUICK
@@ -32,8 +31,8 @@ def less_work(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("maidenflight.simulator.tasks.trajectories.RAMP_DURATION_S", 1.0)
     monkeypatch.setattr("maidenflight.experiments.envelope.DURATION_S", 0.1)
     monkeypatch.setattr(defaults, "choose_settings", lambda *_: QUICK)
-    flights = [[FinalFlight(ITSELF, "drone", 20.0, "time limit", 0.01)]] * 3
-    monkeypatch.setattr(final_flights, "fly_drones", lambda *_: flights)
+    own = [final_flights.FinalFlight("itself", "mine", 20.0, "time limit", 0.01)] * 3
+    monkeypatch.setattr(final_flights, "fly_drones", lambda *_: [own] * 3)
     train = training.train
 
     def train_if_blind(*given: Any, policy: Any, on_progress: Any, **more: Any) -> Any:

@@ -44,6 +44,12 @@ KEYS = jax.random.split(jax.random.key(5), 2)
 ONE = Train(drone="crazyflie", policies=1, updates=600, randomize=0.1)
 
 
+@pytest.fixture(autouse=True)
+def no_flights(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Final flights are tested elsewhere."""
+    monkeypatch.setattr("maidenflight.training.final_flights.fly_drones", lambda *_: [])
+
+
 def learn(
     saved: Path | None = None, hear: Any = None, settings: AnalyticGradient = TINY, box: Any = BOX
 ) -> tuple[Policy, ...]:
