@@ -69,8 +69,6 @@ LARGE = 1.5
 WIDTH, FARTHEST, NEAR = 0.25, 0.75, 0.05
 """Of a difference quotient, of a Gauss-Newton step at most, and of the step that ends the search
 [standard deviations of the prior]."""
-YOUNGEST = 0.001
-"""Age of estimates that is none [s]."""
 LEAST_DAMPING = 0.1
 """Share of a step below which none is taken."""
 
@@ -149,7 +147,7 @@ def match(
     """Finds the parameters of `PRIOR` with which policies behave as they did.
 
     Before, the age of the drone's estimates is measured in all its logs, where it is above
-    `YOUNGEST` and three standard errors: lag and latency, which act on rate PIDs too, would have to
+    three standard errors: lag and latency, which act on rate PIDs too, would have to
     stand for it.
 
     Costs settings.steps x (1 + parameters) simulations of all policies, compiled once.
@@ -172,7 +170,7 @@ def match(
     settings = settings or ClosedLoop()
     age = attitude_delay(every or [piece for own in flight.values() for piece in own])
     estimates: dict[str, tuple[float, float]] = {}
-    if age is not None and age[0] > max(YOUNGEST, 3.0 * age[1]):
+    if age is not None and age[0] > 3.0 * age[1]:
         estimates["estimator_delay"] = age
         drones = replace(drones, estimator_delay=np.full_like(drones.estimator_delay, age[0]))
     drone_samples = (

@@ -18,7 +18,9 @@ from jaxtyping import Array, Bool, Float
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import SEGMENT_SECONDS, must_have_one_rate
+from maidenflight.identification.likelihood.one_step import CHUNK
 from maidenflight.identification.likelihood.selection import HELD_OUT
+from maidenflight.identification.replay.open_loop import PHYSICS_STEP
 from maidenflight.identification.signals.flight_signals import (
     delay_command,
     force_along_z,
@@ -41,10 +43,6 @@ SHORTEST = 0.25
 """Time that a piece of flight must last beyond that [s]."""
 CLIMB_MEMORY = 3.0
 """Time over which the specific force is integrated to the climb [s]; its offset is forgotten."""
-SLOWEST_STEP = 0.005
-"""Longest physics step of the rotors [s]."""
-CHUNK = 32
-"""Segments whose rotors are simulated together, so that one program serves any number."""
 
 
 class Sensor(NamedTuple):
@@ -153,7 +151,7 @@ class Signals:
 
     def rotors(self, drone: Parameters) -> Rotors:
         """Returns what the rotors of a drone did, by the simulator's motors."""
-        substeps = max(1, int(np.ceil(self.period / SLOWEST_STEP - 1e-6)))
+        substeps = max(1, int(np.ceil(self.period / PHYSICS_STEP - 1e-6)))
         count = self.command.shape[1]
         commands = delay_command(self.command, float(drone.latency) / self.period).astype(
             np.float32
@@ -161,6 +159,7 @@ class Signals:
         commands = np.pad(commands, ((0, 0), (0, -count % CHUNK), (0, 0)))
         commands = commands.reshape(-1, self.rows, *commands.shape[1:])
         drone = with_values(drone, time_step=np.float32(self.period / substeps))
+        # Chunks of one size, so that one program serves any number of segments.
         parts = [
             _speeds(commands[:, :, first : first + CHUNK], drone, substeps)
             for first in range(0, count, CHUNK)
