@@ -301,9 +301,9 @@ MOST = {
     "study to table: stops": 75,
     "study to table: modules": 14,
     "study to table: names": 122,
-    "constants": 738,
-    "constants without a source": 567,
-    "lines": 62_178,
+    "constants": 732,
+    "constants without a source": 509,
+    "lines": 62_176,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

@@ -31,7 +31,7 @@ ACCELEROMETER_DELAY, GYRO_DELAY = 0.0075, 0.0028
 """Delay of a Crazyflie's low-pass filters, Butterworth of second order at 30 and 80 Hz [s]
 (firmware, sensors_bmi088_bmp3xx.c)."""
 GRAVITY = 9.81
-"""Specific force at rest [m/s2]; 1 g where a log counts in g."""
+"""Specific force at rest [m/s2]; 1 g where a log counts in g (firmware, physicalConstants.h)."""
 LONGEST_DELAY = 0.1
 """Delay beyond which a log's comment is refused [s]."""
 

@@ -65,7 +65,7 @@ of a factor. It allows for errors of the model, which the likelihood's narrow in
 SMALLEST_SCALE = 0.05
 """Of what policies differ by in a standard deviation, as a logarithm."""
 LARGE = 1.5
-"""Differences, in their scales, beyond which one weighs less (Huber 1964)."""
+"""Differences, in their scales, beyond which one weighs less (Huber 1964; R's manual of MASS)."""
 WIDTH, FARTHEST, NEAR = 0.25, 0.75, 0.05
 """Of a difference quotient, of a Gauss-Newton step at most, and of the step that ends the search
 [standard deviations of the prior]."""

@@ -27,7 +27,7 @@ from maidenflight.identification.signals.flight_signals import (
     gyro,
     means,
 )
-from maidenflight.identification.signals.thrust_law import beyond
+from maidenflight.identification.signals.thrust_law import MEMORY, beyond
 from maidenflight.parameters import Parameters
 from maidenflight.parameters import replace as with_values
 from maidenflight.simulator.physics import dynamics
@@ -37,10 +37,8 @@ SLOW_FILTER = 0.012
 their delay."""
 LEAD_IN = 1.0
 """Flight before a segment from which its rotors' speeds follow [s]."""
-SETTLING = 0.5
-"""Time after a piece's first row in which its rotors' speeds are not yet known [s]."""
 SHORTEST = 0.25
-"""Time that a piece of flight must last beyond that [s]."""
+"""Time that a piece must last after the first `MEMORY`, in which speeds are not yet known [s]."""
 CLIMB_MEMORY = 3.0
 """Time over which the specific force is integrated to the climb [s]; its offset is forgotten."""
 
@@ -190,8 +188,7 @@ def signals(flights: Sequence[Flight], sensor: Sensor, limit: float = np.inf) ->
     if not parts:
         longest = max(flight.duration for flight in flights)
         raise InputError(
-            f"no flight is long enough: longest {longest:.2f} s, needed "
-            f"{SETTLING + SHORTEST:.2f} s."
+            f"no flight is long enough: longest {longest:.2f} s, needed {MEMORY + SHORTEST:.2f} s."
         )
     names, arrays = zip(*parts, strict=True)
     command, measured, rates, climb, used = (
@@ -210,7 +207,7 @@ def _segments(
     """The arrays of `Signals` for each segment of a piece of flight."""
     lead, length = round(LEAD_IN / step), round(SEGMENT_SECONDS / step)
     steps = len(flight) // rows - 1
-    first = max(round(SETTLING / step), -(-flight.lead // rows))
+    first = max(round(MEMORY / step), -(-flight.lead // rows))
     if (steps - first) * step < SHORTEST:
         return
     command, rates = flight.speed_command, means(gyro(flight), rows)[:steps]
