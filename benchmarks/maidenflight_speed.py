@@ -31,7 +31,7 @@ from maidenflight.parameters import Parameters, crazyflie, replace  # noqa: E402
 from maidenflight.simulator import environment, stepping  # noqa: E402
 from maidenflight.simulator.controllers import control  # noqa: E402
 from maidenflight.simulator.environment import Environment, EnvState  # noqa: E402
-from maidenflight.simulator.physics import dynamics, latency, vectors  # noqa: E402
+from maidenflight.simulator.physics import dynamics, latency, motion, vectors  # noqa: E402
 from maidenflight.simulator.physics.actuators import rotor_speed_command  # noqa: E402
 from maidenflight.simulator.physics.sensors import Measurement  # noqa: E402
 from maidenflight.simulator.randomization import relative_box  # noqa: E402
@@ -60,7 +60,7 @@ Run = Callable[[Any, Any], Any]
 """(what all drones share, what each has, stacked) to what each has afterwards."""
 
 
-driven = partial(stepping.drive_entries, dynamics.euler)
+driven = partial(motion.drive_entries, dynamics.euler)
 """The state after a command's period."""
 
 
@@ -231,7 +231,7 @@ SERIES: dict[str, tuple[Callable[..., Any], int]] = {
 """One drone's function, and the steps that are counted a turn of its loop: physics steps, in
 training steps of the environment."""
 OF_ARRAYS: dict[str, Callable[..., Any]] = {
-    name: partial(one, drive=partial(stepping.drive, dynamics.euler))
+    name: partial(one, drive=partial(motion.drive, dynamics.euler))
     for name, one in (("motor", motor_level), ("rate", rate_pid))
 }
 """The same of states of arrays."""

@@ -23,7 +23,7 @@ from scipy.signal import lfilter
 
 from maidenflight import results
 from maidenflight.flights.checks import checking
-from maidenflight.flights.log import ACCELEROMETER_DELAY, Flight
+from maidenflight.flights.log import ACCELEROMETER_DELAY, TORQUES, Flight
 from maidenflight.flights.reading import read_flights
 from maidenflight.flights.tables import Table
 from maidenflight.identification.identify import identify
@@ -33,7 +33,6 @@ from maidenflight.identification.outcome.estimates import Identification
 from maidenflight.integrations.logs import cflib, usddeck
 from maidenflight.parameters import Parameters, crazyflie
 from maidenflight.parameters import replace as with_values
-from maidenflight.simulator.physics.geometry import TORQUES
 
 MASS, ARM = 0.027, 0.028
 """Of the source's drone [kg], and its rotors' distance from each axis [m]."""

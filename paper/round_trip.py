@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 import maidenflight as mf
 from maidenflight import parameters
 from maidenflight.deployment.drone_format import drone_text
-from maidenflight.flights import log
+from maidenflight.flights import flight_csv
 from maidenflight.flights.log import GYRO_DELAY
 from maidenflight.flights.reading import read_flights
 from maidenflight.flying.recording import record
@@ -181,7 +181,7 @@ def main() -> None:
         noisy = with_additions(reality, ["sensors"])
         with tempfile.TemporaryDirectory() as folder:
             for place, flight in enumerate(record(noisy, jax.random.key(number), **settings)):
-                log.write(Path(folder, f"flight_{place}.csv"), flight)
+                flight_csv.write(Path(folder, f"flight_{place}.csv"), flight)
             flights = read_flights(folder).flights
         start = parameters.drone(centre, float(drone.mass))
         result = identify(flights, start=start, over="auto", key=jax.random.key(0))

@@ -219,7 +219,10 @@ def starts(truth: Parameters) -> Mapping[str, Parameters]:
 
 
 def simulated_rows(name: str) -> Iterator[dict[str, Any]]:
-    """Rows of a drone of another simulator by each start; none without its package."""
+    """Rows of a drone of another simulator, in shares of the truth; none without its package.
+
+    Of three starts, the one whose value is farthest from the truth.
+    """
     try:
         reality: Any = find_reality(name)
     except InputError as error:
@@ -227,16 +230,20 @@ def simulated_rows(name: str) -> Iterator[dict[str, Any]]:
         return
     truth: Parameters = reality.parameters
     flights = list(record(reality, jax.random.key(0)))
+    found: dict[str, list[dict[str, Any]]] = {quantity: [] for quantity in PARAMETERS}
     for label, start in starts(truth).items():
         # Logs without forces tell the inertia over mass and arm.
-        arms = [float(one.mass) * arm_length(one) for one in (start, truth)]
-        values = {}
-        for one in PARAMETERS:
-            scale = arms[0] / arms[1] if one.startswith("inertia") else 1.0
-            values[one] = (float(component(truth, one)) * scale,) * 2
+        arms = [float(drone.mass) * arm_length(drone) for drone in (start, truth)]
         identification = mf.identify(flights, start=start, key=jax.random.key(0))
-        drone = Drone((), "", None, values, f"its makers; start: {label}")
-        yield from rows_of(name, drone, identification, None)
+        for quantity in PARAMETERS:
+            scale = arms[0] / arms[1] if quantity.startswith("inertia") else 1.0
+            value = float(component(truth, quantity)) * scale
+            drone = Drone((), "", None, {quantity: (value, value)}, f"its makers; {label}")
+            for row in rows_of(name, drone, identification, None):
+                shares = {key: row[key] and row[key] / value for key in ("found", "low", "high")}
+                found[quantity].append(row | shares | {"least": 1.0, "most": 1.0})
+    for rows in found.values():
+        yield max(rows, key=lambda row: (not row["inside"], abs((row["found"] or 0.0) - 1.0)))
 
 
 def read_drone_flights(drone: Drone, data: Path) -> list[Flight]:
@@ -363,7 +370,9 @@ def lag_rows(data: Path) -> Iterator[dict[str, Any]]:
 
 def _cell(row: dict[str, Any]) -> str:
     """A row of the page's table; times in ms."""
-    scale = 1e3 if row["quantity"] in (TOTAL, "motor_time_constant") else 1.0
+    share_of_truth = row["drone"] in SIMULATED
+    is_time = row["quantity"] in (TOTAL, "motor_time_constant") and not share_of_truth
+    scale = 1e3 if is_time else 1.0
 
     def text(key: str) -> str:
         value = row[key]
@@ -392,7 +401,8 @@ with 95 % intervals. Measured rotor speeds are hidden and only judge (R2: share 
 from 0.5 to 20 Hz that the identified motors predict from commands), but those of INDIflight; read,
 they say 84 ms of the brushed drone.
 Drones of l2f and crazyflow are recorded by our PID, 4 flights of 30 s, and identified from three
-starts; their lag is that about hover, and inertia that of the start's mass and arm. Rebuilt by
+starts: the farthest from the truth, of which values are shares; their lag is that about hover, and
+inertia that of the start's mass and arm. Rebuilt by
 `python paper/truth_board.py --data ../shared/data`.
 
 | drone | quantity | truth | found | interval | high / low | inside | R2 of speed | truth by |

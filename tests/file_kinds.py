@@ -33,7 +33,7 @@ from damage import (
 )
 from maidenflight import manifest, parameters, policy_file, results, run_folder
 from maidenflight.experiments.drones import possible_drones
-from maidenflight.flights import formats, log
+from maidenflight.flights import flight_csv, formats, log
 from maidenflight.flights.reading import Flights, read_flights
 from maidenflight.identification.drone_file import (
     OBJECTIVES,
@@ -171,7 +171,7 @@ def table_logs() -> dict[str, tuple[bytes, tuple[str, ...]]]:
     frame = polars.DataFrame({name: table[name] for name in needed})
     own = tuple(column for columns in log.GROUPS.values() for column in columns)
     return {
-        "ours": (log.to_csv(flights.driven(ROWS), {"seed": 1}).encode(), own),
+        "ours": (flight_csv.to_csv(flights.driven(ROWS), {"seed": 1}).encode(), own),
         "authors": (flights.authors_text(flights.authors_columns(ROWS)).encode(), authors.COLUMNS),
         "nanobench": (nano.text(rows=ROWS).encode(), nanobench.COLUMNS),
         "cflib": (frame.write_csv().encode(), needed),
@@ -277,7 +277,7 @@ def log_kinds() -> dict[str, Kind]:
         lambda folder, _: read_flights(folder),
         fault=fault_beside,
         around={
-            "good.csv": log.to_csv(load("made_flights").driven(ROWS, 1)).encode(),
+            "good.csv": flight_csv.to_csv(load("made_flights").driven(ROWS, 1)).encode(),
             "prediction.csv": b"policy,trial,duration,end_reason\n1,1,1,tilt\n",
         },
         lenient=True,
@@ -566,10 +566,10 @@ def whole_run() -> dict[str, bytes]:
         "policies/policy_1.json": policy_file.to_json(small_policy(), RECORD).encode(),
         "policies/training.csv": b"steps,policy,episode_return,survival,position_error\n"
         b"1000,1,-9.0,0.5,0.1\n2000,1,-5.0,1.0,0.02\n",
-        "recorded/flight_01.csv": log.to_csv(tests.circling(0.6), RECORD).encode(),
+        "recorded/flight_01.csv": flight_csv.to_csv(tests.circling(0.6), RECORD).encode(),
         "transfer/flights.csv": tests.flown().table.head(2).write_csv().encode(),
         **{
-            f"transfer/flight_0{n}.csv": log.to_csv(tests.circling(0.4), RECORD).encode()
+            f"transfer/flight_0{n}.csv": flight_csv.to_csv(tests.circling(0.4), RECORD).encode()
             for n in (1, 2)
         },
     }

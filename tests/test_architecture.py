@@ -283,17 +283,17 @@ if str(BENCHMARKS) not in sys.path:
 parts: Any = importlib.import_module("parts")
 
 MOST = {
-    "closure of identify": 109,
-    "closure of train": 57,
+    "closure of identify": 86,
+    "closure of train": 58,
     "closure of export": 30,
-    "log to drone.toml: stops": 744,
+    "log to drone.toml: stops": 741,
     "log to drone.toml: modules": 120,
-    "log to drone.toml: names": 979,
+    "log to drone.toml: names": 975,
     "drone to policy: stops": 338,
-    "drone to policy: modules": 70,
+    "drone to policy: modules": 71,
     "drone to policy: names": 501,
     "policy to flight: stops": 273,
-    "policy to flight: modules": 55,
+    "policy to flight: modules": 57,
     "policy to flight: names": 416,
     "policy to C: stops": 46,
     "policy to C: modules": 12,
@@ -303,7 +303,7 @@ MOST = {
     "study to table: names": 122,
     "constants": 732,
     "constants without a source": 509,
-    "lines": 62_176,
+    "lines": 62_210,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

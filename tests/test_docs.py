@@ -30,7 +30,7 @@ from maidenflight import (
 )
 from maidenflight import simulator as sim
 from maidenflight.errors import InputError
-from maidenflight.flights import log
+from maidenflight.flights import flight_csv, log
 from maidenflight.flights.rotors import rotors
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.identification.likelihood.estimator import Models, Question, answer_question
@@ -99,7 +99,7 @@ def test_the_commands_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.Monk
     for number, flight in enumerate(
         mf.record(mf.virtual_drone(7), jax.random.key(0), flights=2, duration=4.0)
     ):
-        log.write(f"flights/flight_{number}.csv", flight)
+        flight_csv.write(f"flights/flight_{number}.csv", flight)
     assert run_commands(blocks("README.md", "sh"), monkeypatch) >= 5
     assert (tmp_path / "report.html").exists()
     assert (tmp_path / "firmware/policy.c").exists()
@@ -207,7 +207,7 @@ def test_the_python_of_the_identification_page_runs(
     for number, flight in enumerate(
         mf.record(mf.virtual_drone(7), jax.random.key(0), flights=2, duration=4.0)
     ):
-        log.write(f"run/recorded/flight_{number}.csv", flight)
+        flight_csv.write(f"run/recorded/flight_{number}.csv", flight)
     monkeypatch.setattr(
         mf,
         "identify",
@@ -385,7 +385,7 @@ def test_the_python_of_a_question_is_short_and_runs(
 @pytest.mark.usefixtures("less_work")
 def test_the_python_of_the_first_pages_runs(page: str, title: str | None) -> None:
     for flight in mf.record(mf.virtual_drone(7), jax.random.key(0)) if page == "quickstart" else []:
-        log.write(f"run/recorded/{flight.name}.csv", flight)
+        flight_csv.write(f"run/recorded/{flight.name}.csv", flight)
     run_python(f"docs/{page}.md", title)
     assert Path("firmware/policy.c").exists() == (page == "quickstart")
     assert Path("report.html").exists() == (page == "quickstart")
@@ -696,7 +696,7 @@ def test_the_commands_of_a_first_hour_run(
     flights = mf.record(mf.virtual_drone(7), jax.random.key(0), flights=2, duration=4.0)
     for number, flight in enumerate(flights):
         for folder in ("flights", "more_flights", "blackbox_flights", "authors_flights/pwm"):
-            log.write(f"{folder}/flight_{number}.csv", flight)
+            flight_csv.write(f"{folder}/flight_{number}.csv", flight)
     parameters.write_drone("mine.toml", parameters.crazyflie(), {})
     for name in ("pwm_024", "attitude_rate_066", "attitude_021"):
         policy_file.write_policy(f"{name}.json", policy.untrained_policy(jax.random.key(0)))

@@ -11,7 +11,7 @@ import pytest
 from commands import Command
 from made_flights import driven
 from maidenflight import inputs, parameters, policy, policy_file, results
-from maidenflight.flights import log
+from maidenflight.flights import flight_csv
 from maidenflight.simulator.policy_spec import PolicySpec
 
 ODD = os.fsdecode(b"fl\xe9ge\xff")
@@ -22,7 +22,7 @@ ODD = os.fsdecode(b"fl\xe9ge\xff")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Logs, policies and a drone with names that are no UTF-8."""
     place = tmp_path_factory.mktemp("files") / ODD
-    log.write(place / "logs" / f"{ODD}.csv", driven(600))
+    flight_csv.write(place / "logs" / f"{ODD}.csv", driven(600))
     own = policy.untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
     policy_file.write_policy(place / "policies" / f"{ODD}.json", own, {"seed": 1})
     parameters.write_drone(place / f"{ODD}.toml", parameters.crazyflie())

@@ -11,7 +11,7 @@ import maidenflight as mf
 from made_flights import driven
 from maidenflight import policy_file
 from maidenflight.errors import InputError
-from maidenflight.flights import log
+from maidenflight.flights import flight_csv
 from maidenflight.flights.log import Flight
 from maidenflight.identification.identify import of_one_kind
 from maidenflight.inputs import random_key
@@ -72,7 +72,7 @@ def test_a_table_without_a_column_or_against_physics_is_refused() -> None:
 
 
 def test_logs_are_read_by_their_path_and_a_whole_number_is_a_key(tmp_path: Path) -> None:
-    log.write(tmp_path / "logs" / "a.csv", FLIGHT)
+    flight_csv.write(tmp_path / "logs" / "a.csv", FLIGHT)
     flights, notes = of_one_kind(tmp_path / "logs")
     assert (len(flights), notes) == (1, [])
     with pytest.raises(InputError, match="no such file"):

@@ -15,7 +15,7 @@ from commands import run
 from made_flights import calm
 from maidenflight import policy, policy_file, registry
 from maidenflight.errors import InputError
-from maidenflight.flights import log
+from maidenflight.flights import flight_csv
 from maidenflight.flights.reading import read_flights
 
 PACKAGE = '''
@@ -23,7 +23,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-from maidenflight.flights import log
+from maidenflight.flights import flight_csv
 from maidenflight.flights.formats import Recording, TableFormat
 from maidenflight.settings import setting, whole
 from maidenflight.simulator.realities.virtual_drone import virtual_drone
@@ -32,11 +32,11 @@ from maidenflight.verb import Output, Result, Verb
 
 def flights(table):
     frame = table.frame.rename(lambda name: name.removeprefix("acme_"))
-    return log.flights(replace(table, frame=frame, mark=log.MARK))
+    return flight_csv.flights(replace(table, frame=frame, mark=flight_csv.MARK))
 
 
 def packets(path, name):
-    flight = log.from_csv(path.read_bytes()[4:].decode(), name)
+    flight = flight_csv.from_csv(path.read_bytes()[4:].decode(), name)
     return [(flight, [row * flight.period for row in range(len(flight))])], []
 
 
@@ -102,18 +102,20 @@ def test_a_log_format_of_an_installed_package_is_read(
     install(packages, ENTRIES)
     logs = tmp_path / "logs"
     logs.mkdir()
-    text = log.to_csv(calm())
+    text = flight_csv.to_csv(calm())
     head, _, rows = text.partition("\ntime,")
     names, _, rows = rows.partition("\n")
     theirs = ",".join(f"acme_{name}" for name in ["time", *names.split(",")])
-    (logs / "flight.csv").write_text(f"{head.replace(log.MARK, '# of acme')}\n{theirs}\n{rows}")
+    (logs / "flight.csv").write_text(
+        f"{head.replace(flight_csv.MARK, '# of acme')}\n{theirs}\n{rows}"
+    )
     (logs / "packets.acme").write_bytes(b"ACME" + text.encode())
     code, out, _ = run(monkeypatch, capsys, "log", logs, "--json")
     assert code == 0
     assert len(json.loads(out)["logs"]) == 1  # both hold the same flight
     for name in ("flight.csv", "packets.acme"):
         (flight,) = read_flights(logs / name)
-        np.testing.assert_array_equal(flight.position, log.from_csv(text, "own").position)
+        np.testing.assert_array_equal(flight.position, flight_csv.from_csv(text, "own").position)
 
 
 def test_a_reality_of_an_installed_package_is_flown(
@@ -187,7 +189,7 @@ def test_a_damaged_log_format_is_named_where_no_other_reads_the_file(
 ) -> None:
     lines = "gone = nowhere:TABLE\nodd = acme:drone"
     install(packages, f"[maidenflight.log_formats]\n{lines}\n")
-    log.write(tmp_path / "own.csv", calm())
+    flight_csv.write(tmp_path / "own.csv", calm())
     (tmp_path / "other.csv").write_text("clock,x\n1,2\n")
     (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\xff")
     assert len(read_flights(tmp_path / "own.csv")) == 1
@@ -221,7 +223,7 @@ def test_no_package_is_looked_for_where_a_name_is_ours(
     code, out, _ = run(monkeypatch, capsys, "export", "--help")
     assert code == 0
     assert "[c|onnx|authors|crazyflie|raptor|px4|...]" in out
-    log.write(tmp_path / "own.csv", calm())
+    flight_csv.write(tmp_path / "own.csv", calm())
     assert len(read_flights(tmp_path)) == 1
     assert mf.reality("virtual:7")
     mf.export(policy.untrained_policy(jax.random.key(0)), tmp_path, "c")

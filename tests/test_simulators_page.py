@@ -11,7 +11,7 @@ import pytest
 
 import maidenflight as mf
 from maidenflight import cli, parameters, policy_file
-from maidenflight.flights import log
+from maidenflight.flights import flight_csv
 from maidenflight.flights.rotors import rotors
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.identification.posterior import Posterior
@@ -42,7 +42,7 @@ def write_own_drone() -> None:
     (flight,) = mf.record(mf.virtual_drone(7), jax.random.key(0), flights=1, duration=4.0)
     share = rotors(flight, drone).speed
     speed = 2300.0 * np.concatenate([share[:1], share[:-1]])
-    log.write("logs/flight.csv", dataclasses.replace(flight, rotor_speed=speed))
+    flight_csv.write("logs/flight.csv", dataclasses.replace(flight, rotor_speed=speed))
 
 
 def test_drones_are_written_as_the_page_says() -> None:

@@ -12,7 +12,7 @@ import polars
 import pytest
 
 from maidenflight import parameters, policy_file
-from maidenflight.flights import log
+from maidenflight.flights import flight_csv
 from maidenflight.simulator.controllers.interface import INTERFACES
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.studies import worker
@@ -37,7 +37,7 @@ def test_table_2_stands_beside_the_papers_and_the_truth(
     """Virtual flights and, from files, others in two folders, of which one is called as a control
     structure is."""
     (flight,) = table_2.virtual_flights(7, 1, 6.0)
-    log.write(tmp_path / "logs" / "pwm" / "flight.csv", flight, {})
+    flight_csv.write(tmp_path / "logs" / "pwm" / "flight.csv", flight, {})
     small = ["--small", "--lengths", "30", "--trials", "1", "--flights", "1", "--evaluations", "12"]
     table_2.main([*small, "--logs", str(tmp_path / "logs"), "-o", str(tmp_path / "made")])
     told = capsys.readouterr().out

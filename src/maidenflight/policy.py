@@ -311,6 +311,6 @@ def _check_gru(gru: Gru, inputs: int, source: str) -> None:
     wrong = {name: pair for name, pair in shapes.items() if pair[0] != pair[1]}
     if wrong or not shapes:
         raise InputError(
-            f"{source}: recurrent unit of {np.shape(gru.recurrent)} with shapes {wrong}; expected "
-            "the second of each."
+            f"{source}: recurrent unit of {np.shape(gru.recurrent)} with shapes {wrong}, found and "
+            "expected. Export or train the policy again."
         )

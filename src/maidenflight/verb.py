@@ -1,7 +1,8 @@
 """`Verb`, a stage of the pipeline: its settings declared once, and `run`, which does it.
 
 The command line, studies, the demo and Python call the same object. A verb is one class in one
-file, and a line in `registry.VERBS`.
+file, and a line in `registry.VERBS`: its name and `MODULE:CLASS`. `settings.setting` declares a
+field with its help and check; the class's docstring is the command's help.
 """
 
 import dataclasses
@@ -148,7 +149,7 @@ class Verb:
         """Refuses what can be refused before anything heavy is imported.
 
         Raises:
-            InputError: as of `check`, which calls it too.
+            InputError: as of `check`, before which it is called.
         """
 
     def choose_output(self, output: StrPath | None) -> Any:
@@ -190,7 +191,7 @@ class Verb:
             InputError: the settings do not go together, or an input is wrong.
             WriteError: a file cannot be written.
         """
-        # A verb may keep what it reads: of this run alone.
+        # Each run has a copy, in which a verb may keep what it has read.
         verb = object.__new__(type(self))
         vars(verb).update((name, getattr(self, name)) for name, _ in self.settings().values())
         verb.check_early()

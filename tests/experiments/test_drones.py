@@ -8,7 +8,7 @@ import pytest
 from made_flights import calm
 from maidenflight.errors import InputError
 from maidenflight.experiments.drones import distribution_of, possible_drones
-from maidenflight.flights import log
+from maidenflight.flights import flight_csv
 from maidenflight.identification.drone_file import DroneFile, Estimate
 from maidenflight.names import ANY, ANY_DAY, POSTERIOR, TRIMS
 from maidenflight.parameters import crazyflie
@@ -29,7 +29,7 @@ def test_a_log_of_the_day_tells_the_trims_and_nothing_else(tmp_path: Path) -> No
     )
     noise = 0.01 * np.random.default_rng(0).standard_normal((300, 4))
     flight = calm(300, command=np.float32(noise + np.array([0.5, 0.54, 0.5, 0.54])))
-    today = log.write(tmp_path / "today.csv", flight)
+    today = flight_csv.write(tmp_path / "today.csv", flight)
     drones = possible_drones(file, TRIMS, 0, today)
     assert np.mean(drones.torque_bias[:, 2]) < -1e-5
     assert np.ptp(drones.latency) == 0.0

@@ -8,7 +8,7 @@ import pytest
 
 from made_flights import driven
 from maidenflight.errors import InputError
-from maidenflight.flights import log, tables
+from maidenflight.flights import flight_csv, tables
 from maidenflight.flights.checkup.result import (
     FAILS,
     PASSES,
@@ -34,7 +34,7 @@ def parts(monkeypatch):
 @pytest.mark.parametrize("kind", ["csv", "csv.gz", "parquet"])
 def test_a_long_file_in_parts_holds_the_rows_of_the_whole(tmp_path, monkeypatch, kind):
     path = tmp_path / f"long.{kind}"
-    text = log.to_csv(driven(900))
+    text = flight_csv.to_csv(driven(900))
     if kind == "parquet":
         table = tables.from_text(text, "long")
         table.frame.write_parquet(path, metadata=table.head)
@@ -51,7 +51,7 @@ def test_a_long_file_in_parts_holds_the_rows_of_the_whole(tmp_path, monkeypatch,
 
 @pytest.mark.parametrize("fault", [",x", ",\xe9"])
 def test_a_fault_deep_in_a_long_file_is_named_by_its_line(tmp_path, parts, fault):
-    lines = log.to_csv(driven(900)).splitlines()
+    lines = flight_csv.to_csv(driven(900)).splitlines()
     lines[800] = lines[800].replace(",", fault, 1)
     path = tmp_path / "long.csv"
     path.write_text("\n".join([*lines, ""]), encoding="latin-1")
@@ -61,7 +61,7 @@ def test_a_fault_deep_in_a_long_file_is_named_by_its_line(tmp_path, parts, fault
 
 
 def test_a_last_line_that_is_cut_off_is_dropped_of_a_long_file_too(tmp_path, parts):
-    text = log.to_csv(driven(900))
+    text = flight_csv.to_csv(driven(900))
     path = tmp_path / "long.csv"
     path.write_text(text[:-7])
     flights = read_flights(path, faulty="use")
@@ -70,7 +70,7 @@ def test_a_last_line_that_is_cut_off_is_dropped_of_a_long_file_too(tmp_path, par
 
 
 def test_a_table_of_numpy_keeps_its_names_in_every_part(tmp_path, parts):
-    frame = tables.from_text(log.to_csv(driven(900)), "p").frame
+    frame = tables.from_text(flight_csv.to_csv(driven(900)), "p").frame
     path = tmp_path / "long.csv"
     np.savetxt(path, frame.to_numpy(), delimiter=",", header=",".join(frame.columns))
     several = list(tables.parts(path, "long"))

@@ -15,7 +15,7 @@ import pytest
 
 from made_flights import driven
 from maidenflight.errors import InputError
-from maidenflight.flights import log
+from maidenflight.flights import flight_csv
 from maidenflight.flights.reading import read_flights
 from maidenflight.verbs.parts import logs_output
 
@@ -27,7 +27,7 @@ FIRST = 6
 @cache
 def good():
     """The text of a log in our format that has nothing to complain about."""
-    return log.to_csv(driven(ROWS))
+    return flight_csv.to_csv(driven(ROWS))
 
 
 def lines(change: Callable[[list[str]], object]):
@@ -66,7 +66,7 @@ def columns(**changes: Callable[[polars.Expr], polars.Expr] | polars.Expr):
 def flight(**groups: Callable[[np.ndarray], np.ndarray]):
     """The good flight with whole groups of columns changed."""
     made = driven(ROWS)
-    return log.to_csv(
+    return flight_csv.to_csv(
         replace(made, **{group: change(getattr(made, group)) for group, change in groups.items()})
     )
 
@@ -79,7 +79,9 @@ def shuffled():
         position=made.position * np.array([4, 4, 1], np.float32),
         velocity=made.velocity * np.array([4, 4, 1], np.float32),
     )
-    return log.to_csv(replace(large, **{group: getattr(large, group)[rows] for group in groups}))
+    return flight_csv.to_csv(
+        replace(large, **{group: getattr(large, group)[rows] for group in groups})
+    )
 
 
 def order(*motors: int):
@@ -293,7 +295,7 @@ def test_a_damaged_log_is_refused_by_its_name_and_reason(tmp_path, what):
 def bad_rows(group: str, rows: slice, value: float):
     values = getattr(driven(ROWS), group).copy()
     values[rows, 0] = value
-    return log.to_csv(replace(driven(ROWS), **{group: values}))
+    return flight_csv.to_csv(replace(driven(ROWS), **{group: values}))
 
 
 TOLD: dict[str, tuple[Callable[[], str | bytes], str, int]] = {
@@ -366,13 +368,13 @@ def test_the_good_log_is_read_whole_and_without_notes(tmp_path):
 def test_a_world_with_another_origin_is_no_contradiction(tmp_path, seed):
     made = driven(600, seed)
     made = replace(made, position=made.position + np.array([5, -3, 1], np.float32))
-    log.write(tmp_path / "calm.csv", made)
+    flight_csv.write(tmp_path / "calm.csv", made)
     assert read_flights(tmp_path).notes == ()
 
 
 def test_a_folder_with_bad_logs_still_gives_the_good_ones_and_says_so(tmp_path, capsys):
-    log.write(tmp_path / "day" / "good.csv", driven(ROWS))
-    log.write(tmp_path / "good.csv", driven(ROWS, seed=1))
+    flight_csv.write(tmp_path / "day" / "good.csv", driven(ROWS))
+    flight_csv.write(tmp_path / "good.csv", driven(ROWS, seed=1))
     (tmp_path / "results.csv").write_text("policy,return\n1,2\n")
     for number, what in enumerate(REFUSED):
         content = REFUSED[what][0]()
@@ -394,7 +396,7 @@ def test_a_folder_with_bad_logs_still_gives_the_good_ones_and_says_so(tmp_path, 
 
 
 def test_what_is_no_file_is_told_or_ignored(tmp_path):
-    log.write(tmp_path / "folder.csv" / "good.csv", driven(ROWS))
+    flight_csv.write(tmp_path / "folder.csv" / "good.csv", driven(ROWS))
     (tmp_path / "loop.csv").symlink_to(tmp_path / "loop.csv")
     (tmp_path / "round").symlink_to(tmp_path)
     (tmp_path / "picture.png").write_bytes(b"\x89PNG")
@@ -416,14 +418,14 @@ def test_a_folder_of_pictures_says_what_is_looked_for(tmp_path):
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may read everything")
 def test_what_may_not_be_read_is_refused(tmp_path):
-    log.write(tmp_path / "good.csv", driven(ROWS))
-    log.write(tmp_path / "secret.csv", driven(ROWS)).chmod(0)
+    flight_csv.write(tmp_path / "good.csv", driven(ROWS))
+    flight_csv.write(tmp_path / "secret.csv", driven(ROWS)).chmod(0)
     assert "secret.csv: cannot be read" in read_flights(tmp_path).refused[0]
 
 
 def test_a_file_that_cannot_be_opened_is_refused(tmp_path, monkeypatch):
-    log.write(tmp_path / "good.csv", driven(ROWS))
-    log.write(tmp_path / "secret.csv", driven(ROWS))
+    flight_csv.write(tmp_path / "good.csv", driven(ROWS))
+    flight_csv.write(tmp_path / "secret.csv", driven(ROWS))
     whole = type(tmp_path).open
 
     def open_(path, *arguments, **options):

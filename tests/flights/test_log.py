@@ -14,7 +14,7 @@ from hypothesis.extra.numpy import arrays
 
 from made_flights import calm
 from maidenflight.errors import InputError
-from maidenflight.flights import log, tables
+from maidenflight.flights import flight_csv, log, tables
 from maidenflight.flights.reading import read_flights
 from pages import run_python
 
@@ -44,7 +44,7 @@ def flights(draw):
 
 @given(flights())
 def test_a_written_flight_is_read_back_to_a_millionth(flight):
-    again = log.from_csv(log.to_csv(flight), "made")
+    again = flight_csv.from_csv(flight_csv.to_csv(flight), "made")
     assert (again.zero_order_hold, again.simulated, again.name, len(again)) == (
         flight.zero_order_hold,
         flight.simulated,
@@ -70,14 +70,14 @@ def test_a_battery_and_a_setpoint_that_nobody_knows_survive():
     unknown = calm(
         battery=np.full(120, np.nan, np.float32), setpoint=np.full((120, 3), np.nan, np.float32)
     )
-    again = log.from_csv(log.to_csv(unknown), "made")
+    again = flight_csv.from_csv(flight_csv.to_csv(unknown), "made")
     assert np.isnan(again.battery).all()
     assert np.isnan(again.setpoint).all()
     assert not np.isnan(again.position).any()
 
 
 def test_a_flight_of_one_row_is_read():
-    again = log.from_csv(log.to_csv(calm(rows=1)), "made")
+    again = flight_csv.from_csv(flight_csv.to_csv(calm(rows=1)), "made")
     assert len(again) == 1
 
 
@@ -108,8 +108,10 @@ def test_duration_is_rows_times_period():
 
 
 def test_a_file_says_what_it_is_and_in_which_units():
-    lines = log.to_csv(calm(zero_order_hold=False, simulated="virtual:3"), {"seed": 7}).split("\n")
-    assert lines[0].startswith(log.MARK)
+    lines = flight_csv.to_csv(
+        calm(zero_order_hold=False, simulated="virtual:3"), {"seed": 7}
+    ).split("\n")
+    assert lines[0].startswith(flight_csv.MARK)
     for quantity in (
         "time s;",
         "position m ",
@@ -129,12 +131,13 @@ def test_a_file_says_what_it_is_and_in_which_units():
 
 def test_the_same_flight_makes_the_same_bytes(tmp_path):
     paths = [
-        log.write(tmp_path / name, calm(), {"b": 1, "a": 2}) for name in ("one.csv", "two.csv")
+        flight_csv.write(tmp_path / name, calm(), {"b": 1, "a": 2})
+        for name in ("one.csv", "two.csv")
     ]
     assert (
         paths[0].read_bytes()
         == paths[1].read_bytes()
-        == log.to_csv(calm(), {"b": 1, "a": 2}).encode()
+        == flight_csv.to_csv(calm(), {"b": 1, "a": 2}).encode()
     )
 
 
@@ -143,20 +146,20 @@ def test_the_same_flight_makes_the_same_bytes(tmp_path):
 )
 def test_a_missing_column_is_named(column):
     with pytest.raises(InputError, match=rf"x\.csv: missing column {column};"):
-        log.from_csv(log.to_csv(calm()).replace(column, "something_else"), "x.csv")
+        flight_csv.from_csv(flight_csv.to_csv(calm()).replace(column, "something_else"), "x.csv")
 
 
 def test_text_in_a_numeric_column_is_named():
-    lines = log.to_csv(calm()).split("\n")
+    lines = flight_csv.to_csv(calm()).split("\n")
     lines[9] = lines[9].replace(lines[9].split(",")[2], "left", 1)
     with pytest.raises(InputError, match=r"x\.csv: column position_y .*not a number") as told:
-        log.from_csv("\n".join(lines), "x.csv")
+        flight_csv.from_csv("\n".join(lines), "x.csv")
     assert "'left'" in str(told.value)
 
 
 def test_a_file_without_rows_is_refused():
     with pytest.raises(InputError, match=r"x\.csv: no rows"):
-        log.from_csv("\n".join(log.to_csv(calm()).split("\n")[:5]) + "\n", "x.csv")
+        flight_csv.from_csv("\n".join(flight_csv.to_csv(calm()).split("\n")[:5]) + "\n", "x.csv")
 
 
 @pytest.mark.parametrize("line", ["", "# commands: often\n"])
@@ -164,7 +167,9 @@ def test_commands_must_be_held_or_sampled(line):
     with pytest.raises(
         InputError, match="'# commands: zero-order-hold' or '# commands: subsampled'"
     ):
-        log.from_csv(log.to_csv(calm()).replace("# commands: zero-order-hold\n", line), "x.csv")
+        flight_csv.from_csv(
+            flight_csv.to_csv(calm()).replace("# commands: zero-order-hold\n", line), "x.csv"
+        )
 
 
 @pytest.mark.parametrize(
@@ -173,14 +178,14 @@ def test_commands_must_be_held_or_sampled(line):
 )
 def test_what_is_no_table_is_refused(text):
     with pytest.raises(InputError, match=r"x\.csv"):
-        log.from_csv(text, "x.csv")
+        flight_csv.from_csv(text, "x.csv")
     with pytest.raises(InputError, match=r"x\.csv"):
         tables.numbers(tables.from_text(text, "x.csv"), ["time"])
 
 
 def to_parquet(path, flight, **metadata):
     """A flight in our columns as Parquet."""
-    text = log.to_csv(flight)
+    text = flight_csv.to_csv(flight)
     polars.read_csv(io.StringIO(text), comment_prefix="#").write_parquet(
         path, metadata=metadata or None
     )
@@ -219,7 +224,7 @@ def test_parquet_that_is_none_is_refused(tmp_path, content):
 
 
 def test_a_column_of_dates_in_parquet_is_named(tmp_path):
-    text = log.to_csv(calm())
+    text = flight_csv.to_csv(calm())
     frame = polars.read_csv(io.StringIO(text), comment_prefix="#")
     when = polars.datetime_range(
         polars.datetime(2024, 1, 1), polars.datetime(2024, 1, 2), "12m", eager=True
@@ -254,4 +259,4 @@ def test_averaged_rows_keep_the_state_and_the_mean_rotor_speed_of_their_commands
 @pytest.mark.parametrize("by_law", [True, False])
 def test_a_log_says_whether_a_battery_law_made_its_commands(by_law):
     flight = replace(calm(), by_battery_law=by_law)
-    assert log.from_csv(log.to_csv(flight), "one").by_battery_law is by_law
+    assert flight_csv.from_csv(flight_csv.to_csv(flight), "one").by_battery_law is by_law

@@ -6,7 +6,7 @@ import pytest
 
 from made_flights import calm
 from maidenflight.errors import InputError
-from maidenflight.flights import log, not_logs
+from maidenflight.flights import flight_csv, not_logs
 from maidenflight.flights.reading import read_flights
 
 
@@ -49,7 +49,7 @@ def test_kinds_together_have_each_remedy_once(tmp_path: Path) -> None:
 
 
 def test_beside_logs_they_are_a_note(tmp_path: Path) -> None:
-    log.write(tmp_path / "good.csv", calm(rows=200))
+    flight_csv.write(tmp_path / "good.csv", calm(rows=200))
     put(tmp_path / "a.bin", b"#ROSBAG")
     (note,) = [note for note in read_flights(tmp_path).notes if "ROS 1" in note]
     assert note.startswith(f"{tmp_path.name}: also holds a ROS 1 bag, which is not read.")

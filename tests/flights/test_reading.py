@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 
 from made_flights import AUTHORS, authors_columns, authors_text, calm, driven, same
 from maidenflight.errors import InputError
-from maidenflight.flights import log
+from maidenflight.flights import flight_csv
 from maidenflight.flights.reading import Flights, read_flights
 
 
 @cache
 def ours(rows=80, seed=0):
-    return log.to_csv(driven(rows=rows, seed=seed)).encode()
+    return flight_csv.to_csv(driven(rows=rows, seed=seed)).encode()
 
 
 @cache
@@ -165,7 +165,7 @@ def test_a_log_with_its_columns_in_another_order_is_read_in_a_folder_too(tmp_pat
 def test_a_flight_that_two_files_hold_is_used_once(tmp_path):
     flights = [calm(200, 1), calm(200, 2), calm(200, 1)]
     for number, flight in enumerate(flights):
-        log.write(tmp_path / f"log_{number}.csv", flight, {"copy": number})
+        flight_csv.write(tmp_path / f"log_{number}.csv", flight, {"copy": number})
     read = read_flights(tmp_path)
     assert [path.name for path in read.paths] == ["log_0.csv", "log_1.csv"]
     assert len(read) == 2
@@ -280,8 +280,8 @@ def test_a_file_saved_on_windows_is_read_alike(tmp_path):
 
 HEADS = [
     b"",
-    log.MARK.encode() + b"\n",
-    log.MARK.encode() + b"\n# commands: zero-order-hold\n",
+    flight_csv.MARK.encode() + b"\n",
+    flight_csv.MARK.encode() + b"\n# commands: zero-order-hold\n",
     AUTHORS.encode() + b"\n",
     b"\x1f\x8b\x08\x00",
     b"PAR1",

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from made_flights import calm
+from maidenflight.flights.log import TORQUES
 from maidenflight.flights.summary import choose_most_telling, rank, summaries
-from maidenflight.simulator.physics.geometry import TORQUES
 
 
 def test_pieces_of_one_log_are_summed_and_only_what_was_measured_is_a_signal():

@@ -10,7 +10,7 @@ import pytest
 
 from made_flights import same, volts
 from maidenflight.errors import InputError
-from maidenflight.flights import log
+from maidenflight.flights import flight_csv
 from maidenflight.flights.checks import checking
 from maidenflight.flights.flight_plan import Block, FlightPlan
 from maidenflight.flights.manoeuvres import Manoeuvre
@@ -119,7 +119,7 @@ def test_a_slower_log_holds_every_so_many_rows_and_another_rate_is_refused(fligh
 
 def test_a_recorded_flight_has_nothing_to_complain_about_and_survives_its_file(flights):
     for flight in flights:
-        again = log.from_csv(log.to_csv(flight), flight.name)
+        again = flight_csv.from_csv(flight_csv.to_csv(flight), flight.name)
         kept, notes = checking.pieces(again)
         assert (len(kept), len(kept[0]), notes) == (1, 2000, [])
         np.testing.assert_allclose(kept[0].command, flight.command, atol=1e-6)

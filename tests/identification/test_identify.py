@@ -11,7 +11,7 @@ import pytest
 
 import planted
 from maidenflight.errors import InputError
-from maidenflight.flights.log import write as write_log
+from maidenflight.flights.flight_csv import write as write_log
 from maidenflight.flights.reading import read_flights
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import SAVED, Estimate

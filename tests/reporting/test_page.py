@@ -22,7 +22,7 @@ import pytest
 from maidenflight import manifest, parameters, policy_file, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer
-from maidenflight.flights import log
+from maidenflight.flights import flight_csv
 from maidenflight.flights.checkup.result import LogWarning
 from maidenflight.flights.log import Flight
 from maidenflight.identification import drone_file
@@ -152,7 +152,7 @@ def run(tmp_path):
         Search("replay", 1.0, 258, 9),
         record=RECORD,
     ).write(folder / "drone.toml")
-    log.write(folder / "recorded" / "flight_01.csv", circling(3.0), RECORD)
+    flight_csv.write(folder / "recorded" / "flight_01.csv", circling(3.0), RECORD)
     grid = [
         {
             "trial": 1,
@@ -183,7 +183,7 @@ def run(tmp_path):
     )
     tested = flown()
     for number, flight in enumerate(tested.flights, 1):
-        log.write(folder / "transfer" / f"flight_{number:02d}.csv", flight, RECORD)
+        flight_csv.write(folder / "transfer" / f"flight_{number:02d}.csv", flight, RECORD)
     tested.table.write_csv(folder / "transfer" / "flights.csv")
     (folder / "demo.json").write_text(json.dumps({"stages": {"record": 1.5, "train": 3.0}}))
     list_files(folder)
@@ -832,7 +832,9 @@ def test_the_charts_library_is_that_of_its_packages():
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
 def test_in_a_browser_a_click_on_a_dot_shows_its_flight(tmp_path):
     for number, seconds in enumerate((2.0, 3.0, 1.0), 1):
-        log.write(tmp_path / "logs" / f"flight_{number}.csv", circling(seconds, simulated=""))
+        flight_csv.write(
+            tmp_path / "logs" / f"flight_{number}.csv", circling(seconds, simulated="")
+        )
     made = report(None, tmp_path / "page.html", logs=tmp_path / "logs")
     click = """<script>
 figures.forEach(drawFigure);

@@ -12,7 +12,7 @@ from test_page import run as _run
 from made_flights import authors_columns, authors_text
 from maidenflight import manifest, policy, policy_file, results, run_folder
 from maidenflight.errors import InputError
-from maidenflight.flights import log
+from maidenflight.flights import flight_csv
 from maidenflight.reporting import run as runs
 from maidenflight.reporting.page import report
 from maidenflight.reporting.run import Run
@@ -142,7 +142,7 @@ def test_a_run_of_which_nothing_is_left_is_refused(run: Path, tmp_path: Path) ->
 
 
 def test_logs_of_other_flights_are_not_taken_for_those_of_a_table(run: Path) -> None:
-    log.write(run / "transfer" / "flight_04.csv", circling(1.0))
+    flight_csv.write(run / "transfer" / "flight_04.csv", circling(1.0))
     with pytest.raises(InputError, match=r"flights\.csv: 4 flight logs, but 3 rows"):
         runs.read_run(None, {"flights": run / "transfer" / "flights.csv"})
     (run / "transfer" / "flight_01.csv").unlink()
@@ -151,8 +151,8 @@ def test_logs_of_other_flights_are_not_taken_for_those_of_a_table(run: Path) -> 
 
 
 def test_a_folder_of_logs_is_searched_as_identify_does(tmp_path: Path) -> None:
-    log.write(tmp_path / "deep" / "er" / "monday.csv", circling(1.0, simulated=""))
-    log.write(tmp_path / "deep" / "tuesday.csv", circling(1.0, simulated=""))
+    flight_csv.write(tmp_path / "deep" / "er" / "monday.csv", circling(1.0, simulated=""))
+    flight_csv.write(tmp_path / "deep" / "tuesday.csv", circling(1.0, simulated=""))
     for name in ("flight_10", "flight_9"):
         text = authors_text(authors_columns(120))
         results.write(tmp_path / "theirs" / f"{name}.csv", text)
@@ -166,7 +166,7 @@ def test_a_folder_of_logs_is_searched_as_identify_does(tmp_path: Path) -> None:
     ]
     assert (found.logs, len(found.refused)) == (4, 1)
     assert "other.csv" in found.refused[0]
-    log.write(tmp_path / "deep" / "tuesday.csv", circling(1.0, simulated=""))
+    flight_csv.write(tmp_path / "deep" / "tuesday.csv", circling(1.0, simulated=""))
     (tmp_path / "deep" / "tuesday.csv").write_text("# maidenflight flight 1\n0\n")
     with pytest.raises(InputError, match=r"tuesday\.csv: not a flight log"):
         runs.read_run(None, {"logs": tmp_path})

@@ -18,7 +18,7 @@ from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.controllers import control, interface
 from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.physics import dynamics, latency, vectors
+from maidenflight.simulator.physics import dynamics, latency, motion, vectors
 from maidenflight.simulator.physics.latency import DelayLine
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.rollouts import rollout
@@ -144,7 +144,7 @@ def driven(integrator, state, commands, parameters):
     def hold(carry, command):
         state, line = carry
         line = latency.push(line, jnp.sqrt(command))
-        state = stepping.drive(integrator, state, DelayLine(line), 2, parameters)
+        state = motion.drive(integrator, state, DelayLine(line), 2, parameters)
         return (state, line), state
 
     line = jnp.broadcast_to(jnp.sqrt(dynamics.hover_command(parameters)), (latency.slots(0.01), 4))
@@ -159,7 +159,7 @@ def test_a_state_of_entries_is_driven_as_one_of_arrays(steps):
     parts[2] /= np.linalg.norm(parts[2])
     state = dynamics.State(*map(jnp.float32, (*parts, rng.uniform(0.2, 0.9, 4))))
     line = DelayLine(jnp.float32(rng.uniform(0.2, 0.9, (9, 4))), newest=2)
-    expected = stepping.drive(dynamics.midpoint, state, line, steps, drone)
+    expected = motion.drive(dynamics.midpoint, state, line, steps, drone)
     found = driven_entries(vectors.entries(state), line, np.int32(steps), drone)
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_allclose(np.array(list(one)), other, rtol=2e-6, atol=2e-6)
@@ -168,7 +168,7 @@ def test_a_state_of_entries_is_driven_as_one_of_arrays(steps):
 
 @jax.jit
 def driven_entries(state, line, steps, drone):
-    return stepping.drive_entries(dynamics.midpoint, state, line, steps, drone)
+    return motion.drive_entries(dynamics.midpoint, state, line, steps, drone)
 
 
 @jax.jit
@@ -390,7 +390,7 @@ def test_a_floor_changes_nothing_in_the_air():
     state = dynamics.at_hover(jnp.array([0.0, 0.0, 0.5]), QUIET)._replace(
         velocity=float32([0.1, 0.2, -0.3])
     )
-    assert same(stepping.floor_reaction(state, 0.0125), state)
+    assert same(motion.floor_reaction(state, 0.0125), state)
 
 
 class Heard(NamedTuple):
@@ -574,10 +574,10 @@ def test_the_ground_lifts_a_drone_that_hovers_just_above_it():
         command = jnp.sqrt(dynamics.hover_command(QUIET))
         line = DelayLine(jnp.broadcast_to(command, (latency.slots(0.01), 4)))
         heights[height] = (
-            float(stepping.drive(dynamics.rk4, state, line, 20, QUIET, task.floor).position[2])
+            float(motion.drive(dynamics.rk4, state, line, 20, QUIET, task.floor).position[2])
             - height
         )
-        assert stepping.drive(dynamics.rk4, state, line, 20, QUIET).position[2] == pytest.approx(
+        assert motion.drive(dynamics.rk4, state, line, 20, QUIET).position[2] == pytest.approx(
             height, abs=1e-4
         )
     assert heights[0.04] > 0.005

@@ -16,7 +16,7 @@ from made_flights import calm
 from maidenflight import parameters
 from maidenflight.deployment.drone_format import DroneFormat
 from maidenflight.errors import InputError
-from maidenflight.flights import log
+from maidenflight.flights import flight_csv
 from maidenflight.flights.full_speed import full_speed
 from maidenflight.flights.rotors import rotors
 from maidenflight.identification.drone_file import DroneFile
@@ -60,7 +60,7 @@ def test_the_speed_is_what_logs_measured(tmp_path: Path) -> None:
     speed = full * np.concatenate([share[:1], share[:-1]])
     measured = dataclasses.replace(flight, rotor_speed=speed)
     assert full_speed([calm(50), measured], drone, "flights") == pytest.approx(full, rel=1e-5)
-    log.write(tmp_path / "flight.csv", measured)
+    flight_csv.write(tmp_path / "flight.csv", measured)
     text = Drone(drone="crazyflie", to="rotorpy", full_speed=str(tmp_path / "flight.csv")).run()
     names: dict[str, Any] = {}
     exec(text.value, names)

@@ -10,13 +10,13 @@ import numpy as np
 from commands import Command
 from made_flights import driven, sensed
 from maidenflight import manifest, results
-from maidenflight.flights import log
+from maidenflight.flights import flight_csv
 from maidenflight.flights.reading import read_flights
 from run_listing import unlisted
 
 
 def test_logs_of_any_format_are_told_and_converted(tmp_path: Path, command: Command) -> None:
-    log.write(tmp_path / "logs" / "one.csv", driven())
+    flight_csv.write(tmp_path / "logs" / "one.csv", driven())
     (tmp_path / "logs" / "bad.csv").write_text("x,y\n1,2\n")
     converted = tmp_path / "converted"
     code, out, _ = command(f"log {tmp_path}/logs -o {converted} --json")
@@ -47,14 +47,14 @@ def test_the_check_up_is_shown_and_a_fault_ends_with_an_error(
     tmp_path: Path, command: Command
 ) -> None:
     flight = driven(900)
-    log.write(tmp_path / "good.csv", flight)
+    flight_csv.write(tmp_path / "good.csv", flight)
     code, out, _ = command(f"log {tmp_path}")
     assert code == 0
     assert "Check-up against physics" in out
     assert re.search(r"physics: \d+ of \d+ tests pass in every log", out)
     assert "motor order" not in out, "what passes needs no row"
     turned = replace(flight, command=flight.command[:, [3, 2, 1, 0]])
-    log.write(tmp_path / "bad.csv", turned)
+    flight_csv.write(tmp_path / "bad.csv", turned)
     code, out, err = command(f"log {tmp_path}")
     assert code == 2
     assert "✗" in out
@@ -93,7 +93,7 @@ def test_a_signal_that_is_not_used_is_named_with_the_reason(
     tmp_path: Path, command: Command
 ) -> None:
     dead = np.zeros((600, 3), np.float32)
-    log.write(tmp_path / "dead.csv", replace(sensed(), accelerometer=dead, rotor_speed=None))
+    flight_csv.write(tmp_path / "dead.csv", replace(sensed(), accelerometer=dead, rotor_speed=None))
     _, out, _ = command(f"log {tmp_path}/dead.csv")
     lines = {one.partition(" (")[0]: one for one in out.splitlines() if one.startswith("not used")}
     assert out.count("never change") == 1

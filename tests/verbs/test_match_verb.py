@@ -11,7 +11,7 @@ import pytest
 from commands import Command
 from flying_policy import flown, flying_policy
 from maidenflight import manifest, policy_file, results
-from maidenflight.flights import log
+from maidenflight.flights import flight_csv
 from maidenflight.identification import drone_file
 from maidenflight.identification.closed_loop import Match
 from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
@@ -38,7 +38,7 @@ def test_the_closed_loop_moves_what_it_found_in_the_drone_file_and_keeps_the_res
         flying,
         results.record(seed=0, inputs=[], settings={}),
     )
-    log.write(tmp_path / "logs" / "flight_1.csv", flown(flying, 1, 60))
+    flight_csv.write(tmp_path / "logs" / "flight_1.csv", flown(flying, 1, 60))
     found = Match(
         crazyflie(),
         {"latency": (0.012, 0.001), "position_walk": (0.04, 0.002)},

@@ -22,8 +22,7 @@ from jaxtyping import Array, Float
 
 from maidenflight.experiments.drones import drone_of, find_reality
 from maidenflight.parameters import Parameters, full_scale_counts, replace
-from maidenflight.simulator import stepping
-from maidenflight.simulator.physics import actuators, battery, latency, rotations, sensors
+from maidenflight.simulator.physics import actuators, battery, latency, motion, rotations, sensors
 from maidenflight.simulator.physics.battery import Supply
 from maidenflight.simulator.physics.dynamics import Integrator, State
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone, must_be_virtual
@@ -152,9 +151,9 @@ def step(
     powered, wanted = _power(plant, before.actuators, pwm, parameters, normal[:4])
     commands = latency.push(before.delay_line, actuators.rotor_speed_command(wanted))
     arriving, _ = latency.in_step(latency.DelayLine(commands), parameters, 1, 0)
-    near = stepping.near_ground(parameters, before.state.position[2])
+    near = motion.near_ground(parameters, before.state.position[2])
     advanced = plant.integrator(before.state, arriving, near)
-    state = stepping.floor_reaction(advanced, STANDING_HEIGHT_M)
+    state = motion.floor_reaction(advanced, STANDING_HEIGHT_M)
     time_step = jnp.float32(STEP)
     rates = before.state.body_rates, state.body_rates
     after = before._replace(

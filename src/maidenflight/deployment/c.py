@@ -3,9 +3,9 @@
 The C text stands in `policy.h.template` and `policy.c.template`; this module fills in the numbers.
 Weights are laid out so that four outputs are computed at once, which was the fastest of the
 variants counted on an emulated Cortex-M4 (15 300 instructions for 40-50-50-4, 26 400 row by row).
-Before it flies, the drone checks the tables against a checksum and the arithmetic against golden
-vectors; those come from float64 sums in NumPy, so that neither the machine nor the accelerator used
-here shows in the files.
+Before it flies, the drone calls `mf_policy_self_test`, which checks the tables against a checksum
+and the arithmetic against golden vectors; those come from float64 sums in NumPy, so that neither
+the machine nor the accelerator used here shows in the files.
 """
 
 import hashlib

@@ -22,7 +22,6 @@ from jaxtyping import Float
 
 from maidenflight import names
 from maidenflight.errors import InputError
-from maidenflight.flights.tables import Table
 from maidenflight.simulator.physics import battery
 from maidenflight.simulator.physics.battery import MOST_COUNTS
 
@@ -190,7 +189,8 @@ def logged_law(head: Mapping[str, str], name: str) -> str | None:
 
 
 def choose_law(
-    table: Table,
+    head: Mapping[str, str],
+    name: str,
     pwm: Float[np.ndarray, "N 4"],
     volts: Float[np.ndarray, "N"],
     thrust: Float[np.ndarray, "N"] | None,
@@ -198,17 +198,17 @@ def choose_law(
 ) -> tuple[str, str]:
     """Returns the law by which a table's motors are read, and why by it.
 
-    The table's head may name it, else its logged thrust decides; else it is `usual`, that of the
+    Its head may name it, else its logged thrust decides; else it is `usual`, that of the
     drone, or `assumed`.
 
     Raises:
         InputError: the head names one that is not known.
     """
-    if law := logged_law(table.head, table.name):
+    if law := logged_law(head, name):
         return law, AS_LOGGED
     if thrust is not None and (law := law_of(pwm, volts, thrust)):
         return law, BY_THRUST
-    if law := table.head.get(LAW_OF_THE_DRONE):
+    if law := head.get(LAW_OF_THE_DRONE):
         return law, BY_DRONE
     return usual or assumed(pwm, volts), BY_VOLTAGE
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from maidenflight import inputs, results
 from maidenflight.errors import InputError, printable
-from maidenflight.flights import compensation, log, tables
+from maidenflight.flights import compensation, flight_csv, tables
 from maidenflight.flights.log import Flight
 from maidenflight.flights.maps import column_map, proposal
 from maidenflight.flights.tables import Table
@@ -77,7 +77,9 @@ class Recording(NamedTuple):
 LogFormat = TableFormat | PackedTable | Recording
 Kind = TypeVar("Kind", TableFormat, PackedTable, Recording)
 OWN = TableFormat(
-    f"maidenflight's own log ('{log.MARK}', see docs/flight-log.md)", log.recognises, log.flights
+    f"maidenflight's own log ('{flight_csv.MARK}', see docs/flight-log.md)",
+    flight_csv.recognises,
+    flight_csv.flights,
 )
 
 

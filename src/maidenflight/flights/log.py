@@ -1,29 +1,18 @@
 """`Flight`, what a drone measured and commanded row by row, and our own file format for it."""
 
-import itertools
 from collections.abc import Iterable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import polars
 from jaxtyping import Float
 
-from maidenflight import results
-from maidenflight.errors import InputError
-from maidenflight.flights import tables
-from maidenflight.flights.tables import Table
 from maidenflight.inputs import PATHS, StrPath
 from maidenflight.names import COMMANDS, OPTIONAL_SIGNALS
 from maidenflight.registry import PLOTS
-from maidenflight.simulator.physics.battery import COUNTS, MOST_COUNTS
+from maidenflight.simulator.physics.battery import COUNTS
 
-FAMILY = "# maidenflight flight"
-MARK = f"{FAMILY} 3"
-"""How a file in our format begins."""
 ZERO_ORDER_HOLD, SUBSAMPLED = COMMANDS
 """What logged commands stand for: each acts until the next row, or is one of a faster loop."""
 
@@ -32,6 +21,14 @@ ACCELEROMETER_DELAY, GYRO_DELAY = 0.0075, 0.0028
 (firmware, sensors_bmi088_bmp3xx.c)."""
 GRAVITY = 9.81
 """Specific force at rest [m/s2]; 1 g where a log counts in g (firmware, physicalConstants.h)."""
+ROTORS = np.array([(1, -1, 0), (-1, -1, 0), (-1, 1, 0), (1, 1, 0)]) / np.sqrt(2)
+"""Places of a log's rotors [arm length], (4, 3): an X, in the order of a Crazyflie's motors: front
+right, back right, back left, front left. `parameters.levers` has those of a known drone."""
+YAW = (-1, 1, -1, 1)
+"""Sign of each rotor's reaction torque about z [-]: + turns the drone to the left, since the rotor
+turns clockwise from above."""
+TORQUES = np.sign(np.stack([ROTORS[:, 1], -ROTORS[:, 0], YAW])).T
+"""Signs of each rotor's torque about x, y and z [-], (4, 3); Gronauer et al. 2022, eq:torque."""
 LONGEST_DELAY = 0.1
 """Delay beyond which a log's comment is refused [s]."""
 
@@ -57,24 +54,15 @@ OPTIONAL: dict[str, tuple[str, ...]] = dict(
 TRUTH: dict[str, tuple[str, ...]] = {
     "true_position": ("true_position_x", "true_position_y", "true_position_z"),
 }
-"""Columns of a simulated flight that nobody but who looks at it may read, likewise."""
-
-_COLUMNS = tuple(column for columns in GROUPS.values() for column in columns)
-
-_DELAYS = {"accelerometer_delay": ACCELEROMETER_DELAY, "gyro_delay": GYRO_DELAY}
-"""Comments of a log that tell a delay where it is not the usual one [s]."""
-
-_LEGEND = (
-    "time s; position m and velocity m/s in the world, z up; roll, pitch, yaw rad (ZYX, positive "
-    "pitch nose down); body_rate rad/s, x forward, y left, z up; command = normalised thrust u "
-    "from 0 of motors 1..4 (front right, back right, back left, front left), what the battery "
-    "could give of it; battery V; setpoint m"
-)
+"""Columns of a simulated flight that no estimator may read, likewise."""
 
 
 @dataclass(frozen=True)
 class Flight:
-    """A flight, or a gapless piece of one, in SI units; N rows at equal distances in time."""
+    """A flight, or a gapless piece of one, in SI units; N rows at equal distances in time.
+
+    NaN is what was not logged of a signal that every flight has; the others may be None.
+    """
 
     name: str
     """Where it comes from, usually a file."""
@@ -154,7 +142,7 @@ class Flight:
             InputError: a column or signal is missing or no number; or the table contradicts
                 physics, or is no single stretch of usable flight.
         """
-        # Checks and maps of columns are made of flights.
+        # Imported here, for checks and maps of columns import flights.
         frames = import_module("maidenflight.flights.frames")
         return frames.flight_of_frame(frame, columns, name, zero_order_hold)
 
@@ -203,7 +191,7 @@ class Flight:
 def flights_of(flights: Iterable[Flight] | StrPath) -> list[Flight]:
     """Returns flights, or the checked ones of a log or a folder of logs."""
     if isinstance(flights, PATHS):
-        # Formats of logs are made of flights.
+        # Imported here, for formats of logs import flights.
         return list(import_module("maidenflight.flights.reading").read_flights(flights))
     return list(flights)
 
@@ -257,131 +245,10 @@ def flight_of(name: str, period: float, **known: Any) -> Flight:
     for group, names in GROUPS.items():
         if group != "time" and known.get(group) is None:
             known[group] = np.full(rows if group == "battery" else (rows, len(names)), np.nan)
-    with np.errstate(over="ignore"):  # what is not finite is refused by checking
+    with np.errstate(over="ignore"):  # checking refuses what overflowed
         arrays = {
             field: values.astype(np.float32)
             for field, values in known.items()
             if isinstance(values, np.ndarray)
         }
     return Flight(name=name, period=period, **{**known, **arrays})
-
-
-def to_csv(flight: Flight, record: Mapping[str, Any] | None = None) -> str:
-    """Returns the text of a flight in our format: comments, a header line, a line a row."""
-    columns: dict[str, np.ndarray] = {"time": np.arange(len(flight)) * flight.period}
-    names = GROUPS | OPTIONAL | TRUTH
-    for group, values in flight.arrays.items():
-        columns |= zip(names[group], values.reshape(len(flight), -1).T, strict=True)
-    frame = polars.DataFrame(
-        {name: values.astype(np.float64) for name, values in columns.items()}
-    ).fill_nan(None)
-    head = [
-        f"{MARK}: {_LEGEND}",
-        f"# commands: {ZERO_ORDER_HOLD if flight.zero_order_hold else SUBSAMPLED}",
-        f"# simulated: {flight.simulated or 'no'}",
-        *(
-            f"# {key}: {value:.6g}"
-            for key, usual in {"full_scale_counts": COUNTS, **_DELAYS}.items()
-            if (value := getattr(flight, key)) != usual
-        ),
-        *([] if flight.gyro_delay_known else ["# gyro_delay_known: no"]),
-        *([] if flight.by_battery_law else ["# by_battery_law: no"]),
-        *([f"# assumed_law: {flight.assumed_law}"] if flight.assumed_law else []),
-        *([f"# square_since: {flight.square_since}"] if flight.square_since else []),
-        results.record_line(record),
-    ]
-    return "\n".join(head) + "\n" + frame.write_csv(float_precision=7)
-
-
-def write(path: StrPath, flight: Flight, record: Mapping[str, Any] | None = None) -> Path:
-    """Writes a flight as CSV; see `to_csv`."""
-    return results.write(path, to_csv(flight, record))
-
-
-def from_csv(text: str, name: str) -> Flight:
-    """Reads a flight in our format as if its rows were equally spaced; see `timed`."""
-    return timed(tables.from_text(text, name))[0]
-
-
-def _number_in_head(
-    table: Table, key: str, usual: float, ends: tuple[float, float], meaning: str
-) -> float:
-    text, (low, high) = table.head.get(key, f"{usual:g}"), ends
-    with suppress(ValueError):
-        if low <= float(text) <= high:
-            return float(text)
-    raise InputError(
-        f"{table.name}: {key} = {text[:20]!r}; expected {meaning}, {low:g} to {high:g}."
-    )
-
-
-def recognises(table: Table) -> bool:
-    """Returns whether the first line says so or most of the columns are there."""
-    return table.mark.startswith(FAMILY) or table.has_most_of(_COLUMNS)
-
-
-def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], list[str]]:
-    """Returns the flight in a table, unchecked, with the time of its rows [s], and no notes.
-
-    Raises:
-        InputError: see `timed`; or a CSV without our first line.
-    """
-    if table.first_line and not table.mark.startswith(MARK):
-        raise InputError(
-            f"{table.name}: line 1 is not '{MARK}' but {table.mark[:60]!r}. Put it there; see "
-            "docs/flight-log.md."
-        )
-    return [timed(table)], []
-
-
-def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
-    """Reads a flight in our format; the rows are not checked, `checking` does that.
-
-    Returns:
-        The flight, and the time of each of its rows [s].
-
-    Raises:
-        InputError: a column is missing or is not numeric, or it is not said what a command stands
-            for.
-    """
-    if table.head.get("commands") not in (ZERO_ORDER_HOLD, SUBSAMPLED):
-        lack, sign = ("line 2 is not", "# ") if table.first_line else ("its metadata lack", "")
-        command_comments = f"'{sign}commands: {ZERO_ORDER_HOLD}' or '{sign}commands: {SUBSAMPLED}'"
-        raise InputError(
-            f"{table.name}: {lack} {command_comments}. Add it; see docs/flight-log.md."
-        )
-    logged = {
-        group: names
-        for group, names in (OPTIONAL | TRUTH).items()
-        if set(names) <= set(table.frame.columns)
-    }
-    column = tables.numbers(table, [*_COLUMNS, *itertools.chain(*logged.values())])
-    counts = "the counts that u = 1 stands for"
-    delay, possible = "the delay of that sensor's filter [s]", (0.0, LONGEST_DELAY)
-    simulated = table.head.get("simulated", "no")
-    times = column["time"][np.isfinite(column["time"])]
-    arrays: dict[str, Any] = {
-        group: np.stack([column[name] for name in names], axis=-1)
-        for group, names in (GROUPS | logged).items()
-        if group not in ("time", "battery")
-    }
-    flight = flight_of(
-        table.name,
-        float(np.round(np.median(np.diff(times)), 6)) if len(times) > 1 else 0.01,
-        zero_order_hold=table.head["commands"] == ZERO_ORDER_HOLD,
-        simulated="" if simulated == "no" else simulated,
-        full_scale_counts=_number_in_head(
-            table, "full_scale_counts", COUNTS, (1.0, MOST_COUNTS), counts
-        ),
-        **{
-            key: _number_in_head(table, key, usual, possible, delay)
-            for key, usual in _DELAYS.items()
-        },
-        gyro_delay_known=table.head.get("gyro_delay_known", "yes") != "no",
-        by_battery_law=table.head.get("by_battery_law", "yes") != "no",
-        assumed_law=table.head.get("assumed_law"),
-        square_since=table.head.get("square_since", ""),
-        battery=column["battery"],
-        **arrays,
-    )
-    return flight, column["time"]

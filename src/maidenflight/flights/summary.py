@@ -8,8 +8,7 @@ import numpy as np
 import scipy
 
 from maidenflight.flights.checks.checking import SHORTEST_ROWS
-from maidenflight.flights.log import SUBSAMPLED, ZERO_ORDER_HOLD, Flight, by_log
-from maidenflight.simulator.physics.geometry import TORQUES
+from maidenflight.flights.log import SUBSAMPLED, TORQUES, ZERO_ORDER_HOLD, Flight, by_log
 
 CALM, CALM_RAD_S = 0.02, 1.0
 """Spread of the motors' differences [-] below which a flight is calm: inertia, lag and latency show

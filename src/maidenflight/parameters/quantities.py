@@ -3,8 +3,8 @@
 `Parameters` is flat, frozen and a JAX pytree, and all of it but the platform is traced: one
 compilation serves every drone of a platform. A *point* is one drone; a batch of points (leaves with
 a leading axis) is domain randomization, an ensemble or a lattice. The fields that the paper's model
-lacks (drag, unequal motor lag, estimator delay, battery) have neutral values, zero or one, in the
-named drones.
+lacks, such as drag and unequal motor lag, are neutral at zero or one, which each says; but the
+ground effect, which acts in tasks that have a floor.
 """
 
 import dataclasses
@@ -185,7 +185,8 @@ class Parameters:
         "b [N m]",
         (0.0, 0.0, 0.0),
         (-1.0, 1.0),
-        "torque at hover, as of an off-centre battery or unequal motors; grows with the thrust",
+        "torque at hover, as of an off-centre battery or unequal motors; grows with the thrust; "
+        "0 in the paper's model",
         "measured from flights",
     )
     gravity: Any = _body(
@@ -325,7 +326,7 @@ class Parameters:
         "dV/dt [V/s]",
         0.0,
         (0.0, 1.0),
-        "fall of the open-circuit voltage with all motors at full ratio",
+        "fall of the open-circuit voltage with all motors at full ratio; 0: none",
         "not measured",
     )
     time_step: Any = quantity(

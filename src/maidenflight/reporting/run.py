@@ -15,7 +15,7 @@ from jaxtyping import Float
 from maidenflight import budget, inputs, manifest, results, run_folder
 from maidenflight.errors import InputError, printable
 from maidenflight.experiments.transfer import Transfer
-from maidenflight.flights import log
+from maidenflight.flights import flight_csv
 from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights, whole_flights
 from maidenflight.identification import drone_file
@@ -245,17 +245,17 @@ def _is_own(path: Path) -> bool:
         first = next(iter(inputs.comments(path)), "") if path.suffix == ".csv" else ""
     except (OSError, ValueError):
         return False
-    return first.startswith(log.FAMILY)
+    return first.startswith(flight_csv.FAMILY)
 
 
 def _own(path: Path, records: dict[str, Mapping[str, Any]]) -> Flight:
     text = inputs.readable(path, budget.WHOLE_LOG)
-    if not text.startswith(log.MARK):
+    if not text.startswith(flight_csv.MARK):
         raise InputError(
             f"{path}: not a flight log of maidenflight; its first line should begin with "
-            f"'{log.MARK}'."
+            f"'{flight_csv.MARK}'."
         )
-    flight = log.from_csv(text, _name(path))
+    flight = flight_csv.from_csv(text, _name(path))
     if not 0 < flight.period < 1:
         raise InputError(
             f"{path}: rows are {flight.period:g} s apart; expected a time that increases, in "

@@ -2,7 +2,7 @@
 
 A method is two functions, `init` and `update`, and the frozen dataclass of its settings. The random
 numbers of an update depend on its number alone, so that neither the number of evaluations nor an
-interruption changes the result.
+interruption changes what is learned.
 """
 
 import os
@@ -56,7 +56,7 @@ class Method(NamedTuple):
     each with a field `policy`."""
     update: Wrapped
     """(environment, settings, distributions, learners, P keys, first, end) to the learners after
-    updates `first` to `end` - 1."""
+    updates `first` to `end` - 1, whose random numbers follow from key and update alone."""
     sharding: Any
     """Of each part of a learner over the devices."""
 

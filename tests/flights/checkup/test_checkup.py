@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import maidenflight as mf
 from made_flights import calm, driven
 from maidenflight.errors import InputError
-from maidenflight.flights import log
+from maidenflight.flights import flight_csv, log
 from maidenflight.flights.checkup import kinematics, motors, one_drone
 from maidenflight.flights.checkup.checkup import check_up
 from maidenflight.flights.checkup.result import FAILS, UNKNOWN, WARNS, CheckResult
@@ -380,7 +380,7 @@ def test_logs_of_other_loads_are_told_apart() -> None:
 
 def test_a_voltage_that_never_changes_is_not_believed(tmp_path) -> None:
     for number in range(7):
-        log.write(tmp_path / f"{number}.csv", driven(900, number))
+        flight_csv.write(tmp_path / f"{number}.csv", driven(900, number))
     assert [one.kind for one in read_flights(tmp_path / "0.csv").warnings] == []
     logs = read_flights(tmp_path)
     assert [one.kind for one in logs.warnings] == ["battery"]
@@ -394,7 +394,7 @@ def test_a_motor_that_is_weak_in_several_short_logs_is_named(
     for number, share in enumerate(shares):
         flight = driven(300, number)
         weak = flight.command * FLOAT(0.5) / np.array([1, 1, 1, share], FLOAT)
-        log.write(tmp_path / f"{number}.csv", replace(flight, command=weak))
+        flight_csv.write(tmp_path / f"{number}.csv", replace(flight, command=weak))
     logs = read_flights(tmp_path, faulty="use")
     found = [one for one in logs.warnings if one.kind == "motor balance"]
     assert len(found) == named
@@ -402,8 +402,8 @@ def test_a_motor_that_is_weak_in_several_short_logs_is_named(
 
 
 def test_a_folder_with_a_faulty_log_is_refused_unless_told(tmp_path) -> None:
-    log.write(tmp_path / "good.csv", driven(900))
-    log.write(tmp_path / "bad.csv", ordered((3, 2, 1, 0), driven(900, 1)))
+    flight_csv.write(tmp_path / "good.csv", driven(900))
+    flight_csv.write(tmp_path / "bad.csv", ordered((3, 2, 1, 0), driven(900, 1)))
     with pytest.raises(InputError, match="1 of 2 logs contradict physics"):
         read_flights(tmp_path)
     skipped = read_flights(tmp_path, faulty="skip")

@@ -18,8 +18,7 @@ from maidenflight.identification.likelihood.one_step import LENGTH
 from maidenflight.identification.likelihood.one_step_errors import COLUMNS, ORDER, errors
 from maidenflight.identification.replay.open_loop import initial_delay_line
 from maidenflight.parameters import QUANTITIES, crazyflie, noiseless, replace
-from maidenflight.simulator import stepping
-from maidenflight.simulator.physics import dynamics, rotations, sensors
+from maidenflight.simulator.physics import dynamics, motion, rotations, sensors
 from maidenflight.simulator.physics.dynamics import State
 from maidenflight.simulator.physics.latency import DelayLine
 
@@ -162,7 +161,7 @@ def test_rows_side_by_side_are_foreseen_as_one_after_the_other():
         place, (position, velocity, attitude, rates) = row[0], jnp.split(row[1], 4)
         state = State(position, velocity, rotations.from_attitude(attitude), rates, speed)
         line = DelayLine(given, place)
-        after = stepping.drive(dynamics.midpoint, state, line, STEPS, drone)
+        after = motion.drive(dynamics.midpoint, state, line, STEPS, drone)
         attitude = rotations.to_attitude(after.quaternion)
         ahead = jnp.concatenate([after.position, after.velocity, attitude, after.body_rates])
         return after.rotor_speed, ahead

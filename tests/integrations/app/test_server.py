@@ -16,7 +16,7 @@ from page_client import opened
 
 from maidenflight import events, manifest, results
 from maidenflight.errors import InputError
-from maidenflight.flights import log
+from maidenflight.flights import flight_csv
 from maidenflight.flights.log import Flight
 from maidenflight.integrations.app import server
 from maidenflight.integrations.app.app import App
@@ -165,7 +165,7 @@ def circle() -> Flight:
 
 
 def test_logs_are_shown_with_the_reports_viewer(tmp_path: Path) -> None:
-    path = log.write(tmp_path / "recorded" / "flight_1.csv", circle())
+    path = flight_csv.write(tmp_path / "recorded" / "flight_1.csv", circle())
     manifest.append(path.parent, "record", {"logs": [path]}, RECORD)
     with opened(tmp_path) as client:
         view = client.get("view/log")

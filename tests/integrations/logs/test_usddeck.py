@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 from made_flights import driven
 from maidenflight.errors import InputError
-from maidenflight.flights import compensation, log
+from maidenflight.flights import compensation, flight_csv, log
 from maidenflight.flights.reading import read_flights
 from maidenflight.integrations.logs import usddeck
 
@@ -268,7 +268,7 @@ def test_what_was_logged_beside_survives_our_own_format(tmp_path: Path) -> None:
     (flight,) = read_flights(tmp_path)
     assert flight.accelerometer is not None
     assert flight.rotor_speed is not None
-    again = log.from_csv(log.to_csv(flight), "again")
+    again = flight_csv.from_csv(flight_csv.to_csv(flight), "again")
     assert again.accelerometer is not None
     assert again.rotor_speed is not None
     assert_allclose(again.accelerometer, flight.accelerometer, atol=1e-5)

@@ -11,11 +11,11 @@ from jax import lax
 from arrays import float32
 from maidenflight import parameters
 from maidenflight.errors import InputError
+from maidenflight.flights.log import TORQUES
 from maidenflight.flying import recording
 from maidenflight.integrations.simulators.l2f import BODIES, L2F
 from maidenflight.parameters import replace
 from maidenflight.simulator.physics import dynamics
-from maidenflight.simulator.physics.geometry import TORQUES
 from maidenflight.simulator.realities.reality import check_reality, reality
 
 START = np.array([0.2, -0.1, 1.0])

@@ -10,10 +10,10 @@ import pytest
 from maidenflight import parameters
 from maidenflight.errors import InputError
 from maidenflight.experiments.drones import find_reality
+from maidenflight.flights.log import TORQUES
 from maidenflight.flying import recording
 from maidenflight.integrations.simulators.mujoco import MuJoCo
 from maidenflight.parameters import crazyflie, replace
-from maidenflight.simulator.physics.geometry import TORQUES
 from maidenflight.simulator.realities.reality import check_reality, reality
 
 pytest.importorskip("mujoco", reason="not installed (extra [mujoco])")

@@ -5,7 +5,7 @@ import polars
 import pytest
 
 from made_flights import driven
-from maidenflight.flights import log
+from maidenflight.flights import flight_csv
 from maidenflight.identification.drone_file import Estimate
 from maidenflight.reporting.figures.trims import trims
 from maidenflight.reporting.run import read_run
@@ -34,8 +34,8 @@ def test_trims_are_drawn_over_the_flights_with_what_was_identified_across():
 
 
 def test_without_a_drone_there_are_no_torques(tmp_path):
-    log.write(tmp_path / "logs" / "a.csv", driven())
-    log.write(tmp_path / "logs" / "b.csv", driven())
+    flight_csv.write(tmp_path / "logs" / "a.csv", driven())
+    flight_csv.write(tmp_path / "logs" / "b.csv", driven())
     rows_of = _trims_of(read_run(None, {"logs": [tmp_path / "logs"]}))
     assert rows_of.height == 2
     assert not [name for name in rows_of.columns if "torque" in name or "thrust" in name]

@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 from arrays import float32, float64
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, replace
-from maidenflight.simulator import environment, stepping
+from maidenflight.simulator import environment
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.physics import dynamics, rotations
+from maidenflight.simulator.physics import dynamics, motion, rotations
 from maidenflight.simulator.physics.dynamics import State
 
 PAPER = crazyflie()
@@ -525,8 +525,7 @@ def test_a_thrust_curve_is_the_polynomial_of_its_coefficients():
 def test_thrust_grows_near_the_ground_by_the_cited_formula_and_no_more_than_its_limit():
     heights = np.array([0.012, 0.05, 0.1, 1.0], np.float32)
     gain = (
-        jax.vmap(lambda height: stepping.near_ground(PAPER, height).thrust_to_weight)(heights)
-        / 1.725
+        jax.vmap(lambda height: motion.near_ground(PAPER, height).thrust_to_weight)(heights) / 1.725
         - 1
     )
     radius = 0.0231348

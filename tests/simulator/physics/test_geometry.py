@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from maidenflight import parameters
+from maidenflight.flights import log
 from maidenflight.parameters import (
     arm_length,
     crazyflie,
@@ -21,7 +22,7 @@ from maidenflight.parameters import (
     rotors,
     x_frame,
 )
-from maidenflight.simulator.physics import dynamics, geometry
+from maidenflight.simulator.physics import dynamics
 from maidenflight.simulator.physics.dynamics import State
 
 FRAMES = {
@@ -177,6 +178,6 @@ def test_how_the_motors_are_numbered_does_not_matter(flown, order):
 
 def test_what_knows_no_drone_has_a_crazyflies_geometry():
     drone = crazyflie()
-    np.testing.assert_allclose(rotors(drone) / arm_length(drone), geometry.ROTORS, rtol=1e-6)
-    np.testing.assert_array_equal(np.sign(levers(drone)), geometry.TORQUES)
-    np.testing.assert_array_equal(drone.rotor_direction, geometry.YAW)
+    np.testing.assert_allclose(rotors(drone) / arm_length(drone), log.ROTORS, rtol=1e-6)
+    np.testing.assert_array_equal(np.sign(levers(drone)), log.TORQUES)
+    np.testing.assert_array_equal(drone.rotor_direction, log.YAW)

@@ -12,8 +12,7 @@ from hypothesis import given
 from jax import lax
 
 from maidenflight.parameters import crazyflie, replace
-from maidenflight.simulator import stepping
-from maidenflight.simulator.physics import latency, vectors
+from maidenflight.simulator.physics import latency, motion, vectors
 from maidenflight.simulator.physics.latency import DelayLine
 
 STEPS, SLOTS = 2, latency.slots(0.01)
@@ -126,7 +125,7 @@ def spun(commands, parameters, steps):
     """Rotor speeds after each command."""
 
     def hold(speed, place):
-        after = stepping.spin(speed, DelayLine(commands[::-1], place), steps, parameters)
+        after = motion.spin(speed, DelayLine(commands[::-1], place), steps, parameters)
         return after, after
 
     return lax.scan(hold, commands[0], jnp.arange(len(commands))[::-1])[1]

@@ -37,10 +37,10 @@ def check_up(pieces: Sequence[Flight]) -> tuple[CheckResult, ...]:
     if sum(map(len, pieces)) < FEWEST_ROWS:
         return ()
     columns, flight = check_columns(pieces), check_flight(pieces)
-    if flight.verdict == FAILS:
-        return *columns, flight
     follows = flight.verdict == PASSES and (flight.statistic or 0.0) > CURVE[0]
     force = check_accelerometer(pieces, follows)
+    if flight.verdict == FAILS and not any(result.is_failure for result in force):
+        return *columns, flight
     state = check_state(pieces) if pieces[0].has_state else []
     verdicts = {result.name: result.verdict for result in state}
     yaw = np.concatenate([piece.attitude[:, 2] for piece in pieces]).astype(float)

@@ -20,8 +20,7 @@ from jaxtyping import Float
 from maidenflight.flights.checkup.relations import block_mean
 from maidenflight.flights.checkup.response import QUICK, transforms
 from maidenflight.flights.checkup.result import FAILS, PASSES, CheckResult, unknown
-from maidenflight.flights.log import GRAVITY, Flight
-from maidenflight.simulator.physics.geometry import TORQUES
+from maidenflight.flights.log import GRAVITY, TORQUES, Flight
 
 FLIGHT = "flight"
 CHANCE = 4.0
@@ -33,8 +32,10 @@ _FEWEST = 8
 """Segments from which chance is known; chosen."""
 _SHIFTS = 40
 """Other times that are tried, at most; chosen for speed."""
-_BLOCK_S, _BLOCKS = 0.5, 8
+BLOCK_S, _BLOCKS = 0.5, 8
 """Time over which force and throttle are averaged [s], and changes that tell; chosen."""
+_RESPONSE_S = 0.06
+"""Time by which the force is behind the throttle, about [s]."""
 _FOLLOWS = 0.15
 """Change of force by that of throttle, as shares, that flights exceed with 3 errors; measured,
 0.33 and more in sound logs."""
@@ -137,7 +138,7 @@ def changes(
 ) -> Changes:
     """Returns changes of throttle and force between blocks of rows."""
     signals = np.stack([throttle, force], axis=1).astype(float)
-    blocks = block_mean(signals, max(1, round(_BLOCK_S / period)))
+    blocks = block_mean(signals, max(1, round(BLOCK_S / period)))
     blocks = blocks[np.isfinite(blocks).all(axis=1)]
     if len(blocks) < 2:
         return np.zeros(0), np.zeros(0)
@@ -154,3 +155,19 @@ def load_factor(piece: Flight) -> Float[np.ndarray, "N"] | None:
     level = np.cos(piece.attitude[:, 0].astype(float)) * np.cos(piece.attitude[:, 1].astype(float))
     climb = np.gradient(piece.velocity[:, 2].astype(float), piece.period)
     return (1 + climb / GRAVITY) / np.maximum(level, 0.3)
+
+
+def thrust_per_command(pieces: Sequence[Flight]) -> Float[np.ndarray, "B"]:
+    """Measures the logarithm of thrust per command in blocks of `BLOCK_S`."""
+    ratios = [np.zeros(0)]
+    for piece in pieces:
+        rows = max(1, round(BLOCK_S / piece.period))
+        load = load_factor(piece)
+        if load is None or len(piece) < rows:
+            continue
+        late = min(max(1, round(_RESPONSE_S / piece.period)), len(piece) - 1)
+        command = piece.mean_command.mean(axis=1, dtype=np.float64)
+        command = np.concatenate([np.repeat(command[:1], late), command[:-late]])
+        loads, commands = block_mean(np.column_stack([load, command]), rows).T
+        ratios.append(np.log(np.maximum(loads, 0.05) / np.maximum(commands, 0.01)))
+    return np.concatenate(ratios)

@@ -30,8 +30,7 @@ from maidenflight.flights.checkup.response import (
     spectra,
 )
 from maidenflight.flights.checkup.result import FAILS, PASSES, WARNS, CheckResult, unknown
-from maidenflight.flights.log import GRAVITY, Flight
-from maidenflight.simulator.physics.geometry import TORQUES
+from maidenflight.flights.log import GRAVITY, TORQUES, Flight
 
 ORDER = "motor order"
 ORDERS = tuple(permutations(range(4)))

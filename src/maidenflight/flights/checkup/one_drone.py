@@ -10,8 +10,7 @@ import numpy as np
 from jaxtyping import Float, UInt64
 
 from maidenflight.errors import first_few
-from maidenflight.flights.checkup.in_flight import load_factor
-from maidenflight.flights.checkup.relations import block_mean
+from maidenflight.flights.checkup.in_flight import BLOCK_S, thrust_per_command
 from maidenflight.flights.checkup.result import PASSES, WARNS, CheckResult, LogWarning, unknown
 from maidenflight.flights.log import Flight
 
@@ -26,8 +25,7 @@ BETWEEN = 0.12
 """Difference of thrust per command between logs, as a share, that one drone does not have."""
 COPIED = 0.1
 """Share of rows that a flight may have in common with another one."""
-_BLOCK_S, _BLOCKS = 0.5, 8
-_RESPONSE_S = 0.06
+_BLOCKS = 8
 _GRID = 1e-3
 """Steps of body rates and commands by which rows are compared [rad/s, -]."""
 
@@ -36,7 +34,7 @@ def check_load(pieces: Sequence[Flight]) -> CheckResult:
     """Checks that thrust per command does not step within pieces of one flight."""
     ratio = thrust_per_command(pieces)
     if len(ratio) < 2 * _BLOCKS + 4:
-        return unknown(NAME, f"shorter than {(2 * _BLOCKS + 4) * _BLOCK_S:g} s")
+        return unknown(NAME, f"shorter than {(2 * _BLOCKS + 4) * BLOCK_S:g} s")
     steps = [
         (float(np.median(after) - np.median(before)), _error(before, after), index)
         for index in range(_BLOCKS, len(ratio) - _BLOCKS)
@@ -54,8 +52,7 @@ def check_load(pieces: Sequence[Flight]) -> CheckResult:
         text = f"thrust per command changes by {100 * abs(step):.1f} % +- {100 * error:.1f} %"
         return unknown(NAME, f"{text}, too little to tell it from {100 * STEP:g} %", step)
     change = (
-        f"thrust per command changes by {100 * np.expm1(step):+.0f} % after "
-        f"{index * _BLOCK_S:.0f} s"
+        f"thrust per command changes by {100 * np.expm1(step):+.0f} % after {index * BLOCK_S:.0f} s"
     )
     volts = np.concatenate([piece.battery for piece in pieces])
     if np.isfinite(volts).any():
@@ -77,22 +74,6 @@ def _error(before: Float[np.ndarray, "B"], after: Float[np.ndarray, "B"]) -> flo
     left = np.concatenate([before - np.median(before), after - np.median(after)])
     deviation = 1.4826 * float(np.median(np.abs(left)))
     return 1.25 * deviation * float(np.sqrt(2 / len(before))) + 0.002
-
-
-def thrust_per_command(pieces: Sequence[Flight]) -> Float[np.ndarray, "B"]:
-    """Measures the logarithm of thrust per command in blocks of `_BLOCK_S`."""
-    ratios = [np.zeros(0)]
-    for piece in pieces:
-        rows = max(1, round(_BLOCK_S / piece.period))
-        load = load_factor(piece)
-        if load is None or len(piece) < rows:
-            continue
-        late = min(max(1, round(_RESPONSE_S / piece.period)), len(piece) - 1)
-        command = piece.mean_command.mean(axis=1, dtype=np.float64)
-        command = np.concatenate([np.repeat(command[:1], late), command[:-late]])
-        loads, commands = block_mean(np.column_stack([load, command]), rows).T
-        ratios.append(np.log(np.maximum(loads, 0.05) / np.maximum(commands, 0.01)))
-    return np.concatenate(ratios)
 
 
 def compare_loads(ratios: Mapping[str, float]) -> list[LogWarning]:

@@ -16,8 +16,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from maidenflight.flights.checkup.relations import block_mean
-from maidenflight.flights.log import Flight
-from maidenflight.simulator.physics.geometry import TORQUES
+from maidenflight.flights.log import TORQUES, Flight
 
 LAGS_S = np.array([0.012, 0.02, 0.03, 0.045, 0.065, 0.09, 0.13])
 """Time constants of motors that are tried [s]."""

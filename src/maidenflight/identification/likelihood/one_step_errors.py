@@ -23,8 +23,7 @@ from maidenflight.identification.replay.open_loop import (
     wrapped,
 )
 from maidenflight.parameters import Parameters, replace
-from maidenflight.simulator import stepping
-from maidenflight.simulator.physics import dynamics, rotations, sensors
+from maidenflight.simulator.physics import dynamics, motion, rotations, sensors
 from maidenflight.simulator.physics.dynamics import State
 from maidenflight.simulator.physics.latency import DelayLine
 from maidenflight.simulator.physics.vectors import entries
@@ -71,7 +70,7 @@ def _speeds(
 
     def turn(speed: Array, newest: Array) -> tuple[Array, Array]:
         def spin(speed: Array, newest: Array) -> tuple[Array, None]:
-            return stepping.spin(speed, DelayLine(commands_in, newest), steps, parameters), None
+            return motion.spin(speed, DelayLine(commands_in, newest), steps, parameters), None
 
         return lax.scan(spin, speed, newest)[0], speed
 
@@ -102,7 +101,7 @@ def _by_column(
 
         def drive(state: State, newest: Array) -> tuple[State, None]:
             line = DelayLine(commands_in, newest)
-            return stepping.drive_entries(dynamics.midpoint, state, line, steps, parameters), None
+            return motion.drive_entries(dynamics.midpoint, state, line, steps, parameters), None
 
         state, _ = lax.scan(drive, state, newest)
         estimate = sensors.estimate_after_turn(start, state, period, parameters)

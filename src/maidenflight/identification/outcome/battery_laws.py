@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.flights import compensation
-from maidenflight.flights.checkup.one_drone import thrust_per_command
+from maidenflight.flights.checkup.in_flight import thrust_per_command
 from maidenflight.flights.log import Flight
 from maidenflight.identification.drone_file import Estimate
 from maidenflight.identification.outcome.estimates import Identification

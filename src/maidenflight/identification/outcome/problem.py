@@ -10,7 +10,7 @@ from jaxtyping import Array
 
 from maidenflight import inputs
 from maidenflight.errors import InputError
-from maidenflight.flights.checkup.motors import load_factor
+from maidenflight.flights.checkup.in_flight import load_factor
 from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import SAME_RATE
 from maidenflight.identification.drone_file import Source, check_body

@@ -18,8 +18,7 @@ from jaxtyping import Array, Float, Int
 from maidenflight import compiler
 from maidenflight.flights.windows import Windows
 from maidenflight.parameters import Parameters
-from maidenflight.simulator import stepping
-from maidenflight.simulator.physics import actuators, dynamics, rotations
+from maidenflight.simulator.physics import actuators, dynamics, motion, rotations
 from maidenflight.simulator.physics.dynamics import State
 from maidenflight.simulator.physics.latency import DelayLine
 from maidenflight.simulator.physics.vectors import entries
@@ -46,7 +45,7 @@ def simulate(window: Windows, parameters: Parameters, steps: int) -> Float[Array
 
     def advance(state: State, newest: Array) -> tuple[State, Array]:
         line = DelayLine(commands_in, newest)
-        state = stepping.drive_entries(dynamics.midpoint, state, line, steps, parameters)
+        state = motion.drive_entries(dynamics.midpoint, state, line, steps, parameters)
         return state, jnp.stack(columns(state))
 
     position, velocity, quaternion, body_rates, _ = map(jnp.asarray, window[:5])
@@ -78,7 +77,7 @@ def initial_delay_line(
     commands_in, rows = commands(window), places(window, stride)
 
     def spin(speed: Array, newest: Array) -> tuple[Array, None]:
-        return stepping.spin(speed, DelayLine(commands_in, newest), steps, parameters), None
+        return motion.spin(speed, DelayLine(commands_in, newest), steps, parameters), None
 
     before = jnp.arange(rows.shape[0], commands_in.shape[0])[::-1]
     speed, _ = lax.scan(spin, commands_in[-1], before)

@@ -151,7 +151,7 @@ def flights(table: Table) -> LoggedFlights:
     needed = {signal: values[signal] for signal in SPELLINGS if signal in values}
     _refuse_gaps(table.name, {name: result for name, result in needed.items() if name != "battery"})
     thrust = values["thrust"][:, 0] if "thrust" in values else None
-    law, law_choice = compensation.choose_law(table, values["PWM"], volts, thrust)
+    law, law_choice = compensation.choose_law(table.head, table.name, values["PWM"], volts, thrust)
     stamps = read[clock][np.isfinite(read[clock])]
     step = np.median(np.diff(stamps)) if len(stamps) > 1 else 10.0
     unit = 1e-6 if abs(step) >= _LEAST_US else 1e-3 if abs(step) >= 1 else 1.0

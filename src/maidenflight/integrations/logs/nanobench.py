@@ -63,7 +63,9 @@ def flights(table: Table) -> LoggedFlights:
 
     rates, volts, pwm = columns(*GYRO), column["pwr_pm_vbat"], columns(*MOTORS)
     thrust = column["pid_controller_cmd_thrust"]
-    law, law_choice = compensation.choose_law(table, pwm, volts, thrust, compensation.PLUS)
+    law, law_choice = compensation.choose_law(
+        table.head, table.name, pwm, volts, thrust, compensation.PLUS
+    )
     vicon = columns(*VICON)
     vicon[np.isinf(vicon)] = np.nan
     vicon[:, 6:] = np.unwrap(vicon[:, 6:], axis=0)

@@ -16,7 +16,7 @@ from jaxtyping import Float, Int
 
 from maidenflight import inputs, results
 from maidenflight.errors import InputError, WriteError
-from maidenflight.flights import log, tables
+from maidenflight.flights import flight_csv, tables
 from maidenflight.flights.log import GROUPS, Flight
 from maidenflight.flights.tables import Table
 from maidenflight.integrations.logs import cflib
@@ -191,7 +191,7 @@ def write_flight(path: Path, **fields: Any) -> tuple[Path, tuple[str, ...]]:
     """
     flight, record, notes = to_flight(path)
     record["settings"] = {**record.get("settings", {}), **fields}
-    return log.write(path.with_suffix(".csv"), flight, record), notes
+    return flight_csv.write(path.with_suffix(".csv"), flight, record), notes
 
 
 def recover(folder: Path) -> tuple[list[Path], list[str]]:

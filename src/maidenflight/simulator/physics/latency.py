@@ -1,8 +1,8 @@
 """Latency as a delay line, continuous and differentiable in the delay.
 
 Commands pass a zero-order hold of one command period. A physics step ends where a command arrives,
-so that its length tells a delay between two commands: with an index into a buffer every objective
-would be constant in the latency between steps.
+so that the lengths of the steps vary smoothly with the latency: with an index into a buffer every
+objective would be constant in the latency between steps.
 """
 
 from dataclasses import dataclass, field

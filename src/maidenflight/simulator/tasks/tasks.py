@@ -243,7 +243,7 @@ def take_off(height: float = 1.0, duration: float = 1.5) -> Task:
     """Rises from the ground, motors off, to a height [m] within a duration [s], and stays there.
 
     5 s an episode. The ground stops the drone without a bounce or a tilt; near it, thrust grows
-    (`stepping.near_ground`).
+    (`motion.near_ground`).
 
     Source: authors' code, there called "not yet working properly".
     """

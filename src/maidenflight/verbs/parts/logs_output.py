@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from maidenflight import results
-from maidenflight.flights import formats, log
+from maidenflight.flights import flight_csv, formats
 from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import Flights, log_files
 from maidenflight.parameters import COMPONENTS, QUANTITIES
@@ -53,7 +53,7 @@ def note_thrust(flights: Flights, start: str, thrust_to_weight: float) -> list[s
 def write_logs(folder: Path, flights: Mapping[str, Flight], record: dict[str, Any]) -> list[Path]:
     """Writes logs by their names, in place of those that an earlier run wrote there."""
     written = [
-        log.write(folder / f"{name}.csv", flight, record) for name, flight in flights.items()
+        flight_csv.write(folder / f"{name}.csv", flight, record) for name, flight in flights.items()
     ]
     results.remove_older(written, record)
     return written
