@@ -41,6 +41,7 @@ LOGS = {
     "near, state": ("near:901", 100, False, True),
     "virtual, no state": ("virtual:902", 250, False, False),
     "far, state, speeds": ("far:903", 500, True, True),
+    "virtual, state": ("virtual:902", 250, False, True),
     "virtual, no state, speeds": ("virtual:904", 500, True, False),
     "virtual, replay": ("virtual:905", 100, False, True),
 }
@@ -299,6 +300,7 @@ def main() -> None:
         needed = set(trials.run(log, {}, every)["used"])
         for factor in FACTORS:
             movements = known(trials, log, factor)
+            print(f"{log}, times {factor}: {len(movements)} known", file=sys.stderr, flush=True)
             left = [name for name in names if name in needed and name not in movements]
             for first in range(0, len(left), options.at_once):
                 movements |= judge(trials, log, left[first : first + options.at_once], factor)

@@ -35,8 +35,8 @@ truth."""
 VERTICAL = 5
 """Where the vertical velocity stands in a row, by definition of `errors`."""
 AT_ONCE = 4
-"""Directions that are differentiated along side by side. Time grows linearly from four on; more
-would compute more that nobody asks for."""
+"""Directions that are differentiated along side by side. Time grows linearly from four on; results
+are the same to the last digit (paper/constants.py)."""
 TURNING = (9, 10, 11)
 """Where the body rates stand in a row, by definition of `errors`."""
 COLUMNS = (3, 4, VERTICAL, *TURNING)
