@@ -37,7 +37,7 @@ test-all: $(VENV)/.installed-dev
 # Tests of a night, and a hundred thousand damaged files, other ones every time.
 night: $(VENV)/.installed-dev
 	$(PYTEST) -m night
-	$(PYTEST) --dist load --hypothesis-profile night tests/test_damaged_files.py
+	$(PYTEST) --dist load --hypothesis-profile night tests/files/test_damaged_files.py
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check
@@ -66,7 +66,7 @@ $(TABLES): | $(VENV)/.installed-dev
 $(RESULTS)/gradients/zero_shot/flights.csv:
 	$(STUDY)/figure_4.py -o $(@D)
 $(RESULTS)/PPO/zero_shot/flights.csv:
-	$(STUDY)/figure_4.py --settings paper/zero_shot_ppo.toml -o $(@D)
+	$(STUDY)/figure_4.py --settings paper/settings/zero_shot_ppo.toml -o $(@D)
 $(RESULTS)/gradients/ablations/flights.csv:
 	$(STUDY)/ablations.py -o $(@D)
 $(RESULTS)/PPO/ablations/flights.csv:

@@ -26,11 +26,16 @@ from hypothesis import settings
 from commands import Command, run
 from maidenflight import compiler
 
-# Tests compile much and compute little: XLA's older emitter, where it has one, is a third faster.
+# Tests compile much and compute little: XLA's older emitter, where it has one, is a third faster,
+# and each program in one piece takes a sixth less processor time than in pieces for several cores.
 # With a space more than there, so that commands take the flags for the user's own and keep them:
 # all tests share what is compiled.
-smallest = compiler.SMALLEST if compiler.has_older_emitter() else ""
-os.environ.setdefault("XLA_FLAGS", f"{compiler.QUICK} {smallest} ")
+smallest = f"{compiler.SMALLEST} --xla_cpu_parallel_codegen_split_count=1"
+os.environ.setdefault(
+    "XLA_FLAGS", f"{compiler.QUICK} {smallest if compiler.has_older_emitter() else ''} "
+)
+# And without optimization, a quarter less again, but for what `COMPUTING` names.
+os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
 # Tracing makes many objects and no cycles, as in the command line.
 gc.set_threshold(100_000)
 # Whichever test comes first: a command line would make each core a device, and programs for one
@@ -51,18 +56,14 @@ MOST_MAPPINGS = 20_000
 and Linux allows 65,530 a process (vm.max_map_count); the compiler aborts at more."""
 
 
-def _without_optimizations() -> Iterator[None]:
-    """Compiles with no optimization at all, for moments of training: a sixth to a third less
-    processor time. PPO's tests take as long with it, those that identify longer.
-    """
-    jax.config.update("jax_disable_most_optimizations", True)
-    yield
-    jax.config.update("jax_disable_most_optimizations", False)
+COMPUTING = {"identification", "disturbances"}
+"""Folders, and files, whose tests compute longer than they compile."""
 
 
-without_optimizations = pytest.fixture(_without_optimizations, scope="module")
-without_optimizations_once = pytest.fixture(_without_optimizations)
-"""The same for a test of a module whose others compute more."""
+@pytest.fixture(scope="module", autouse=True)
+def optimizations(request: pytest.FixtureRequest) -> None:
+    """Compiles with optimization what computes long."""
+    jax.config.update("jax_disable_most_optimizations", COMPUTING.isdisjoint(request.path.parts))
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -79,12 +80,14 @@ LONGEST = (
     "test_docs.py",
     "test_train.py",
     "test_identify.py",
-    "test_ppo.py",
+    "test_demo.py",
     "test_analytic_gradient.py",
     "test_cli.py",
-    "test_likelihood.py",
-    "test_demo.py",
-    "test_paper.py",
+    "test_ppo.py",
+    "test_examples.py",
+    "test_transfer.py",
+    "test_environment.py",
+    "test_gym.py",
 )
 """Files that take longest, which go first, lest one worker runs the last of them alone. Those of
 the documentation and the command line compile the same, so they do not begin together."""

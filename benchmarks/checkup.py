@@ -21,7 +21,7 @@ from maidenflight.flights.checkup.result import FAILS, UNKNOWN, WARNS, CheckResu
 from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "common"))
 from spoilings import SPOILINGS, Spoiling, is_told
 
 PAGE = Path(__file__).parent.parent / "paper" / "notes" / "checkup.md"

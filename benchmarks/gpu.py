@@ -38,7 +38,7 @@ from simulator import FOLDER, SERIES, VERSION, figure
 
 BATCHES = [16**power for power in range(6)]
 SCRIPTS = {"maidenflight": "maidenflight_speed.py", "crazyflow": "crazyflow_speed.py"}
-STUDY = FOLDER.parent / "paper" / "zero_shot.toml"
+STUDY = FOLDER.parent / "paper" / "settings" / "zero_shot.toml"
 SAMPLE = 100
 """Updates by which numbers of cells in a call are compared."""
 TOGETHER = (1, 9)

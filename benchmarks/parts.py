@@ -1,6 +1,6 @@
 """Counts what a contributor has to hold in the head.
 
-tests/test_architecture.py keeps it from rising.
+tests/repository/test_architecture.py keeps it from rising.
 
 python benchmarks/parts.py  # prints all of it
 

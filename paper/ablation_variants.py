@@ -44,7 +44,7 @@ alone, as paper/notes/ablations.md was measured."""
 METHODS = ("gradient", "ppo", "ppo-paper")
 """Names in `maidenflight.names.METHODS` that the study trains by."""
 PPO_UPDATES = 400
-"""Of 16,384 steps, as in paper/zero_shot_ppo.toml."""
+"""Of 16,384 steps, as in paper/settings/zero_shot_ppo.toml."""
 NO_LAG = 0.0025
 """T_m [s] of a motor without lag: in steps of 5 ms the trapezoidal rule then reaches the command at
 the end of the step, and a shorter one would overshoot."""

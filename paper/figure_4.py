@@ -3,12 +3,12 @@
 `python paper/figure_4.py -o zero_shot` trains policies of each control structure, at its own rate,
 around drones of each motor lag (40, 80 and 120 ms) and latency (0, 15 and 20 ms), three seeds each,
 and flies each of the 81 policies three times in each reality for at most 20 s, until the paper's
-guards end it. It computes the study `paper/zero_shot.toml`, as `maidenflight sweep
-paper/zero_shot.toml -o zero_shot` does, gathers all flights into `flights.csv` with a row a flight,
-and draws `figure_4.svg`: flight times by lag, a panel a latency. `--authors ../shared/data/authors`
-draws the published real flights below. Interrupted, it goes on by the same command; what is there
-already is not computed again. `--small` trains one policy of each cell, a third as long, for a
-look.
+guards end it. It computes the study `paper/settings/zero_shot.toml`, as `maidenflight sweep
+paper/settings/zero_shot.toml -o zero_shot` does, gathers all flights into `flights.csv` with a row
+a flight, and draws `figure_4.svg`: flight times by lag, a panel a latency. `--authors
+../shared/data/authors` draws the published real flights below. Interrupted, it goes on by the same
+command; what is there already is not computed again. `--small` trains one policy of each cell, a
+third as long, for a look.
 
 Source: Gronauer et al. 2022, sec. Zero-Shot Experiments, fig:experiments:zero-shot.
 """
@@ -35,7 +35,7 @@ from maidenflight.studies import study as studies
 from maidenflight.studies.store import Folder
 from maidenflight.studies.study import Study, Task
 
-STUDY = Path(__file__).with_name("zero_shot.toml")
+STUDY = Path(__file__).parent / "settings" / "zero_shot.toml"
 CELL = ("motor_time_constant", "latency")
 """Parameters of the drone that differ between cells [s]."""
 FLIGHTS = dataclasses.replace(
@@ -93,7 +93,7 @@ def read_study(path: Path, small: bool = False) -> Study:
     if not find_flown_tasks(study):
         raise InputError(
             f"{path}: no task flies policies that another one trains with set.motor_time_constant "
-            "and set.latency. Give a study such as paper/zero_shot.toml."
+            "and set.latency. Give a study such as paper/settings/zero_shot.toml."
         )
     return study
 
@@ -252,7 +252,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--settings",
         type=Path,
         default=STUDY,
-        help="a study, a TOML file (default: paper/zero_shot.toml)",
+        help="a study, a TOML file (default: paper/settings/zero_shot.toml)",
     )
     parser.add_argument(
         "--small", action="store_true", help="one policy of each cell, trained for a third as long"

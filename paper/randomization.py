@@ -26,7 +26,6 @@ from pathlib import Path
 
 import jax
 import polars
-from agreement import GRONAUER_2021
 from randomization_policies import CELLS, QUICK, Cell, choose_settings, train_cell
 from randomization_shares import (
     BAR,
@@ -40,6 +39,7 @@ from randomization_shares import (
 
 from maidenflight import compiler, results, terminal
 from maidenflight.errors import InputError
+from maidenflight.experiments.conditions import read_conditions
 from maidenflight.experiments.drones import find_reality, possible_drones
 from maidenflight.experiments.flight_times import predict_flight_times
 from maidenflight.experiments.transfer import MAX_DURATION_S, transfer
@@ -52,6 +52,8 @@ from maidenflight.simulator.tasks import tasks
 
 REALITIES = ["virtual:1", "virtual:2", "virtual:3", "pybullet:7"]
 """That nobody has trained for."""
+GRONAUER_2021 = Path(__file__).parent / "settings" / "gronauer_2021.toml"
+"""How the published flights were flown."""
 DRONES = {"posterior": POSTERIOR, "trim": TRIMS}
 """Places that `predict_flight_times` flies: drones about the identified one, by name."""
 
@@ -84,7 +86,7 @@ def fly(
     many, names = list(policies.values()), list(policies)
     if place.removesuffix(OLD) in DRONES:
         drones = possible_drones(options.drone, DRONES[place.removesuffix(OLD)], options.seed)
-        conditions = GRONAUER_2021
+        conditions = read_conditions(GRONAUER_2021)
         if not place.endswith(OLD):
             conditions = conditions._replace(controller_for=control.controller_for)
         table = predict_flight_times(

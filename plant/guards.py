@@ -21,7 +21,7 @@ from maidenflight.integrations.radio.blocks import REASONS
 from maidenflight_plant.running_plant import find_plant
 
 ROOT = Path(__file__).parents[1]
-for folder in ("benchmarks", "tests", "tests/integrations/exporters"):
+for folder in ("benchmarks", "tests/common", "tests/integrations/exporters"):
     sys.path.insert(0, str(ROOT / folder))
 write: Any = import_module("page").write
 app_in_firmware: Any = import_module("app_in_firmware")

@@ -51,10 +51,13 @@ np.savez(sys.argv[1], **states._asdict(), **slopes)
 """
 
 
+USUAL = {"JAX_COMPILATION_CACHE_DIR": "", "JAX_DISABLE_MOST_OPTIMIZATIONS": "0"}
+
+
 def computed(path: Path, flags: str) -> Any:
     made = subprocess.run(
         [sys.executable, "-c", PROGRAM, str(path)],
-        env={**os.environ, "XLA_FLAGS": flags, "JAX_COMPILATION_CACHE_DIR": ""},
+        env={**os.environ, "XLA_FLAGS": flags, **USUAL},
         capture_output=True,
         text=True,
         check=False,

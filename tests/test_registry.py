@@ -118,6 +118,7 @@ def test_a_log_format_of_an_installed_package_is_read(
         np.testing.assert_array_equal(flight.position, flight_csv.from_csv(text, "own").position)
 
 
+@pytest.mark.slow
 def test_a_reality_of_an_installed_package_is_flown(
     packages: Path, tmp_path: Path, monkeypatch: Any, capsys: Any
 ) -> None:

@@ -10,10 +10,14 @@ PAPER = Path(__file__).parents[1]
 
 
 def script(name: str) -> Any:
-    """A script of that folder as a module; as where it is run, its neighbours can be imported."""
+    """A script of that folder, or of one in it, as a module.
+
+    As where it is run, its neighbours can be imported.
+    """
     with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(PAPER))
-        specification = importlib.util.spec_from_file_location(name, PAPER / f"{name}.py")
+        (path,) = PAPER.rglob(f"{name}.py")
+        patch.syspath_prepend(str(path.parent))
+        specification = importlib.util.spec_from_file_location(name, path)
         assert specification is not None
         assert specification.loader is not None
         module = importlib.util.module_from_spec(specification)

@@ -22,8 +22,6 @@ from maidenflight.training.ppo_settings import PPO
 from maidenflight.verbs.train import Train
 from scripts import PAPER, script
 
-pytestmark = pytest.mark.usefixtures("without_optimizations")
-
 
 @pytest.fixture(scope="module")
 def table_2() -> Any:
@@ -82,7 +80,6 @@ def test_a_value_lies_below_inside_or_above_an_interval(table_2: Any) -> None:
 
 
 @pytest.mark.night
-@pytest.mark.usefixtures("without_optimizations_once")
 def test_history_and_hidden_layers_are_studied(
     tmp_path: Path, monkeypatch: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -133,7 +130,7 @@ LEARNERS = {
 
 @pytest.mark.parametrize(("name", "rate"), [("zero_shot", None), ("zero_shot_100hz", 100)])
 def test_the_papers_studies_are_the_papers(figure_4: Any, name: str, rate: int | None) -> None:
-    study = figure_4.read_study(PAPER / f"{name}.toml")
+    study = figure_4.read_study(PAPER / "settings" / f"{name}.toml")
     pairs, kinds = figure_4.find_flown_tasks(study), list(LEARNERS)[0 if rate is None else 1 :]
     assert len(study.tasks) == 2 * len(pairs)
     cells = {
@@ -161,7 +158,7 @@ def test_the_papers_studies_are_the_papers(figure_4: Any, name: str, rate: int |
 
 def test_the_study_by_ppo_flies_the_cells_of_that_by_gradients(figure_4: Any) -> None:
     by_ppo, by_gradients = (
-        figure_4.find_flown_tasks(figure_4.read_study(PAPER / f"{name}.toml"))
+        figure_4.find_flown_tasks(figure_4.read_study(PAPER / "settings" / f"{name}.toml"))
         for name in ("zero_shot_ppo", "zero_shot")
     )
     assert [task.settings["seed"] for task, _ in by_ppo] == [0] * 27 + [1] * 27 + [2] * 27
@@ -177,7 +174,7 @@ def test_the_study_by_ppo_flies_the_cells_of_that_by_gradients(figure_4: Any) ->
 
 
 def test_a_small_study_trains_a_policy_a_cell_for_a_third_as_long(figure_4: Any) -> None:
-    small = figure_4.read_study(PAPER / "zero_shot.toml", small=True)
+    small = figure_4.read_study(PAPER / "settings" / "zero_shot.toml", small=True)
     trained = [task.settings for task in small.tasks if task.kind == "train"]
     assert len(trained) == 27
     assert {one["policies"] for one in trained} == {1}
@@ -189,8 +186,8 @@ def test_a_small_study_trains_a_policy_a_cell_for_a_third_as_long(figure_4: Any)
 
 
 def test_a_study_that_flies_no_cells_is_refused(figure_4: Any, tmp_path: Path) -> None:
-    text = (PAPER / "zero_shot.toml").read_text().replace('"set.latency"', '"set.drag_x"')
-    (tmp_path / "study.toml").write_text(text)
+    text = (PAPER / "settings" / "zero_shot.toml").read_text()
+    (tmp_path / "study.toml").write_text(text.replace('"set.latency"', '"set.drag_x"'))
     with pytest.raises(figure_4.InputError, match=r"set\.latency"):
         figure_4.read_study(tmp_path / "study.toml")
 
@@ -244,7 +241,6 @@ class Here:
         pass
 
 
-@pytest.mark.usefixtures("without_optimizations_once")
 @pytest.mark.night
 def test_figure_4_computes_gathers_and_draws_a_study_and_goes_on_where_it_was(
     figure_4: Any,

@@ -149,7 +149,6 @@ def test_drones_of_each_randomization_and_the_task_of_the_recipe(
 
 
 @pytest.mark.night
-@pytest.mark.usefixtures("without_optimizations_once")
 def test_policies_train_and_fly_and_a_second_run_draws_from_the_tables(
     study: Any, cells: Any, tmp_path: Path, monkeypatch: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -2,7 +2,7 @@
 
 Every limit is checked before that much is allocated, by size where a file says it and by counting
 where it does not, so that a file that would fill the memory is refused within seconds. What they
-come to together is tried by `tests/test_hostile_files.py`, which has a file for each of them.
+come to together is tried by `tests/files/test_hostile_files.py`, which has a file for each of them.
 """
 
 import io

@@ -70,6 +70,7 @@ def in_onnx(made: Policy) -> np.ndarray:
     return session.run(["command"], {"observation": seen})[0][0]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not COMPILERS, reason="no C compiler")
 def test_exported_code_asks_for_the_body_rate_that_the_simulated_drone_reaches(tmp_path):
     """360 deg/s: a quarter of it is 90, which was exported as 15."""

@@ -106,6 +106,7 @@ def test_a_regulator_levels_and_damps():
     assert yaw == 0.0
 
 
+@pytest.mark.slow
 def test_errors_grow_as_the_physics_does():
     still, speed = hover(DRONE)
     growth, _ = linearise(DRONE, PROCESSES, PERIOD)

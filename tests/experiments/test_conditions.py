@@ -13,7 +13,7 @@ from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.tasks.failures import APP
 from pages import ROOT
 
-PUBLISHED = ROOT / "paper" / "gronauer_2021.toml"
+PUBLISHED = ROOT / "paper" / "settings" / "gronauer_2021.toml"
 
 
 def test_flights_are_of_today_unless_a_file_has_others(tmp_path: Path) -> None:

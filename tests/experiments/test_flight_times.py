@@ -34,7 +34,8 @@ from maidenflight.simulator.tasks import failures, tasks
 from maidenflight.simulator.tasks.look_ahead import NONE, LookAhead
 
 KEY = jax.random.key(0)
-GRONAUER_2021 = read_conditions(Path(__file__).parents[2] / "paper" / "gronauer_2021.toml")
+SETTINGS = Path(__file__).parents[2] / "paper" / "settings"
+GRONAUER_2021 = read_conditions(SETTINGS / "gronauer_2021.toml")
 STILL = GRONAUER_2021._replace(start=CURRENT.start)
 RATES = {"pwm": 100, "attitude_rate": 50, "attitude": 25}
 SHORT = {"trials": 3, "duration": 3.0}

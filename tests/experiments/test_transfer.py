@@ -106,6 +106,7 @@ def test_an_untrained_policy_ends_by_a_guard() -> None:
     assert (table["position_error"] < 0.3).all()
 
 
+@pytest.mark.slow
 def test_policies_of_one_control_structure_fly_together_whatever_their_counts() -> None:
     counts = dataclasses.replace(POLICIES[1].interface, full_scale_counts=65535.0)
     identified = dataclasses.replace(POLICIES[1], interface=counts)

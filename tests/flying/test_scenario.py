@@ -10,7 +10,7 @@ from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.tasks import tasks
 from pages import ROOT
 
-PUBLISHED_START = read_conditions(ROOT / "paper" / "gronauer_2021.toml").start
+PUBLISHED_START = read_conditions(ROOT / "paper" / "settings" / "gronauer_2021.toml").start
 
 
 def test_starts_follow_a_multivariate_t_distribution() -> None:

@@ -27,7 +27,7 @@ WIDER, WORSE = 1.1, 0.02
 
 def recorded() -> list[Flight]:
     """Returns two flights with a state, an accelerometer and the rotors' speeds."""
-    flights = mf.record(DRONE, jax.random.key(1), flights=2, duration=12.0, excitation=0.05)
+    flights = mf.record(DRONE, jax.random.key(1), flights=2, duration=6.0, excitation=0.05)
     random = np.random.default_rng(0)
 
     def with_speeds(flight: Flight) -> Flight:

@@ -6,7 +6,8 @@ import pytest
 
 from maidenflight import parameters
 from maidenflight.parameters import QUANTITIES, crazyflie, replace
-from maidenflight.simulator.any_drone import ANY_RANGES, DayToDay, GenericQuadrotor
+from maidenflight.simulator.any_drone import ANY_RANGES, MOST_THRUST, DayToDay, GenericQuadrotor
+from maidenflight.simulator.physics.balance import balanced_shares
 from maidenflight.simulator.randomization import randomize, wide_box
 
 PAPER = crazyflie()
@@ -66,3 +67,15 @@ def test_a_drone_of_any_day_has_trims_payload_and_latency_about_its_own():
     assert np.abs(trim).max() == pytest.approx(0.1, rel=0.05)
     assert 0.45 < np.mean(np.asarray(drawn.rotor_thrust).min(axis=1) < 1) < 0.55
     assert "mass + U(0, 0.2) of it" in str(DayToDay(box))
+
+
+@pytest.mark.parametrize("ratio", [1.4, 1.0])
+def test_no_day_takes_the_thrust_to_hover_except_from_a_drone_that_has_none(ratio: float):
+    """Trims, a weak rotor and a payload that leave less count as if the drone were stronger."""
+    weak = replace(PAPER, thrust_to_weight=ratio)
+    drawn = many(DayToDay(wide_box(weak, "attitude_rate")), KEYS)
+    shares = np.asarray(jax.jit(jax.vmap(balanced_shares))(drawn)).max(axis=1)
+    centre = wide_box(weak, "attitude_rate").centre
+    most = max(MOST_THRUST, 1.0 / float(centre.thrust_to_weight))
+    assert shares.max() == pytest.approx(most, rel=1e-3)
+    assert (shares < 0.99 * most).any(), "the others are as they were drawn"

@@ -1,3 +1,4 @@
+import dataclasses
 from typing import Any
 
 import jax
@@ -17,8 +18,6 @@ from maidenflight.simulator.rollouts import EnvInstance
 from maidenflight.training import analytic_gradient, devices
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.devices import DRONES
-
-pytestmark = pytest.mark.usefixtures("without_optimizations")
 
 
 @pytest.mark.slow
@@ -112,33 +111,48 @@ def test_without_a_rate_for_hidden_layers_adam_steps_everywhere_and_its_steps_sh
         np.testing.assert_allclose(leaf, -0.0002, rtol=1e-3)
 
 
+SIMULATED, DRONE = Environment(), noiseless(crazyflie())
+
+
+@jax.jit
+def gradient_of_segment(network: Any, policy: Policy, env_state: Any) -> Any:
+    """The cost of twelve periods, where they lead, and the cost's gradient by the network."""
+
+    def segment(network: Any) -> Any:
+        return analytic_gradient.segment(
+            SIMULATED,
+            AnalyticGradient(horizon=12),
+            policy.with_network(network),
+            EnvInstance(env_state, DRONE),
+            jax.random.key(3),
+        )
+
+    return jax.value_and_grad(segment, has_aux=True)(network)
+
+
 @pytest.mark.slow
 def test_gradient_through_the_simulator_is_the_slope_of_the_cost() -> None:
-    simulated, drone = Environment(), noiseless(crazyflie())
-    settings = AnalyticGradient(horizon=12)
     policy = untrained_policy(jax.random.key(1))
-    env_state = environment.reset(simulated, drone, jax.random.key(2))
+    env_state = environment.reset(SIMULATED, DRONE, jax.random.key(2))
     direction = jax.tree.map(
         lambda leaf: jax.random.normal(jax.random.key(leaf.size), leaf.shape), policy.network
     )
 
-    @jax.jit
-    def cost(scale: jax.Array) -> jax.Array:
-        moved = jax.tree.map(lambda leaf, step: leaf + scale * step, policy.network, direction)
-        changed = policy.with_network(moved)
-        return analytic_gradient.segment(
-            simulated, settings, changed, EnvInstance(env_state, drone), jax.random.key(3)
-        )[0]
+    def cost(scale: float) -> float:
+        moved = jax.tree.map(
+            lambda leaf, step: leaf + np.float32(scale) * step, policy.network, direction
+        )
+        return float(gradient_of_segment(moved, policy, env_state)[0][0])
 
-    slope = float(jax.jit(jax.grad(cost))(jnp.zeros(())))
-    steps = (1e-3, 2e-3)
-    numeric = [
-        (float(cost(jnp.float32(h))) - float(cost(jnp.float32(-h)))) / (2 * h) for h in steps
-    ]
+    gradient = gradient_of_segment(policy.network, policy, env_state)[1]
+    pairs = zip(jax.tree.leaves(gradient), jax.tree.leaves(direction), strict=True)
+    slope = sum(float(jnp.sum(one * other)) for one, other in pairs)
+    numeric = [(cost(step) - cost(-step)) / (2 * step) for step in (1e-3, 2e-3)]
     assert abs(slope) > 1e-3
     assert slope == pytest.approx(np.mean(numeric), rel=0.05)
 
 
+@pytest.mark.slow
 def test_the_gradient_by_outputs_and_then_weights_is_that_by_weights() -> None:
     simulated, drone = Environment(spec=PolicySpec(hidden=(8, 8), memory=3)), crazyflie()
     settings = AnalyticGradient(horizon=4)
@@ -163,23 +177,12 @@ def test_the_gradient_by_outputs_and_then_weights_is_that_by_weights() -> None:
 
 @pytest.mark.slow
 def test_a_lost_drone_is_held_and_gives_no_gradient() -> None:
-    simulated, drone = Environment(), noiseless(crazyflie())
-    env_state = environment.reset(simulated, drone, jax.random.key(2))
+    env_state = environment.reset(SIMULATED, DRONE, jax.random.key(2))
     lost = env_state._replace(
         state=env_state.state._replace(position=env_state.state.position + 50.0)
     )
     policy = untrained_policy(jax.random.key(1))
-
-    def segment(network: Any) -> Any:
-        return analytic_gradient.segment(
-            simulated,
-            AnalyticGradient(horizon=12),
-            policy.with_network(network),
-            EnvInstance(lost, drone),
-            jax.random.key(3),
-        )
-
-    gradient, (after, was_lost) = jax.jit(jax.grad(segment, has_aux=True))(policy.network)
+    (_, (after, was_lost)), gradient = gradient_of_segment(policy.network, policy, lost)
     assert all(not np.any(leaf) for leaf in jax.tree.leaves(gradient))
     assert was_lost
     np.testing.assert_array_equal(after.state.position, lost.state.position)
@@ -196,18 +199,17 @@ def test_a_failure_costs_most_and_what_is_lost_anyway_pulls_no_more() -> None:
 
     @jax.jit
     def both(away: jax.Array) -> tuple[jax.Array, jax.Array]:
-        def cost(away: jax.Array, settings: AnalyticGradient) -> jax.Array:
+        def cost(away: jax.Array, failure: Any) -> jax.Array:
+            settings = dataclasses.replace(AnalyticGradient(horizon=4), failure_penalty=failure)
             position = env_state.state.position + away * jnp.array([1.0, 0.0, 0.0])
             moved = env_state._replace(state=env_state.state._replace(position=position))
             return analytic_gradient.segment(
                 simulated, settings, policy, EnvInstance(moved, drone), jax.random.key(3)
             )[0]
 
-        values = [
-            jax.value_and_grad(cost)(away, AnalyticGradient(horizon=4, failure_penalty=failure))
-            for failure in (0.0, 5.0)
-        ]
-        return values[1][0] - values[0][0], values[1][1] - values[0][1]
+        penalties = jnp.array([0.0, 5.0])
+        values, slopes = jax.vmap(jax.value_and_grad(cost), (None, 0))(away, penalties)
+        return values[1] - values[0], slopes[1] - slopes[0]
 
     near, edge, lost = (both(jnp.float32(away)) for away in (0.0, 0.25, 0.8))
     assert float(near[0]) < 0.5

@@ -20,8 +20,6 @@ from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.distillation import Distillation, Teacher, known
 from maidenflight.verbs.train import Train
 
-pytestmark = pytest.mark.usefixtures("without_optimizations")
-
 BOX = GenericQuadrotor(crazyflie())
 WORLD = Environment.matching(crazyflie(), spec=PolicySpec(memory=4, hidden=(8, 8)))
 SETTINGS = Distillation(updates=120, num_envs=4, horizon=4, learning_rate=0.02)

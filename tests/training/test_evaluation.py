@@ -3,24 +3,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from flying_policy import flying_policy
-from maidenflight.parameters import crazyflie, replace
+from maidenflight.parameters import crazyflie
 from maidenflight.policy import untrained_policy
 from maidenflight.simulator import environment, stepping
-from maidenflight.simulator.controllers import control
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import randomize, relative_box, stacked
-from maidenflight.simulator.tasks import tasks
 from maidenflight.training.evaluation import (
-    FLIGHT_S,
-    FLIGHTS,
     Evaluation,
     evaluate,
     evaluate_together,
-    fly_drone_itself,
     starts_of,
 )
-from maidenflight.training.scores import describe_own_flights, find_falls
 
 BOX = relative_box(crazyflie(), 0.10)
 ENV, EPISODES, STEPS = Environment(), 4, 300
@@ -97,17 +90,3 @@ def test_failing_costs_the_terminal_penalty() -> None:
     )
     assert float(score.survival) == 0.0
     assert -140.0 < float(score.episode_return) < -100.0
-
-
-def test_flights_of_the_drone_itself_tell_a_policy_that_falls_from_one_that_flies() -> None:
-    drone = replace(crazyflie(), latency=0.005, motor_time_constant=0.04)
-    policies = [flying_policy(drone), flying_policy(drone, gain=0.0)]
-    good, bad = fly_drone_itself(policies, tasks.hover(), control.pwm(), drone, jax.random.key(0))
-    assert (good.lasting, good.seconds) == (FLIGHTS, FLIGHT_S)
-    assert 0.0 < good.position_error < 1.0
-    assert bad.lasting == 0
-    assert 0.1 < bad.seconds < 5.0
-    assert find_falls([good, bad], "mine").keys() == {2}
-    lines = describe_own_flights([good, bad], "mine")
-    assert "1 of 2" in lines[0]
-    assert lines[1:] == list(find_falls([good, bad], "mine").values())

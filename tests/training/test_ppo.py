@@ -58,11 +58,6 @@ def _learned(env: Environment, settings: PPO, *ends: int) -> Any:
     return learners
 
 
-@pytest.fixture(scope="module")
-def learned() -> Any:
-    return _learned(SIMULATED, SMALL, SMALL.updates)
-
-
 _reset = jax.jit(randomized_reset, static_argnums=0, compiler_options=compiler.once())
 
 
@@ -75,7 +70,8 @@ def _survival(policies: Any) -> Any:
 
 
 @pytest.mark.night
-def test_training_makes_policies_fly_that_did_not(learned: Any) -> None:
+def test_training_makes_policies_fly_that_did_not() -> None:
+    learned = _learned(SIMULATED, SMALL, SMALL.updates)
     policies = jax.tree.map(
         lambda *leaves: jnp.concatenate(leaves),
         _learned(SIMULATED, SMALL).policy,
@@ -124,9 +120,10 @@ def test_interrupted_training_goes_on_to_the_same_policies(tmp_path: Path) -> No
 
 
 @pytest.mark.slow
-def test_the_policy_normalises_by_all_observations_so_far(learned: Any) -> None:
+def test_the_policy_normalises_by_all_observations_so_far() -> None:
+    learned = _learned(SMALLER, TINY, TINY.updates)
     np.testing.assert_array_equal(
-        learned.observation_moments.samples, SMALL.updates * SMALL.num_envs * SMALL.horizon
+        learned.observation_moments.samples, TINY.updates * TINY.num_envs * TINY.horizon
     )
     np.testing.assert_array_equal(
         learned.policy.observation_mean, learned.observation_moments.mean[:, :40]
@@ -137,7 +134,7 @@ def test_the_policy_normalises_by_all_observations_so_far(learned: Any) -> None:
     shares = learned.observation_moments.mean[
         :, -10:-1
     ]  # of the centre's constants, all but the latency, which is 0
-    np.testing.assert_allclose(shares, jnp.ones_like(shares), atol=0.02)
+    np.testing.assert_allclose(shares, jnp.ones_like(shares), atol=0.06)
 
 
 def _plain_advantages(

@@ -37,8 +37,6 @@ from maidenflight.training.evaluation import Evaluation, evaluate
 from maidenflight.training.train import Progress, train
 from maidenflight.verbs.train import Train
 
-pytestmark = pytest.mark.usefixtures("without_optimizations")
-
 SMALL = AnalyticGradient(updates=150, num_envs=16, horizon=64, evaluations=3, episodes=32)
 TASK, CONTROLLER = tasks.circle(), control.pwm()
 """The same objects in every test, so that training is compiled once a file."""
@@ -238,6 +236,42 @@ def test_training_that_has_ended_is_extended_and_an_extension_is_resumed(tmp_pat
         learn(whole)
 
 
+def test_an_extension_of_one_policy_leaves_the_other_and_is_resumed(tmp_path: Path) -> None:
+    """The one that goes on learns as it would beside the other, to rounding."""
+
+    def extended(name: str, members: Any = None, hear: Any = None) -> tuple[Policy, ...]:
+        saved = tmp_path / name
+        if not saved.exists():
+            learn(saved)
+        return train(
+            TASK,
+            CONTROLLER,
+            BOX,
+            KEYS,
+            changed(TINY, updates=6),
+            SPEC,
+            on_progress=hear,
+            checkpoint=Checkpoint(saved, members=members),
+        )
+
+    def interrupt(progress: Progress) -> None:
+        if progress.update == 5:
+            raise KeyboardInterrupt
+
+    heard: list[Progress] = []
+    policies = extended("whole", [1], heard.append)
+    survival = np.array([progress.score.survival for progress in heard])
+    assert np.isnan(survival).tolist() == [[False] * 2] * 4 + [[True, False]] * 2
+    assert [progress.steps for progress in heard] == [32, 64, 96, 128, 144, 160]
+    with pytest.raises(KeyboardInterrupt):
+        extended("killed", [1], interrupt)
+    assert_same(extended("killed"), policies)
+    both, ended = extended("both"), learn()
+    assert_same(policies[0], ended[0])
+    for one, other in zip(jax.tree.leaves(policies[1]), jax.tree.leaves(both[1]), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-4)
+
+
 def test_another_number_of_updates_or_another_weight_compiles_nothing_anew(trained: Any) -> None:
     def programs() -> int:
         compiled: list[Any] = [analytic_gradient.init, analytic_gradient.update]
@@ -248,6 +282,7 @@ def test_another_number_of_updates_or_another_weight_compiles_nothing_anew(train
     assert programs() == before
 
 
+@pytest.mark.slow
 def test_an_extension_is_recorded(tmp_path: Path, monkeypatch: Any) -> None:
     made = policy.untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
     stub = training_that_gives(made)
@@ -375,8 +410,8 @@ def training_that_gives(*policies: Policy) -> Any:
         *arguments: Any, on_progress: Any, checkpoint: Checkpoint, **_: Any
     ) -> tuple[Policy, ...]:
         score = Evaluation(*(jnp.zeros(len(arguments[3])) for _ in Evaluation._fields))
-        on_progress(Progress(1, 1, score))
-        checkpoints.save(checkpoint.path, (), "", (1,))
+        on_progress(Progress(arguments[4].updates, 1, score))
+        checkpoints.save(checkpoint.path, (), "", (arguments[4].updates,))
         return policies
 
     return given
@@ -544,12 +579,10 @@ def test_two_processes_learn_what_one_does_and_share_its_checkpoint(
         to.mkdir()
         script = [sys.executable, one_of_many.__file__]
         arguments = [2, number, port, tmp_path, to, method]
-        quickly = {**os.environ, "JAX_DISABLE_MOST_OPTIMIZATIONS": "1"}
         return subprocess.Popen(
             [*script, *map(str, arguments)],
             stderr=subprocess.PIPE,
             text=True,
-            env=quickly,
         ), to
 
     started = [begin(0), begin(1)]

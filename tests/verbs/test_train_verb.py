@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import pytest
 
 import maidenflight as mf
-from maidenflight import policy_file
+from maidenflight import manifest, policy_file
 from maidenflight.errors import InputError
 from maidenflight.identification.drone_file import DroneFile, Search, Source
 from maidenflight.names import CONTROLS, TASKS
@@ -22,20 +22,32 @@ from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.tasks.look_ahead import LookAhead
 from maidenflight.terminal import Bar
 from maidenflight.training import defaults
-from maidenflight.training.evaluation import Evaluation, OwnFlights
+from maidenflight.training.evaluation import Evaluation
+from maidenflight.training.final_flights import ITSELF, FinalFlight
 from maidenflight.training.train import Progress
 from maidenflight.verbs.export import Export
 from maidenflight.verbs.train import Train
 
 TRAINING = "maidenflight.training.train.train"
-OWN = "maidenflight.training.evaluation.fly_drone_itself"
+FLIGHTS = "maidenflight.training.final_flights.fly_drones"
+
+
+def flights_of(*lasting: bool) -> list[FinalFlight]:
+    """One of the drone itself, and as many of others."""
+    kinds = ITSELF, "near", "far"
+    return [
+        FinalFlight(
+            kind, f"{kind}:7", 20.0 if lasts else 8.1, "time limit" if lasts else "tilt", 0.01
+        )
+        for kind, lasts in zip(kinds, lasting, strict=True)
+    ]
 
 
 @pytest.fixture(autouse=True)
 def no_flights(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In the place of flights of the drone itself: the second policy falls."""
-    flown = [OwnFlights(4, 20.0, 0.01), OwnFlights(1, 8.1, 0.02)]
-    monkeypatch.setattr(OWN, lambda policies, *_: flown[: len(policies)])
+    """In the place of flights: the second policy falls in one drone of three."""
+    flown = [flights_of(True, True, True), flights_of(True, True, False)]
+    monkeypatch.setattr(FLIGHTS, lambda _, policies, *__: flown[: len(policies)])
 
 
 def no_training(
@@ -173,7 +185,11 @@ def test_each_score_moves_the_bar_and_is_a_line_where_there_is_none(
     train = Train(drone="crazyflie", policies=1, updates=9, randomize=0.1, hidden=(8,))
     train.run(tmp_path, Bar("train"))
     line = "return 0.0, survival 0% (0.0 s), error 0.0 cm"
-    assert moves == [(0, 9, "compiling"), (1, 9, line), (9, 9, "flying the drone itself")]
+    assert moves == [
+        (0, 9, "compiling"),
+        (1, 9, line),
+        (9, 9, "flying the drone and others about it"),
+    ]
     assert capsys.readouterr().err == f"update 0 of 9: compiling\nupdate 1 of 9: {line}\n"
 
 
@@ -195,7 +211,7 @@ def test_what_the_target_could_not_hold_is_not_trained(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_policy_that_falls_on_the_drone_itself_is_said_and_its_file_says_so(
+def test_a_policy_that_falls_is_said_and_its_file_and_the_manifest_say_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def two(task: Any, controller: Controller, *given: Any, **named: Any) -> tuple[Policy, ...]:
@@ -207,12 +223,14 @@ def test_a_policy_that_falls_on_the_drone_itself_is_said_and_its_file_says_so(
     result = Train(drone="crazyflie", policies=2, hidden=(8,)).run(tmp_path)
     assert result.content["flies"] == [True, False]
     lines = [line for line in result.summary if isinstance(line, str)]
-    assert any("1 of 2" in line for line in lines)
+    assert any("far 1 of 2" in line for line in lines)
     assert any("8.1 s" in line for line in lines)
     good, bad = (policy_file.read_policy(tmp_path / f"policy_{n}.json") for n in (1, 2))
     assert good.doubts == []
     (doubt,) = bad.doubts
-    assert "3 of 4" in doubt
+    assert "1 of 1" in doubt
+    manifested = manifest.read_manifest(tmp_path.parent).entries[-1]
+    assert manifested.settings["falls"] == {"2": doubt}
     exported = Export(policy=tmp_path / "policy_2.json").run(tmp_path / "c")
     assert doubt in exported.notes
 
@@ -241,3 +259,35 @@ def test_yaw_costs_by_default_where_a_policy_turns_itself_but_not_in_the_papers_
     settings = policy_file.read_policy(tmp_path / "policy_1.json").record["settings"]
     assert settings["yaw_penalty"] == expected
     assert tasks == ["circle" if expected == 0.0 else f"circle, yaw penalty {expected:g}"]
+
+
+def test_by_default_what_falls_is_trained_on_from_where_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second of two policies of attitude rate falls after 600 updates, not after 1,500."""
+    asked: list[tuple[int, Any, bool]] = []
+
+    def training(_: Any, controller: Controller, *given: Any, **named: Any) -> tuple[Policy, ...]:
+        updates, saved = given[2].updates, named["checkpoint"]
+        asked.append((updates, saved.members, saved.restart))
+        known = jnp.array([saved.members is None, True])
+        score = jnp.where(known, 0.5, jnp.nan)
+        named["on_progress"](Progress(updates, 1, Evaluation(*[score] * 4)))
+        keys = jax.random.split(jax.random.key(0))
+        return tuple(untrained_policy(key, controller.interface, named["policy"]) for key in keys)
+
+    flown = [[flights_of(True, True, lasts) for lasts in (True, now)] for now in (False, True)]
+    monkeypatch.setattr(TRAINING, training)
+    monkeypatch.setattr(FLIGHTS, lambda *_: flown[len(asked) - 1])
+    command = Train(drone="crazyflie", policies=2, control="attitude_rate", hidden=(8,))
+    result = command.run(tmp_path)
+    assert asked == [(600, None, True), (1500, [1], False)]
+    assert result.content["flies"] == [True, True]
+    files = [policy_file.read_policy(tmp_path / f"policy_{n}.json") for n in (1, 2)]
+    assert [file.record["settings"]["updates"] for file in files] == [600, 1500]
+    assert not any(file.doubts for file in files)
+    asked.clear()
+    monkeypatch.setattr(FLIGHTS, lambda *_: flown[0])
+    given = Train(drone="crazyflie", policies=2, control="attitude_rate", updates=600, hidden=(8,))
+    assert given.run(tmp_path / "given").content["flies"] == [True, False]
+    assert asked == [(600, None, True)], "what is given is kept to"

@@ -34,6 +34,7 @@ from maidenflight.disturbances.rows import (
 )
 from maidenflight.flights.log import Flight
 from maidenflight.parameters import Parameters, replace
+from maidenflight.simulator.physics.dynamics import hover_command
 
 AHEAD = 0.5
 """Time over which predictions count [s] (Busetto et al. 2025)."""
@@ -52,7 +53,8 @@ class DisturbanceModel(NamedTuple):
     drone: Parameters
     processes: Processes
     carrying_speed: float | None
-    """Measured rotor speed that carries the weight [rad/s]; None where rotors follow commands."""
+    """Measured rotor speed at which the drone's thrust carries it [rad/s]; None where rotors follow
+    commands."""
 
 
 def start_processes() -> Processes:
@@ -129,6 +131,9 @@ def fit_disturbances(
     with jax.enable_x64(True):
         best = _maximise(parts, (stretch[chosen], row[chosen]), start, length, on_evaluation)
     fitted, processes = jax.tree.map(lambda leaf: np.asarray(leaf, float), best)
+    if carrying is not None:
+        # Speeds stay what they were: a thrust that is fitted larger carries at a smaller one.
+        carrying *= float(np.sqrt(hover_command(fitted) / hover_command(start)))
     fitted = jax.tree.map(lambda leaf: np.asarray(leaf, np.float32), fitted)
     return DisturbanceModel(fitted, processes, carrying)
 

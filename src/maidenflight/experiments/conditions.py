@@ -1,8 +1,8 @@
 """Conditions of predicted flights: a drone's firmware, where its flights begin, and its guard.
 
 `CURRENT` are today's: firmware 2026.08, from hover, the guard of the exported app. A TOML file has
-others, such as those of the published flights, paper/gronauer_2021.toml. Their drone ran firmware
-2021.10, whose control structures are here as its logs show them.
+others, such as those of the published flights, paper/settings/gronauer_2021.toml. Their drone ran
+firmware 2021.10, whose control structures are here as its logs show them.
 
 Source: Gronauer et al. 2022, sec. Zero-Shot Experiments; logs of the authors' flights.
 """
@@ -55,7 +55,7 @@ def read_conditions(path: StrPath | None) -> Conditions:
     """
     if path is None:
         return CURRENT
-    cure = "Copy paper/gronauer_2021.toml of the repository, and change it."
+    cure = "Copy paper/settings/gronauer_2021.toml of the repository, and change it."
     document = inputs.toml_file(path, "conditions of flights", cure)
     table = Fields(document, str(path), "conditions", cure)
     if table.count("conditions") != 1:

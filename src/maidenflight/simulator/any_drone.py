@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from maidenflight.parameters import QUANTITIES, Parameters, replace
+from maidenflight.simulator.physics.balance import balanced_shares
 from maidenflight.simulator.randomization import UniformBox
 
 ANY_RANGES: dict[str, tuple[float, float, str]] = {
@@ -30,6 +31,11 @@ ANY_RANGES: dict[str, tuple[float, float, str]] = {
     "wind": (-2.0, 2.0, "m/s, forward and left"),
 }
 """Ranges of `GenericQuadrotor`; log-uniform where both ends are above zero, else uniform."""
+
+MOST_THRUST = 0.9
+"""Share of full thrust that rotors of `DayToDay` hover with at most, unless the drone itself needs
+more: beyond it training learns to lose drones, and lets the yaw of the others go (by
+`paper/policies/defaults.py`; paper/notes/training.md#attitude-rate-by-default)."""
 
 
 @jax.tree_util.register_dataclass
@@ -103,7 +109,7 @@ class DayToDay:
 
     Drawn from a box about the identified drone; with the trims, the weak rotor and the wind of
     `GenericQuadrotor`, which no earlier log determines, more latency, and up to 20 % more mass at
-    its centre.
+    its centre. What could not hover so (`MOST_THRUST`) has as much more thrust as it lacks.
     """
 
     box: UniformBox
@@ -133,7 +139,7 @@ class DayToDay:
         rotor = jnp.floor(4.0 * next(numbers))
         heavier = 1.0 + 0.2 * next(numbers)
         latest = QUANTITIES["latency"].upper
-        return replace(
+        drone = replace(
             drone,
             torque_bias=drone.torque_bias + thrust * trims,
             rotor_thrust=drone.rotor_thrust * jnp.where(jnp.arange(4.0) == rotor, weak, 1.0),
@@ -142,6 +148,9 @@ class DayToDay:
             latency=jnp.minimum(drone.latency + self.later * next(numbers), latest),
             wind=drone.wind + jnp.stack([within("wind"), within("wind"), jnp.zeros(())]),
         )
+        most, own = (jnp.max(balanced_shares(hovering)) for hovering in (drone, self.box.centre))
+        lacking = most / jnp.maximum(own, MOST_THRUST)
+        return replace(drone, thrust_to_weight=drone.thrust_to_weight * jnp.maximum(lacking, 1.0))
 
     def __str__(self) -> str:
         more = ("tilt_trim", "yaw_trim", "weak_rotor", "wind")
@@ -150,4 +159,5 @@ class DayToDay:
             for name in more
         ]
         latency = f"latency + U(0, {self.later:g}) s"
-        return "\n".join([str(self.box), *lines, latency, "mass + U(0, 0.2) of it"])
+        thrust = f"thrust_to_weight raised where a rotor hovers above {MOST_THRUST:g}"
+        return "\n".join([str(self.box), *lines, latency, "mass + U(0, 0.2) of it", thrust])

@@ -48,6 +48,8 @@ class Checkpoint(NamedTuple):
     path: StrPath
     restart: bool = False
     """Whether to begin anew; an earlier checkpoint stays until the first of this training."""
+    members: Sequence[int] | None = None
+    """Policies whose training an extension goes on with, from 0; all by default."""
 
 
 def fingerprint(words: Mapping[str, Any], numbers: Any) -> str:

@@ -36,6 +36,10 @@ SETTINGS: dict[str, AnalyticGradient] = {
 (paper/notes/training.md#how-far-ahead). To separate initial states that can be saved from those
 that cannot takes more environments."""
 
+FIRST_SHARE = {"attitude_rate": 0.4}
+"""Share of the default updates after which policies by gradients fly first, by control structure;
+those that fall are trained on (paper/notes/training.md#attitude-rate-by-default)."""
+
 HIDDEN_BY_CONTROL: dict[str, tuple[int, ...]] = {"attitude_rate": (75, 75)}
 """Hidden layers of policies by gradients, by control structure, where they are not the usual ones.
 At 50 Hz most episodes depend on separating initial states, which takes a larger network; it fits a
@@ -170,6 +174,17 @@ def choose_settings(
         }
         settings = dataclasses.replace(settings, **FINE_TUNING, **rates)
     return settings
+
+
+def choose_first_updates(structure: str, method: str, updates: int) -> int:
+    """Returns after how many of the default updates policies fly first.
+
+    Args:
+        structure: a control structure, in `names.CONTROLS`.
+        method: a name in `names.METHODS`.
+        updates: by default, of those that fall.
+    """
+    return round(FIRST_SHARE.get(structure, 1.0) * updates) if method == "gradient" else updates
 
 
 def _by_distillation(like: AnalyticGradient, spec: PolicySpec, initial: bool) -> Distillation:

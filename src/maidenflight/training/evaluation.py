@@ -3,8 +3,7 @@
 With noise and randomization, as in the paper.
 """
 
-from collections.abc import Sequence
-from functools import cache, partial
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -13,17 +12,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from maidenflight import compiler
-from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
-from maidenflight.simulator.controllers import control
-from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.physics import dynamics
-from maidenflight.simulator.physics.dynamics import State
-from maidenflight.simulator.randomization import Distribution, relative_box
+from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.rollouts import EnvInstance, randomized_reset, rollout
-from maidenflight.simulator.tasks.tasks import Reset, Task
-from maidenflight.simulator.tasks.trajectories import Trajectory
 from maidenflight.training.devices import over_devices
 
 
@@ -118,70 +110,6 @@ def evaluate_together(
 
     episodes = over_devices(fly, num_envs, starts.keys.shape[1])(policies, starts)
     return jax.vmap(partial(_means, env))(episodes)
-
-
-FLIGHTS, FLIGHT_S = 4, 20.0
-"""Flights of each policy on the drone itself, which differ by noise alone, and how long they last
-[s]; ours. Episodes of training end after 5 s, and tell no policy that turns away and falls later
-(paper/notes/training.md#attitude-rate-by-default)."""
-
-
-class OwnFlights(NamedTuple):
-    """How a policy flies the drone itself."""
-
-    lasting: int
-    """Of `FLIGHTS`, those without a failure of the task."""
-    seconds: float
-    """Mean time until failure, at most `FLIGHT_S` [s]."""
-    position_error: float
-    """Mean distance from the set-point before failure [m]."""
-
-
-def fly_drone_itself(
-    policies: Sequence[Policy], task: Task, controller: Controller, drone: Parameters, key: Array
-) -> list[OwnFlights]:
-    """Flies a drone without randomization, from hover; of a task with a floor, from its start.
-
-    Args:
-        policies: of one kind.
-        task: what they follow.
-        controller: their control structure.
-        drone: a point.
-        key: random key.
-    """
-    if not policies:
-        return []
-    drone = control.in_fitting_steps(drone, controller)
-    still = task if task.floor is not None else task._replace(reset=_at_hover(task.reference))
-    env = Environment.matching(drone, still, controller, spec=policies[0].spec)
-    stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *policies)
-    episodes = _fly_itself(env, stacked, relative_box(drone, 0.0), jax.random.split(key, FLIGHTS))
-    rate = controller.interface.rate
-    return [
-        OwnFlights(
-            int(survived.sum()),
-            float(periods.mean()) / rate,
-            float(distance.sum() / max(periods.sum(), 1.0)),
-        )
-        for _, survived, distance, periods in zip(*map(np.asarray, episodes), strict=True)
-    ]
-
-
-@cache
-def _at_hover(reference: Trajectory) -> Reset:
-    """Starts at the beginning of a reference, at rest."""
-
-    def reset(parameters: Parameters, key: Array) -> tuple[State, Float[Array, ""]]:
-        return dynamics.at_hover(reference(jnp.zeros(())), parameters), jnp.zeros(())
-
-    return reset
-
-
-@partial(jax.jit, static_argnums=0, compiler_options=compiler.once())
-def _fly_itself(env: Environment, policies: Policy, box: Distribution, keys: Array) -> "_Episode":
-    """Flies P policies on the same drone from the same starts."""
-    starts, steps = _starts(env, box, keys), round(FLIGHT_S * env.controller.interface.rate)
-    return jax.vmap(lambda policy: _fly_episode(env, policy, starts, steps))(policies)
 
 
 class _Episode(NamedTuple):

@@ -5,13 +5,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import polars
-
 from maidenflight import manifest, parameters, policy_file, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
 from maidenflight.simulator.physics import dynamics
+from maidenflight.training.scores import Scores
 
 
 def write_policies(
@@ -19,7 +18,7 @@ def write_policies(
     policies: Sequence[Policy],
     record: dict[str, Any],
     drone: Parameters,
-    scores: polars.DataFrame,
+    scores: Scores,
     faults: Mapping[int, str],
 ) -> manifest.Files:
     """Writes policies with what an export needs to know of their drone, and their scores.
@@ -29,7 +28,7 @@ def write_policies(
         policies: in the order of their numbers, from 1.
         record: of the training.
         drone: which they were trained for.
-        scores: table of the training.
+        scores: of the training.
         faults: what speaks against a policy, by its number; a doubt in its file.
 
     Returns:
@@ -40,6 +39,7 @@ def write_policies(
     doubts = {
         number: {"doubts": [*record.get("doubts", []), fault]} for number, fault in faults.items()
     }
+    settings, updates = record["settings"], scores.updates
     written = [
         policy_file.write_policy(
             run_folder.POLICY.path(folder, number),
@@ -47,6 +47,7 @@ def write_policies(
             {
                 **record,
                 **doubts.get(number, {}),
+                "settings": {**settings, "updates": updates[number - 1]},
                 "hover": hover,
                 "rotors": rotors,
                 "number": number,
@@ -54,7 +55,7 @@ def write_policies(
         )
         for number, policy in enumerate(policies, 1)
     ]
-    table = run_folder.TRAINING.write(folder / run_folder.TRAINING.name, scores)
+    table = run_folder.TRAINING.write(folder / run_folder.TRAINING.name, scores.table)
     _remove_older(folder, len(policies))
     return {"policies": written, "training": [table]}
 

@@ -5,11 +5,12 @@ from collections.abc import Sequence
 from functools import reduce
 from typing import Any
 
+import numpy as np
 import polars
 
 from maidenflight import names
 from maidenflight.training.distillation import Distillation, phase
-from maidenflight.training.evaluation import FLIGHT_S, FLIGHTS, Evaluation, OwnFlights
+from maidenflight.training.evaluation import Evaluation
 from maidenflight.training.settings import Settings
 from maidenflight.training.train import Progress
 
@@ -52,9 +53,19 @@ class Scores:
                 {"update": now.update, "steps": now.steps, "policy": number + 1}
                 | _plain(now.score, number)
                 for now in self._evaluations
-                for number in range(len(now.score.survival))
+                for number in _learning(now)
             ]
         )
+
+    def has(self, now: Progress) -> bool:
+        """Returns whether an evaluation is one of them."""
+        return any(now.update == earlier.update for earlier in self._evaluations)
+
+    @property
+    def updates(self) -> list[int]:
+        """Returns after how many updates each policy was scored last."""
+        last = {number: now.update for now in self._evaluations for number in _learning(now)}
+        return [last[number] for number in sorted(last)]
 
     @property
     def best(self) -> list[dict[str, float]]:
@@ -121,59 +132,19 @@ def describe_survival(over: float | str, drone: str) -> str:
     )
 
 
-def find_falls(flights: Sequence[OwnFlights], drone: str) -> dict[int, str]:
-    """Returns a sentence on each policy that falls on the drone itself, by its number from 1."""
-    return {
-        number: f"policy_{number} falls on {drone} itself, without randomization: "
-        f"{FLIGHTS - flight.lasting} of {FLIGHTS} flights end before {FLIGHT_S:g} s "
-        f"({flight.seconds:.1f} s in the mean). Do not fly it; train on with --resume and more "
-        "--updates, or fly another."
-        for number, flight in enumerate(flights, 1)
-        if flight.lasting < FLIGHTS
-    }
-
-
-def describe_own_flights(flights: Sequence[OwnFlights], drone: str) -> list[str]:
-    """Returns a line on how a training's policies fly the drone itself, and one on each fall."""
-    lasting = [flight for flight in flights if flight.lasting == FLIGHTS]
-    line = (
-        f"on {drone} itself, without randomization: {len(lasting)} of {len(flights)} policies fly "
-        f"{FLIGHT_S:g} s"
-    )
-    errors = [100 * flight.position_error for flight in lasting]
-    much = (
-        f", {min(errors):.1f} to {max(errors):.1f} cm from the set-point by its estimate"
-        if errors
-        else ""
-    )
-    return [f"{line}{much}.", *find_falls(flights, drone).values()]
-
-
-def describe_training(
-    best: Sequence[dict[str, float]],
-    over: float | str,
-    flights: Sequence[OwnFlights],
-    drone: str,
-) -> list[str]:
-    """Returns how far policies are apart, what their survival is of, and how they fly the drone.
-
-    Args:
-        best: see `describe_spread`.
-        over: see `describe_survival`.
-        flights: on the drone itself.
-        drone: its name.
-    """
-    of = describe_survival(over, drone)
-    return [*describe_spread(best), of, *describe_own_flights(flights, drone)]
-
-
 def describe(now: Progress) -> str:
     """Returns mean scores of policies in training, as text; how long they fly while none lasts."""
+    learning = _learning(now)
     returns, survival, errors, duration = (
-        sum(map(float, values)) / len(values) for values in now.score
+        sum(float(values[number]) for number in learning) / len(learning) for values in now.score
     )
     lasting = f"survival {survival:.0%}" + (f" ({duration:.1f} s)" if survival < 0.005 else "")
     return f"return {returns:.1f}, {lasting}, error {errors * 100:.1f} cm"
+
+
+def _learning(now: Progress) -> list[int]:
+    """Policies that this evaluation scored: all, but where an extension trains some."""
+    return np.flatnonzero(np.isfinite(np.asarray(now.score.survival))).tolist()
 
 
 def _plain(score: Evaluation, number: int) -> dict[str, float]:

@@ -93,6 +93,8 @@ class _State(NamedTuple):
     """E x P, all evaluations of all stages; not a number where they are still to come."""
     scored: np.int32
     """Number of evaluations so far."""
+    going: np.ndarray
+    """Whether each policy is trained in the last stage."""
 
 
 def train(
@@ -125,7 +127,7 @@ def train(
             ends with the same policies as without the interruption, unless `Checkpoint.restart`.
             If it is of a training that has ended and `settings.updates` is larger than its number,
             training is extended: its further updates have the learning rates that they have in a
-            training of that many.
+            training of that many. `Checkpoint.members` may name the policies that are.
 
     Returns:
         For each key, in order, the policy at its best evaluation (`Evaluation.beats`). Time grows
@@ -144,10 +146,12 @@ def train(
     env, drones, from_zero = spec.env, spec.drones, spec.initial is not None
     store = checkpoint if isinstance(checkpoint, Checkpoint | None) else Checkpoint(checkpoint)
     path, fingerprint = None if store is None else store.path, spec.fingerprint()
-    state, stages, starts = _begin(method, spec, store, fingerprint)
+    state, before, starts = _begin(method, spec, store, fingerprint)
     stages = checkpoints.extended(
-        path, stages, settings.updates, settings.evaluations, int(state.scored), from_zero
+        path, before, settings.updates, settings.evaluations, int(state.scored), from_zero
     )
+    if stages != before:
+        state = state._replace(going=_going(store, len(keys)))
     ends = checkpoints.ends(stages, settings.evaluations, from_zero)
     if to_come := len(ends) - len(state.scores.survival):
         more = np.full((to_come, len(keys)), np.float32(np.nan))
@@ -159,28 +163,28 @@ def train(
         if on_progress is not None:
             score = Evaluation(*(value[number] for value in state.scores))
             best = state.best if number + 1 == int(state.scored) else None
-            steps = ends[number] * settings.num_envs * settings.horizon * len(keys)
+            updates = _updates_of_all(state.scores, ends[: number + 1])
+            steps = updates * settings.num_envs * settings.horizon
             on_progress(Progress(ends[number], steps, score, best))
 
     for number in range(int(state.scored)):
         report(state, number)
     to_score = range(int(state.scored), len(ends))
-    compilation = (
-        _compiling_scores(env, settings, state.learners.policy, starts) if to_score else None
-    )
+    parts = drones, keys, starts, state.learners
+    drones, own_keys, starts, learners = (_of_members(state.going, part) for part in parts)
+    learners = placed(learners, method.sharding, settings.num_envs)
+    compilation = _compiling_scores(env, settings, learners.policy, starts) if to_score else None
     for number in to_score:
-        first, learners = ends[number - 1] if number else 0, state.learners
+        first, earlier = ends[number - 1] if number else 0, learners.policy.network
         for start, end in pairwise(_parts(first, ends[number], on_update is not None)):
-            learners = method.update(env, settings, drones, learners, keys, start, end)
+            learners = method.update(env, settings, drones, learners, own_keys, start, end)
             if on_update is not None:
                 jax.block_until_ready(learners)
                 on_update(end, ends[-1])
         if compilation is not None:
             compilation.join()
         scores = evaluate_together(env, settings.num_envs, learners.policy, starts)
-        _must_have_learned(
-            state.learners.policy.network, learners.policy.network, first, ends[number]
-        )
+        _must_have_learned(earlier, learners.policy.network, first, ends[number])
         if not np.all(np.isfinite(scores.episode_return)):
             hint = f" {path} holds the training as it was at update {first}."
             raise InputError(
@@ -235,7 +239,8 @@ def _begin(
         count = len(checkpoints.ends(every, settings.evaluations, spec.initial is not None))
         worst = Evaluation(*[np.full(len(keys), np.float32(-np.inf))] * len(Evaluation._fields))
         nothing = tree.map(lambda leaf: np.full((count, *leaf.shape), np.float32(np.nan)), worst)
-        return _State(learners, learners.policy, worst, nothing, np.int32(0))
+        going = np.ones(len(keys), bool)
+        return _State(learners, learners.policy, worst, nothing, np.int32(0), going)
 
     with ThreadPoolExecutor(1) as executor:
         earlier = None if checkpoint is None or checkpoint.restart else checkpoint.path
@@ -262,14 +267,50 @@ def _init_once(
     return init(env, settings, drones, keys)
 
 
+def _going(checkpoint: Checkpoint | None, count: int) -> np.ndarray:
+    """Which of so many policies a stage trains."""
+    members = None if checkpoint is None else checkpoint.members
+    return np.isin(np.arange(count), list(range(count) if members is None else members))
+
+
+def _updates_of_all(scores: Evaluation, ends: Sequence[int]) -> int:
+    """Updates until an evaluation, of all policies together."""
+    trained = np.isfinite(scores.survival[: len(ends)]).sum(axis=1)
+    return int(np.diff([0, *ends]) @ trained)
+
+
+def _of_members(going: np.ndarray, stacked: Any) -> Any:
+    """What belongs to policies that are trained, of arrays with a first axis of all policies."""
+    return stacked if going.all() else _pick(tuple(np.flatnonzero(going).tolist()), stacked)
+
+
+@partial(jax.jit, static_argnums=0)
+def _pick(members: tuple[int, ...], stacked: Any) -> Any:
+    return tree.map(lambda leaf: leaf[np.array(members)], stacked)
+
+
+@partial(jax.jit, static_argnums=0)
+def _put(members: tuple[int, ...], stacked: Any, some: Any) -> Any:
+    return tree.map(lambda old, new: old.at[np.array(members)].set(new), stacked, some)
+
+
 def _advanced(state: _State, learners: Any, scores: Evaluation) -> _State:
     """The state after one more evaluation; of each policy the better one counts."""
     # By NumPy: JAX would compile a program for each operation and shape.
     scores, policy = tree.map(np.asarray, (scores, learners.policy))
 
+    def among_all(old: Any, new: np.ndarray) -> np.ndarray:
+        every = np.array(old, new.dtype)
+        every[state.going] = new
+        return every
+
     def chosen(where: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
         return np.where(where.reshape(-1, *[1] * (old.ndim - 1)), new, old)
 
+    unknown = Evaluation(*(np.full_like(best, np.nan) for best in state.best_score))
+    scores, policy = tree.map(among_all, (unknown, state.best), (scores, policy))
+    if not state.going.all():
+        learners = _put(tuple(np.flatnonzero(state.going).tolist()), state.learners, learners)
     better = partial(chosen, scores.beats(state.best_score))
     now = partial(chosen, np.arange(len(state.scores.survival)) == state.scored)
     return _State(
@@ -278,6 +319,7 @@ def _advanced(state: _State, learners: Any, scores: Evaluation) -> _State:
         best_score=tree.map(better, scores, state.best_score),
         scores=tree.map(now, scores, state.scores),
         scored=np.int32(state.scored + 1),
+        going=state.going,
     )
 
 

@@ -218,7 +218,7 @@ def conditions() -> Any:
         path("a TOML file", "FILE"),
         None,
         "Firmware, first states and guard of the drone: today's firmware, hover and the guard of "
-        "the app by default; paper/gronauer_2021.toml of the repository has those of the paper.",
+        "the app by default; paper/settings/gronauer_2021.toml of the repository has the paper's.",
         files=True,
         rare=True,
     )

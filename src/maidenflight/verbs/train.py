@@ -1,8 +1,8 @@
 """`Train`: policies for a drone."""
 
 import dataclasses
-from collections.abc import Callable
-from functools import cached_property
+from collections.abc import Sequence
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from maidenflight.simulator.controllers.control import Controller
     from maidenflight.simulator.policy_spec import PolicySpec
     from maidenflight.training.settings import Settings
-    from maidenflight.training.train import Progress as Training
+    from maidenflight.verbs.parts.training_watch import TrainingWatch
 
 _OF_A_FORM = ("control", "history", "look_ahead", "look_ahead_spacing", "memory", "hidden")
 """Settings that a form of another program settles."""
@@ -289,19 +289,22 @@ class Train(Verb):
         from maidenflight.experiments import drones
         from maidenflight.identification.identity import identity_of
         from maidenflight.simulator.tasks.tasks import find_task
-        from maidenflight.training import checkpoint, folder, loggers
-        from maidenflight.training import scores as all_scores
-        from maidenflight.training.evaluation import fly_drone_itself
+        from maidenflight.training import checkpoint, defaults, final_flights, folder, loggers
+        from maidenflight.training.scores import Scores, describe_spread, describe_survival
         from maidenflight.training.settings import recorded
-        from maidenflight.training.train import Progress as Training
+        from maidenflight.verbs.parts.training_watch import TrainingWatch
 
         saved, spec = output / run_folder.CHECKPOINT, self.spec
         if self.resume and not saved.exists():
             raise InputError(f"{saved}: no training to resume. {folder.how_to_start(output)}")
         learner: Any = self.learner_settings
-        if self.resume and self.updates is None:
-            learner = dataclasses.replace(learner, updates=max(checkpoint.stages(saved)))
-        scores = all_scores.Scores(learner, self.resume)
+        first, name = learner.updates, Path(self.drone).name
+        if self.updates is None and "updates" not in self.learner:
+            first = defaults.choose_first_updates(self._control, self._method, first)
+        if self.resume and self.updates is None and checkpoint.stages(saved) != (first,):
+            first = max(checkpoint.stages(saved))
+            learner = dataclasses.replace(learner, updates=first)
+        scores = Scores(learner, self.resume)
         drone = shared.own_files(self.drone)
         record = self.make_record(
             [*drone, *shared.own_files(self.initial)],
@@ -317,43 +320,38 @@ class Train(Verb):
         for left in results.leftovers(output) if output.is_dir() else ():
             left.unlink(missing_ok=True)
         with loggers.opened(self.log, output, self.policies, record["settings"]) as show:
-            line = "training, before the first score"
-
-            def on_update(done: int, of: int) -> None:
-                progress.move(done, of, line)
-
-            def on_progress(now: Training) -> None:
-                nonlocal line
-                show(now)
-                line = scores.add(now)
-                on_update(now.update, learner.updates)
-                progress.log(f"update {now.update} of {learner.updates}: {line}")
-
+            watch = TrainingWatch(scores, show, progress)
             if self.controller.fitted is not None:
                 progress.log(drones.describe_loop(self.drone_file))
-            progress.move(0, learner.updates, "compiling")
-            progress.log(f"update 0 of {learner.updates}: compiling")
-            policies = self._train(learner, saved, on_progress, on_update)
+            policies, flights = final_flights.train_until_sound(
+                partial(self._train, learner, saved, watch),
+                partial(
+                    watch.fly, self.drone_file, find_task(self.task), self.controller, self.key
+                ),
+                first,
+                learner.updates,
+            )
         if earlier := checkpoint.stages(saved)[:-1]:
             record["settings"]["extended_from"] = list(earlier)
+        record["settings"]["updates"] = max(scores.updates)
         record["cores"], record["drone"] = compiler.count_devices(), identity_of(self.drone_file)
         record |= {"doubts": doubts} if (doubts := drones.doubts(self.drone_file)) else {}
-        own, task = self.drone_file.parameters, find_task(self.task)
-        progress.move(learner.updates, learner.updates, "flying the drone itself")
-        flights = fly_drone_itself(policies, task, self.controller, own, self.key)
-        faults = all_scores.find_falls(flights, Path(self.drone).name)
-        written = folder.write_policies(output, policies, record, own, scores.table, faults)
+        if falls := final_flights.find_falls(flights, name):
+            record["settings"]["falls"] = falls
+        own = self.drone_file.parameters
+        written = folder.write_policies(output, policies, record, own, scores, falls)
         return Result(
             content={
                 "policies": [str(path) for path in written["policies"]],
                 "scores": scores.best,
-                "flies": [number not in faults for number in range(1, len(flights) + 1)],
+                "flies": [not any(flight.is_fault for flight in own) for own in flights],
+                "flights": [[flight._asdict() for flight in own] for own in flights],
             },
             summary=[
                 Table("Trained policies", scores.columns, scores.rows),
-                *all_scores.describe_training(
-                    scores.best, self._randomization, flights, Path(self.drone).name
-                ),
+                *describe_spread(scores.best),
+                describe_survival(self._randomization, name),
+                *final_flights.describe_flights(flights, name),
             ],
             notes=drones.describe_unknown(self.drone_file),
             written=written,
@@ -366,12 +364,13 @@ class Train(Verb):
 
     def _train(
         self,
-        learner: "Settings",
+        learner: Any,
         saved: Path,
-        on_progress: "Callable[[Training], None]",
-        on_update: "Callable[[int, int], None]",
+        watch: "TrainingWatch",
+        updates: int,
+        members: Sequence[int] | None,
     ) -> "tuple[Policy, ...]":
-        """Trains over the drones that the settings say."""
+        """Trains over the drones that the settings say, or trains on some of the policies."""
         from jax.random import split as split_key
 
         from maidenflight.deployment.check import check_export
@@ -380,6 +379,7 @@ class Train(Verb):
         from maidenflight.training.checkpoint import Checkpoint
         from maidenflight.training.train import train
 
+        watch.begin(updates)
         file, controller, task = self.drone_file, self.controller, find_task(self.task)
         if self.target is not None:
             check_export(self.target, controller.interface, self.spec, file.parameters)
@@ -388,11 +388,11 @@ class Train(Verb):
             controller,
             drones.distribution_of(file, self._randomization, controller),
             split_key(self.key, self.policies),
-            learner,
+            dataclasses.replace(learner, updates=updates),
             policy=self.spec if self.start is None else self.start.policy,
-            on_progress=on_progress,
-            on_update=on_update,
-            checkpoint=Checkpoint(saved, restart=not self.resume),
+            on_progress=watch.on_progress,
+            on_update=watch.on_update,
+            checkpoint=Checkpoint(saved, not self.resume and members is None, members),
         )
 
     def discard_state(self, output: Path) -> None:

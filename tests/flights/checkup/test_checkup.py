@@ -416,7 +416,13 @@ def test_a_folder_with_a_faulty_log_is_refused_unless_told(tmp_path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("folder", ["authors/flights/attitude", "authors/flights/attitude_rate"])
+@pytest.mark.parametrize(
+    "folder",
+    [
+        "authors/flights/attitude",
+        pytest.param("authors/flights/attitude_rate", marks=pytest.mark.night),
+    ],
+)
 def test_no_real_flight_is_refused(shared_data, folder) -> None:
     read = read_flights(shared_data / folder)
     assert read.refused == ()

@@ -95,13 +95,16 @@ def test_what_the_logs_so_far_lack_is_unknown_in_a_plan_too(tmp_path):
 
 @pytest.fixture(scope="module")
 def proposed():
+    """A plan that is safe on three other drones, and the stages of making it."""
     stages: list[tuple[int, int]] = []
-    found = planning.plan(
-        DRONE,
-        Request(ROOM, 30.0, ["latency", "inertia_x", "inertia_y", "drag_x"], seed=4),
-        jax.random.key(0),
-        lambda done, of, what: stages.append((done, of)),
-    )
+    with pytest.MonkeyPatch.context() as fewer:
+        fewer.setattr(planning, "OTHERS", 3)
+        found = planning.plan(
+            DRONE,
+            Request(ROOM, 30.0, ["latency", "inertia_x", "inertia_y", "drag_x"], seed=4),
+            jax.random.key(0),
+            lambda done, of, what: stages.append((done, of)),
+        )
     return found, stages
 
 

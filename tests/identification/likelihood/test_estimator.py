@@ -55,6 +55,40 @@ class Lines(ObservationModel):
         return self(parameters), scores / self.rows, curvatures / self.rows
 
 
+class Waves(Lines):
+    """A sine whose phase a latency turns: optima one period apart, under a slope to the truth."""
+
+    period, truth = 0.02, 0.002
+    times = np.linspace(0.0, 0.5, 50)
+
+    def errors(self, drone: Parameters) -> np.ndarray:
+        late = float(drone.latency) - self.truth
+        wave = np.sin(2 * np.pi * (self.times - late) / self.period)
+        true = np.sin(2 * np.pi * self.times / self.period)
+        return np.tile(wave - true + 20.0 * late, (len(self.rows_per_segment), 1))
+
+    def derivatives(self, parameters: Parameters, names: Sequence[str]) -> tuple:
+        assert tuple(names) == ("latency",)
+        errors = self.errors(parameters)
+        late = float(parameters.latency) - self.truth
+        turned = np.cos(2 * np.pi * (self.times - late) / self.period) * 2 * np.pi / self.period
+        slopes = np.tile(20.0 - turned, (len(errors), 1))[..., None] / 0.1
+        scores = np.einsum("std,st->sd", slopes, errors / 0.1)
+        curvatures = np.einsum("std,ste->sde", slopes, slopes)
+        return self(parameters), scores / self.rows, curvatures / self.rows
+
+
+def test_a_start_of_another_latency_does_not_end_in_a_wave_that_is_not_the_truths() -> None:
+    flights: Any = [SimpleNamespace(name="none")]
+    source: Any = None
+    start = replace(crazyflie(), latency=np.float32(0.026))
+    problem = Problem(flights, source, start, None, {}, np.random.default_rng(3), Reporter(None))
+    model = Waves(0)
+    question = Question(Models(model, model), ("latency",), start)
+    found = answer_question(problem, Likelihood(trials=1), question)
+    assert float(found.best.drone.latency) == pytest.approx(Waves.truth, abs=2e-5)
+
+
 def answer(names: tuple[str, ...], trials: int = 1, **known: Any) -> Answer:
     flights: Any = [SimpleNamespace(name="none")]
     source: Any = None

@@ -15,9 +15,12 @@ from app_in_plant import Fault, Loop, Pid, app_for, sprightly
 from maidenflight.integrations.radio.blocks import REASONS
 from maidenflight_plant.running_plant import RunningPlant
 
-pytestmark = pytest.mark.skipif(
-    not COMPILERS or not shutil.which("make"), reason="no C compiler or no make on this machine"
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        not COMPILERS or not shutil.which("make"), reason="no C compiler or no make on this machine"
+    ),
+]
 BEGUN_S, PROMISED_S, LONGEST_S = 0.2, 0.1, 0.9
 """When a fault is let loose after the hand-over, and by when it must have been answered [s]."""
 Fly = Callable[[Fault], tuple[float, str]]

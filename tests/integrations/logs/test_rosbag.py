@@ -265,7 +265,7 @@ def test_a_recording_whose_chunks_grow_more_than_logs_do_is_refused(
         read_flights(path)
 
 
-@pytest.mark.slow
+@pytest.mark.night
 def test_a_planted_drone_comes_back_through_mcap(tmp_path: Path) -> None:
     drone = mf.virtual_drone(1)
     flown = mf.record(drone, jax.random.key(1), flights=2, duration=12.0, excitation=0.05)

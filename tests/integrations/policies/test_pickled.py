@@ -127,6 +127,7 @@ PLAIN = st.recursive(
 )
 
 
+@pytest.mark.slow
 @given(value=PLAIN, protocol=st.integers(0, 5))
 def test_plain_values_come_through_in_every_protocol(value: Any, protocol: int) -> None:
     if protocol > 2 or not _has_bytes(value):  # before that, bytes are made by a call

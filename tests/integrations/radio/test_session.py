@@ -433,7 +433,7 @@ def test_blocks_of_different_instants_are_interpolated_over_no_more_than_one_pac
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-sys.path[:0] = [sys.argv[1], str(Path(sys.argv[1]).parents[1])]
+sys.path[:0] = [sys.argv[1], str(Path(sys.argv[1]).parents[1] / "common")]
 from fake_drone import FakeDrone
 from test_session import flown, plan
 def die(clock):

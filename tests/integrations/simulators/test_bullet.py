@@ -307,6 +307,7 @@ def test_a_state_that_is_not_finite_stays_so_and_spoils_no_other(pybullet):
     jax.tree.map(np.testing.assert_array_equal, step(good), before)
 
 
+@pytest.mark.slow
 def test_two_drones_side_by_side_fly_as_one_by_one(pybullet):
     env = environment.Environment(integrator=Bullet(DAMPING, DAMPING))
     drones = [virtual_drone(1).parameters, virtual_drone(2).parameters]
@@ -348,6 +349,7 @@ def test_the_firmwares_pid_flies_the_circle_in_pybullet(pybullet):
     assert np.ptp(flight.position[200:, 1]) > 0.2
 
 
+@pytest.mark.slow
 def test_policies_transfer_to_pybullet(pybullet):
     policies = [untrained_policy(jax.random.key(number)) for number in range(2)]
     flown = transfer(
@@ -365,6 +367,7 @@ def test_a_reality_in_pybullet_needs_a_seed():
         find_reality("pybullet:x")
 
 
+@pytest.mark.slow
 def test_nothing_imports_pybullet_before_a_drone_flies_in_it():
     program = (
         "import sys, maidenflight.experiments.drones, maidenflight.cli; "

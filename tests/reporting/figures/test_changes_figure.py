@@ -6,13 +6,13 @@ import numpy as np
 import polars
 import pytest
 
+from drawn import of, rows, titles
 from maidenflight.experiments.recovery import of_flights
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.flights.log import Flight
 from maidenflight.reporting import run as runs
 from maidenflight.reporting.figures.changes import changes
 from maidenflight.reporting.sections.flights import change
-from reporting.drawn import of, rows, titles
 
 TIME = np.arange(0, 2.0, 0.01)
 STILL = np.zeros((len(TIME), 3))

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from drawn import of
 from maidenflight.errors import InputError
 from maidenflight.identification.drone_file import Estimate
 from maidenflight.reporting.figures.delays import DELAYS, delay_posterior
-from reporting.drawn import of
 
 ESTIMATES = {
     name: Estimate(value, (0.98 * value, 1.03 * value), (value,), 0.0)

@@ -5,8 +5,8 @@ import math
 import polars
 import pytest
 
+from drawn import of
 from maidenflight.reporting.figures.envelope import envelope
-from reporting.drawn import of
 
 ROW = {"policy": "one", "reality": "virtual:7", "hardest": 3.0, "limit": 2.0}
 

@@ -3,9 +3,9 @@
 import polars
 import pytest
 
+from drawn import of, rows, titles
 from maidenflight.errors import InputError
 from maidenflight.reporting.figures.flight_times import BOXED, MAX_FLIGHTS, flight_times
-from reporting.drawn import of, rows, titles
 
 
 def flights(count=9, panels=("near:7",), rows=("one",)):

@@ -3,13 +3,13 @@
 import polars
 import pytest
 
+from drawn import of, titles
 from maidenflight.identification.drone_file import Estimate, GroupGain, Source
 from maidenflight.identification.evidence import Evidence
 from maidenflight.identification.outcome.estimates import Identification
 from maidenflight.parameters import crazyflie
 from maidenflight.reporting.figures.identification import estimates, identification
 from maidenflight.reporting.figures.picture import svg
-from reporting.drawn import of, titles
 
 
 def found(**changes):

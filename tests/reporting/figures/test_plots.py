@@ -4,15 +4,15 @@ import re
 
 import numpy as np
 import pytest
+from test_identification_figure import found
 
 import maidenflight as mf
+from drawn import of, titles
 from flying_policy import flying_policy
 from made_flights import driven
 from maidenflight.errors import InputError
 from maidenflight.identification.posterior import Posterior
 from maidenflight.reporting.figures import plots
-from reporting.drawn import of, titles
-from reporting.figures.test_identification_figure import found
 
 
 def test_a_flight_draws_its_signals_and_is_short_in_a_notebook(tmp_path):

@@ -4,10 +4,10 @@ import numpy as np
 import polars
 import pytest
 
+from drawn import of, rows, titles
 from maidenflight.identification.replay.prediction import LOGGED, PERSISTENCE
 from maidenflight.reporting.figures.predictions import horizons
 from maidenflight.reporting.figures.predictions import windows as window_figure
-from reporting.drawn import of, rows, titles
 
 
 def errors():

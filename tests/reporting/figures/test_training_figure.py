@@ -5,9 +5,9 @@ import numpy as np
 import polars
 import pytest
 
+from drawn import of, rows, titles
 from maidenflight.errors import InputError
 from maidenflight.reporting.figures.training import SCORES, learning_curves
-from reporting.drawn import of, rows, titles
 
 
 def training(returns, **changes):

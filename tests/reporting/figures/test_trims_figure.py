@@ -4,13 +4,13 @@ import numpy as np
 import polars
 import pytest
 
+from drawn import rows
 from made_flights import driven
 from maidenflight.flights import flight_csv
 from maidenflight.identification.drone_file import Estimate
 from maidenflight.reporting.figures.trims import trims
 from maidenflight.reporting.run import read_run
 from maidenflight.reporting.sections.flights import _trims_of
-from reporting.drawn import rows
 
 
 def test_trims_are_drawn_over_the_flights_with_what_was_identified_across():

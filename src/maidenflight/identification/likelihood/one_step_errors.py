@@ -36,7 +36,7 @@ VERTICAL = 5
 """Where the vertical velocity stands in a row, by definition of `errors`."""
 AT_ONCE = 4
 """Directions that are differentiated along side by side. Time grows linearly from four on; results
-are the same to the last digit (paper/constants.py)."""
+are the same to the last digit (paper/identification/constants.py)."""
 TURNING = (9, 10, 11)
 """Where the body rates stand in a row, by definition of `errors`."""
 COLUMNS = (3, 4, VERTICAL, *TURNING)

@@ -39,10 +39,10 @@ LEAD_IN = 1.0
 """Flight before a segment from which its rotors' speeds follow [s]."""
 SHORTEST = 0.25
 """Time that a piece must last after the first `MEMORY`, in which speeds are not known [s];
-harmless within a factor of 1.4 (paper/constants.py)."""
+harmless within a factor of 1.4 (paper/identification/constants.py)."""
 CLIMB_MEMORY = 3.0
 """Time over which the specific force is integrated to the climb [s], whose offset is forgotten:
-harmless within a factor of 1.4 (paper/constants.py)."""
+harmless within a factor of 1.4 (paper/identification/constants.py)."""
 
 
 class Sensor(NamedTuple):

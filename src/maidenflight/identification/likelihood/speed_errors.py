@@ -57,7 +57,7 @@ _SAMPLED = np.array([15.0, 8.0, 1 / np.sqrt(12)])
 """Standard errors of the logarithms of lag and ratio, and of the latency [s], for each second of a
 row, where a log samples a faster loop's commands: their noise is taken for steps that last a row.
 Lags of 25 to 90 ms are 7 to 27 % off at 100 Hz, ratios 6 to 10 %; at 250 Hz 1 to 3 and 2 to 4 %;
-latencies a tenth to a fifth of a row (`python paper/log_rates.py --speeds`)."""
+latencies a tenth to a fifth of a row (`python paper/identification/log_rates.py --speeds`)."""
 
 
 def mean_speed(flight: Flight, rows: int, step: float) -> Float[np.ndarray, "M 4"]:

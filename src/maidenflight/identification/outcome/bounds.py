@@ -20,9 +20,11 @@ AT_BOUND = 0.01
 """Share of the search range within which a value is at its bound."""
 _OF_BOUND = 0.02
 """Share of the bound itself within which it is: thrust-to-weight ratio is searched from 1.01 to 8,
-of which a hundredth is much. Harmless within a factor of 1.4 (paper/constants.py)."""
+of which a hundredth is much; harmless within a factor of 1.4
+(paper/identification/constants.py)."""
 _WIDER = 3.0
-"""Factor by which a search range is to be widened: changes advice alone (paper/constants.py)."""
+"""Factor by which a search range is to be widened: changes advice alone
+(paper/identification/constants.py)."""
 
 
 def bound_reached(name: str, estimate: Estimate) -> float | None:

@@ -42,10 +42,10 @@ USUAL_PERIOD = 0.0125
 paper/notes/identification.md has figures."""
 SURE_NATS, SURE_LOSS = 0.05, 0.05
 """Log likelihood of a row [nats], and share of a replay's loss, by which a drone is surely
-worse: changes notes alone (paper/constants.py)."""
+worse: changes notes alone (paper/identification/constants.py)."""
 MAX_MOTOR_NOISE = 0.08
 """Noise of motors beyond which it is not theirs, as a share of full thrust: real Crazyflies have
-0.03 to 0.04. Changes a note alone (paper/constants.py)."""
+0.03 to 0.04. Changes a note alone (paper/identification/constants.py)."""
 
 
 def source_of(flights: Sequence[Flight]) -> Source:

@@ -37,7 +37,7 @@ _LATENCY = "latency"
 AIR_TORQUE = np.array([0.012, 0.016, 0.003], np.float32)
 AIR_FORCE = np.array([0.020, 0.017, 0.018], np.float32)
 """Disturbances of `+air`: torques over weight times arm, forces over weight. Geometric means of the
-logs of four Crazyflies (paper/nanodrone.py), from 0.4 to 2 times as large in one of them."""
+logs of four Crazyflies (paper/identification/nanodrone.py), from 0.4 to 2 times as large in one."""
 IN_FLIGHT = ("yaw", "weak", "payload")
 """Additions that may appear in the course of a flight."""
 
