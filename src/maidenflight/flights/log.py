@@ -20,7 +20,7 @@ ACCELEROMETER_DELAY, GYRO_DELAY = 0.0075, 0.0028
 """Delay of a Crazyflie's low-pass filters, Butterworth of second order at 30 and 80 Hz [s]
 (firmware, sensors_bmi088_bmp3xx.c)."""
 GRAVITY = 9.81
-"""Specific force at rest [m/s2]; 1 g where a log counts in g."""
+"""Specific force at rest [m/s2]; 1 g where a log counts in g (firmware, physicalConstants.h)."""
 ROTORS = np.array([(1, -1, 0), (-1, -1, 0), (-1, 1, 0), (1, 1, 0)]) / np.sqrt(2)
 """Places of a log's rotors [arm length], (4, 3): an X, in the order of a Crazyflie's motors: front
 right, back right, back left, front left. `parameters.levers` has those of a known drone."""

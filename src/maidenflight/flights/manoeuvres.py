@@ -96,8 +96,8 @@ KINDS: Mapping[str, Wave] = {
     "random_yaw": _random(0, 1, 2, 3),
     MOTORS: _still,
 }
-"""Shape of each kind of manoeuvre. Sizes are metres (amplitude or radius), of `steps_yaw` radians,
-of `motors` the share of full thrust by which each motor's command is raised or lowered."""
+"""Shape of each kind of manoeuvre, by definition. Sizes are metres (amplitude or radius), of
+`steps_yaw` radians, of `motors` the share of full thrust by which each motor's command changes."""
 
 
 _STICKS: Mapping[str, str] = {

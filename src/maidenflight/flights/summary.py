@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from maidenflight.flights.checks.checking import SHORTEST_ROWS
 from maidenflight.flights.log import SUBSAMPLED, TORQUES, ZERO_ORDER_HOLD, Flight, by_log
 
 CALM, CALM_RAD_S = 0.02, 1.0
@@ -18,7 +19,6 @@ MOST_SHARE = 0.8
 """Of what all logs tell, what the chosen ones hold."""
 _BAND_HZ = (1.0, 15.0)
 """Where commands explain most of the motion of small quadrotors (paper/notes/identification.md)."""
-_SHORTEST_ROWS = 50
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ def _information(pieces: Iterable[Flight]) -> dict[str, float]:
     sums: dict[str, float] = dict.fromkeys(QUANTITIES, 0.0)
     for piece in pieces:
         fast = min(_BAND_HZ[1], 0.4 / piece.period)
-        if len(piece) < _SHORTEST_ROWS or fast <= _BAND_HZ[0]:
+        if len(piece) < SHORTEST_ROWS or fast <= _BAND_HZ[0]:
             continue
         command = np.asarray(piece.command, float)
         edges = _BAND_HZ[0], fast

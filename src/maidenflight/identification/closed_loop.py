@@ -65,12 +65,10 @@ of a factor. It allows for errors of the model, which the likelihood's narrow in
 SMALLEST_SCALE = 0.05
 """Of what policies differ by in a standard deviation, as a logarithm."""
 LARGE = 1.5
-"""Differences, in their scales, beyond which one weighs less (Huber 1964)."""
+"""Differences, in their scales, beyond which one weighs less (Huber 1964; R's manual of MASS)."""
 WIDTH, FARTHEST, NEAR = 0.25, 0.75, 0.05
 """Of a difference quotient, of a Gauss-Newton step at most, and of the step that ends the search
 [standard deviations of the prior]."""
-YOUNGEST = 0.001
-"""Age of estimates that is none [s]."""
 LEAST_DAMPING = 0.1
 """Share of a step below which none is taken."""
 
@@ -149,7 +147,7 @@ def match(
     """Finds the parameters of `PRIOR` with which policies behave as they did.
 
     Before, the age of the drone's estimates is measured in all its logs, where it is above
-    `YOUNGEST` and three standard errors: lag and latency, which act on rate PIDs too, would have to
+    three standard errors: lag and latency, which act on rate PIDs too, would have to
     stand for it.
 
     Costs settings.steps x (1 + parameters) simulations of all policies, compiled once.
@@ -172,7 +170,7 @@ def match(
     settings = settings or ClosedLoop()
     age = attitude_delay(every or [piece for own in flight.values() for piece in own])
     estimates: dict[str, tuple[float, float]] = {}
-    if age is not None and age[0] > max(YOUNGEST, 3.0 * age[1]):
+    if age is not None and age[0] > 3.0 * age[1]:
         estimates["estimator_delay"] = age
         drones = replace(drones, estimator_delay=np.full_like(drones.estimator_delay, age[0]))
     drone_samples = (

@@ -43,8 +43,6 @@ COMMANDS = (ZERO_ORDER_HOLD, SUBSAMPLED, "mixed")
 """What the commands of an identification's logs stood for."""
 SAVED = 200
 """Samples of the posterior that a file holds."""
-_MOST_SECONDS = 1e9
-"""What no time of flight comes near [s]."""
 _ENDS = "valley", "bounds", "plausible"
 _CURE = "Identify again."
 """What to do where a file is damaged."""
@@ -229,7 +227,7 @@ class DroneFile:
             name=path,
         )
         if "identification" not in document:
-            _check_body(result.parameters, path)
+            check_body(result.parameters, path)
             return result
         table = Fields(document["identification"], path, "identification", _CURE)
         estimates, source = table.table("estimates"), table.table("source")
@@ -272,14 +270,20 @@ TRIANGLE = 1.2
 """Inertia about z by the sum of those about x and y, which no body exceeds, but estimates may."""
 
 
-def _check_body(drone: Parameters, source: str) -> None:
+def check_body(drone: Parameters, source: str) -> None:
     """Refuses masses, inertias and places of rotors that cannot be of one body.
+
+    Args:
+        drone: whose they are.
+        source: where they come from, for errors.
+
+    Raises:
+        InputError: they are not of one body.
 
     Source: Goldstein, Classical mechanics, sec. 5.3 (inertia obeys the triangle inequality).
     """
     inertia, mass = np.asarray(drone.inertia, float), float(drone.mass)
-    arm = float(np.linalg.norm(np.asarray(parameters.rotors(drone), float)[:, :2], axis=1).mean())
-    radius = np.sqrt(inertia[:2] / mass)
+    arm, radius = parameters.arm_length(drone), np.sqrt(inertia[:2] / mass)
     low, high = GYRATION
     if not (low < radius / arm).all() or not (radius / arm < high).all():
         raise InputError(
@@ -332,7 +336,7 @@ def _ranges(table: Fields) -> dict[str, tuple[float, float]]:
 def _source(table: Fields) -> Source:
     result = Source(
         table.count("flights"),
-        table.number("seconds", 0.0, _MOST_SECONDS),
+        table.number("seconds", 0.0),
         table.flag("simulated"),
         table.choice("commands", COMMANDS),
         table.number("full_scale_counts", 1.0, MOST_COUNTS),

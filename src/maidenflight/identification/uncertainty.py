@@ -17,7 +17,7 @@ DESIGN = 64
 RESAMPLES = 500
 """Redrawn data sets."""
 LEVEL = 0.95
-"""Share of the redrawn optima that an interval holds."""
+"""Share of the redrawn optima that a 95 % interval holds, by definition."""
 
 
 class Bootstrap(NamedTuple):

@@ -30,7 +30,7 @@ IDLE = 0.8
 as quietly as others stand."""
 WINDOW, SMOOTHED = 0.5, 0.05
 """Time over which standing is judged, and over which vibration is averaged out [s]."""
-IMPACT_M_S2 = 9.81
+IMPACT_M_S2 = GRAVITY
 """Specific force from the side, beyond its median about it, that tells of a hit."""
 DRAG_S, RARE = 0.6, 0.25
 """Time of that median [s], and the share of rows beyond it from which it is no hit but shaking."""
@@ -44,8 +44,6 @@ LNDMC_TRIG_TIME, ArduPilot's LAND_DETECTOR_TRIGGER_SEC."""
 _IDLE_SHARE = 0.002
 """Share of the median command below which motors are off: what a mixer leaves of no throttle;
 measured, idling ones take 0.01 of it and more."""
-_FAR = 1 << 40
-"""Rows to ground that is nowhere."""
 
 
 def faults(flight: Flight) -> dict[str, Bool[np.ndarray, "N"]]:
@@ -128,8 +126,8 @@ def _stands(flight: Flight) -> Bool[np.ndarray, "N"]:
 def _rows_near(rows: Bool[np.ndarray, "N"], period: float) -> Bool[np.ndarray, "N"]:
     """Rows shortly after and before some rows."""
     places = np.arange(len(rows))
-    last = np.maximum.accumulate(np.where(rows, places, -_FAR))
-    following = np.minimum.accumulate(np.where(rows, places, _FAR)[::-1])[::-1]
+    last = np.maximum.accumulate(np.where(rows, places, -np.inf))
+    following = np.minimum.accumulate(np.where(rows, places, np.inf)[::-1])[::-1]
     near = (places - last) * period < TAKE_OFF
     return (near | ((following - places) * period < LANDING)) & ~rows
 

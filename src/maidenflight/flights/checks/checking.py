@@ -19,8 +19,8 @@ from maidenflight.simulator.physics.battery import LARGEST_COMMAND
 MAX_TILT_RAD = np.radians(60.0)
 """Roll or pitch beyond which a row counts as a crash [rad]."""
 MAX_BODY_RATE_RAD_S, GYRO_RANGE_RAD_S = 25.0, 34.9
-"""Body rate beyond which a row counts as a crash, and the range of a gyro, 2000 deg/s, which is
-the limit in logs without a state, of acrobatics too [rad/s]."""
+"""Body rate beyond which a row counts as a crash, and the range of a gyro, 2000 deg/s (Crazyflie
+firmware, sensors_bmi088_bmp3xx.c), the limit in logs without a state, of acrobatics [rad/s]."""
 SHORTEST_S, SHORTEST_ROWS = 0.5, 50
 """Time [s] and rows that a piece must have."""
 FASTEST_S = 2e-5

@@ -60,6 +60,7 @@ _UNITS = {
     0.5: "counts of half the range",
     2.0: "counts of twice the range",
 }
+"""By definition of the units."""
 
 
 def check_accelerometer(pieces: Sequence[Flight], follows: bool = False) -> list[CheckResult]:

@@ -52,6 +52,7 @@ _UNITS = {
     | {1e-3: "position in mm", 1e3: "velocity in mm", 1e-2: "position in cm", 1e2: "in cm"}
     | {3.6: "velocity in km/h"},
 }
+"""By definition of the units."""
 _EXPECTED = " Expected x forward, y left, z up."
 _PITCH = " Positive pitch is nose down here, a Crazyflie's stateEstimate.pitch is nose up."
 
@@ -68,7 +69,7 @@ AXES: Mapping[str, Float[np.ndarray, "3 3"]] = {
     "a frame turned by 90 deg": np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]]),
     "a frame turned by -90 deg": np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]),
 }
-"""Ways in which a vector's axes may be read."""
+"""Ways in which a vector's axes may be read, by definition of each."""
 
 
 def rotations(flight: Flight) -> Rotation:

@@ -34,7 +34,7 @@ from maidenflight.flights.log import GRAVITY, TORQUES, Flight
 
 ORDER = "motor order"
 ORDERS = tuple(permutations(range(4)))
-"""Orders of the motors; the first is the one of our format."""
+"""Orders of the motors, by definition; the first is the one of our format."""
 DRIVEN, DRIVEN_LONG = 0.75, 0.55
 """Correlations of roll and pitch, summed, below which commands do not drive the motion, and
 of long flights: 0.9 to 1.95 in 96 logs; with the commands of another time of the flight at most

@@ -23,7 +23,7 @@ LAGS_S = np.array([0.012, 0.02, 0.03, 0.045, 0.065, 0.09, 0.13])
 DELAYS_S = np.round(np.arange(-0.15, 0.2501, 0.01), 3)
 """Delays behind the commands that are tried [s]."""
 FORCE = 3
-"""Channel of the specific force along z; 0, 1 and 2 are angular acceleration."""
+"""Channel of the specific force along z, by definition; 0, 1 and 2 are angular acceleration."""
 FORCE_BELOW_HZ = 8.0
 """Above it a load on a cable and vibration make the force [Hz]; below it all counts by power."""
 FEWEST = 3.5

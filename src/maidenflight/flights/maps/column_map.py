@@ -35,11 +35,11 @@ UNITS = {
     **{"V": 1.0, "mV": 1e-3, "rpm": 2 * np.pi / 60},
     **{"erpm": 2 * np.pi / 60 / 6, "erpm14": 2 * np.pi / 60 / 7},
 }
-"""SI units in each unit that a column may have; electrical rpm are of motors with 12 magnet poles,
-as a Crazyflie's, or 14, as most others."""
+"""SI units in each unit that a column may have, by definition; electrical rpm are of motors with 12
+magnet poles, as a Crazyflie's, or 14, as most others."""
 REMEDY = "Log them at a higher rate."
 _ANGLES = 3
-"""Columns of an attitude in roll, pitch, yaw instead of a quaternion."""
+"""Columns of an attitude in roll, pitch, yaw, by definition, instead of a quaternion."""
 
 
 @dataclass(frozen=True)

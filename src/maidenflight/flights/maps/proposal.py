@@ -33,10 +33,10 @@ _RANGES = (
     *((0.0, 1.0), (0.0, 100.0), (0.0, 255.0)),
     *((1000.0, 2000.0), (48.0, 2047.0), (0.0, 65535.0)),
 )
-"""Numbers of motors at rest and at full throttle, as they are usual: shares, percent, bytes, PWM
-[us], DShot, counts."""
+"""Numbers of motors at rest and at full throttle, by definition: shares, percent, bytes, PWM [us],
+DShot, counts."""
 _FASTEST, _HALF_TURN = 35.0, 3.5
-"""Range of a gyro, 2000 deg/s [rad/s], and half a turn [rad], beyond which they are degrees."""
+"""Just above a gyro's range (`checking.py`) [rad/s] and half a turn [rad]: degrees are beyond."""
 _TURN, _SMOOTHED = 0.1, 0.05
 """Times over which a turn is compared with the gyro, and vibration is averaged out [s]."""
 _LEAST_ROWS, _LEAST_SHARE = 200, 0.1

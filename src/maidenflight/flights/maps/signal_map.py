@@ -27,7 +27,7 @@ COUNTS = {
     "rotor_speed": 4,
     "battery": 1,
 }
-"""Signals, and how many numbers each has."""
+"""Signals, and how many numbers each has by definition."""
 CURE = "Mend it; see docs/flight-log.md."
 SourceType = TypeVar("SourceType")
 

@@ -46,9 +46,6 @@ CHUNK = 2.0
 """Manoeuvres last multiples of this [s]."""
 MOST = 8
 """Manoeuvres of a round."""
-ROUNDS = 3
-"""How often they are flown, one after the other: `identify` judges what a flight supports by a
-third of it that it has not fitted, which must be like the others."""
 SHORTEST_ROUND = 12.0
 """Length of a round below which there is one only [s]."""
 SLOWER = (1.5, 1.4, 1.3, 1.2, 1.1, 1.05)
@@ -155,7 +152,8 @@ def plan(
     }
     on_stage(OTHERS + 2, OTHERS + 3, "flying the plan and a hover")
     while True:
-        rounds = ROUNDS if seconds >= ROUNDS * SHORTEST_ROUND else 1
+        # `identify` judges by a third that it has not fitted, which must be like the others.
+        rounds = selection.HELD_OUT if seconds >= selection.HELD_OUT * SHORTEST_ROUND else 1
         blocks, excess = _blocks(fitting, seconds, interest, rounds)
         blocks = sorted(blocks, key=lambda block: _agility(result[block.manoeuvre]))
         proposal = FlightPlan(tuple(blocks) * rounds, room, height, request.seed)

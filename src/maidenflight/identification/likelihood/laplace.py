@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.identification.likelihood.fit import Fit
+from maidenflight.identification.outcome.bounds import AT_BOUND
 from maidenflight.identification.outcome.plausible import (
     HOVERING,
     NEXT_FLIGHT,
@@ -23,9 +24,6 @@ from maidenflight.identification.uncertainty import (
     sandwich,
 )
 from maidenflight.parameters import Parameters, component
-
-_AT_BOUND = 0.01
-"""Distance from a search bound, as a share of the range, within which a value lies at it."""
 
 
 class Others(NamedTuple):
@@ -165,7 +163,7 @@ def posterior(
         index = box.names.index(HOVERING)
         moves[:, index] += other_days(fit.drone, RESAMPLES, generator) / slope[index]
     # A latency or drag of zero is no search bound but where nature ends.
-    bounded = (unit > 1 - _AT_BOUND) | ((unit < _AT_BOUND) & (np.array(box.lower) != 0.0))
+    bounded = (unit > 1 - AT_BOUND) | ((unit < AT_BOUND) & (np.array(box.lower) != 0.0))
     error = np.where(bounded, np.inf, np.std(moves, axis=0) * slope[:size])
     spread, error = (dict(zip(box.names, sizes.tolist(), strict=True)) for sizes in (spread, error))
     return Posterior(box, np.clip(unit + moves, 0.0, 1.0), spread, error, others.samples)

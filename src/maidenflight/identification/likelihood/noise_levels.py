@@ -11,6 +11,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from maidenflight.flights.log import Flight
+from maidenflight.identification.signals.flight_signals import stride
 from maidenflight.parameters import Parameters, levers
 from maidenflight.simulator.physics.dynamics import State
 from maidenflight.simulator.physics.sensors import lean_rates, walk_factor, way_of_turn
@@ -18,16 +19,16 @@ from maidenflight.simulator.physics.sensors import lean_rates, walk_factor, way_
 ROWS = 8
 """Rows over which noise is measured, at most: 0.08 s at 100 Hz, in which a policy reacts. Over
 longer times the random-walk drift of an estimator is smaller."""
-_POSITION, _HEIGHT, _VELOCITY = slice(0, 2), slice(2, 3), slice(3, 5)
-_ATTITUDE, _TURN = slice(6, 9), slice(9, 11)
-"""Columns of which each size is taken: horizontal position, height, horizontal velocity, attitude,
-roll and pitch rate."""
+_POSITION, _HEIGHT, _VELOCITY, _ATTITUDE, _TURN = map(slice, (0, 2, 3, 6, 9), (2, 3, 5, 9, 11))
+"""Columns, by definition of `one_step_errors.errors`: horizontal position, height, horizontal
+velocity, attitude, roll and pitch rate."""
 WALKS = ("position_walk", "height_walk", "velocity_walk", "turn_drift")
 """Of an estimate: random walks, and what turns move."""
-_WINDOW, _STEP = 0.5, 0.01
-"""Time over which a position is compared with the tilt, and between two rows of it [s]."""
+_WINDOW = 0.5
+"""Time over which a position is compared with the tilt [s]."""
 _OF_WALK = 3 / 70
-"""Variance that a parabola leaves of a random walk, of its strength squared times its duration."""
+"""Variance that a parabola leaves of a random walk, of its strength squared times its duration: by
+definition of a Wiener process 1/2 less 1/3, 1/10 and 1/42, its parts along Legendre polynomials."""
 _CONTRADICTED = 1 / 3
 """Share of a walk of position that tilt must contradict, or there is none."""
 
@@ -139,7 +140,7 @@ def drift_by_turns(flights: Sequence[Flight]) -> float:
     """
     across = total = 0.0
     for flight in flights:
-        every = max(1, round(_STEP / flight.period))
+        every = stride(flight)
         if len(flight) < 5 * every:
             continue
         period = every * flight.period
@@ -170,7 +171,7 @@ def against_tilt(flights: Sequence[Flight]) -> float:
     """
     residuals = []
     for flight in flights:
-        every = max(1, round(_STEP / flight.period))
+        every = stride(flight)
         step, rows = every * flight.period, round(_WINDOW / (every * flight.period))
         up = Rotation.from_euler("ZYX", flight.attitude[::every, ::-1].astype(float)).apply(
             [0, 0, 1]

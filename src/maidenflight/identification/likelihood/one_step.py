@@ -60,7 +60,8 @@ and neither the optimum nor the gain of a parameter means anything."""
 _MOST_NOISE = 0.9
 """Share of a curvature that noise of the velocity may have."""
 CHUNK = 32
-"""Windows differentiated side by side; along `AT_ONCE` directions they fit a core's cache."""
+"""Windows differentiated side by side, which fit a core's cache; harmless
+(paper/identification/constants.py)."""
 JOINED = 2
 """Parts of `AT_ONCE` directions are joined in multiples of this, so that two programs serve most
 numbers of them."""

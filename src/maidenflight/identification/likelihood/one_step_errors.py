@@ -33,15 +33,15 @@ ORDER = 16
 lag: on simulated flights it then comes out up to 2 ms off, and intervals are too narrow to hold the
 truth."""
 VERTICAL = 5
-"""Where the vertical velocity stands in a row."""
+"""Where the vertical velocity stands in a row, by definition of `errors`."""
 AT_ONCE = 4
-"""Directions that are differentiated along side by side. Time grows linearly from four on; more
-would compute more that nobody asks for."""
+"""Directions that are differentiated along side by side. Time grows linearly from four on; results
+are the same to the last digit (paper/identification/constants.py)."""
 TURNING = (9, 10, 11)
-"""Where the body rates stand in a row."""
+"""Where the body rates stand in a row, by definition of `errors`."""
 COLUMNS = (3, 4, VERTICAL, *TURNING)
-"""Where velocity and body rates stand in a row. Position and attitude follow from them, and say
-nothing more of the drone."""
+"""Where velocity and body rates stand in a row, by definition of `errors`. Position and attitude
+follow from them, and say nothing more of the drone."""
 
 
 def errors(

@@ -39,7 +39,8 @@ _SHARES = {WHITE: 0.5, OWN_LAG: 0.5, SPARSER: 1.0}
 """What of their difference counts as a standard error."""
 _ANSWERS = 0.15
 """Share of an inertia beyond which white noise only shows a controller's answers, which are hardly
-left in the fit itself; its own lag tells where they are."""
+left in the fit itself; its own lag tells where they are. Harmless
+(paper/identification/constants.py)."""
 FILTER = 1e-3
 """Standard error of the delay of a sensor's own filter [s], which passes for latency. Where
 commands are samples of a faster loop, half a row is added."""

@@ -59,7 +59,8 @@ rarely is, and without it attitudes of a payload's drone were off by twice as mu
 SMALLEST_GAIN = 1e-3
 """Log-likelihood gain of a row [nats] above which a group is added."""
 ROUGH = SMALLEST_GAIN / 50
-"""Log-likelihood gain of a row [nats] below which a fit need not be improved for the choice."""
+"""Log-likelihood gain of a row [nats] below which a fit need not be improved for the choice;
+harmless within a factor of 1.4 (paper/identification/constants.py)."""
 
 
 def groups(flights: Sequence[Flight], has_measured_lag: bool) -> dict[str, tuple[str, ...]]:

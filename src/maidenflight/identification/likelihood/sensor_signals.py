@@ -18,14 +18,16 @@ from jaxtyping import Array, Bool, Float
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import SEGMENT_SECONDS, must_have_one_rate
+from maidenflight.identification.likelihood.one_step import CHUNK
 from maidenflight.identification.likelihood.selection import HELD_OUT
+from maidenflight.identification.replay.open_loop import PHYSICS_STEP
 from maidenflight.identification.signals.flight_signals import (
     delay_command,
     force_along_z,
     gyro,
     means,
 )
-from maidenflight.identification.signals.thrust_law import beyond
+from maidenflight.identification.signals.thrust_law import MEMORY, beyond
 from maidenflight.parameters import Parameters
 from maidenflight.parameters import replace as with_values
 from maidenflight.simulator.physics import dynamics
@@ -35,16 +37,12 @@ SLOW_FILTER = 0.012
 their delay."""
 LEAD_IN = 1.0
 """Flight before a segment from which its rotors' speeds follow [s]."""
-SETTLING = 0.5
-"""Time after a piece's first row in which its rotors' speeds are not yet known [s]."""
 SHORTEST = 0.25
-"""Time that a piece of flight must last beyond that [s]."""
+"""Time that a piece must last after the first `MEMORY`, in which speeds are not known [s];
+harmless within a factor of 1.4 (paper/identification/constants.py)."""
 CLIMB_MEMORY = 3.0
-"""Time over which the specific force is integrated to the climb [s]; its offset is forgotten."""
-SLOWEST_STEP = 0.005
-"""Longest physics step of the rotors [s]."""
-CHUNK = 32
-"""Segments whose rotors are simulated together, so that one program serves any number."""
+"""Time over which the specific force is integrated to the climb [s], whose offset is forgotten:
+harmless within a factor of 1.4 (paper/identification/constants.py)."""
 
 
 class Sensor(NamedTuple):
@@ -153,7 +151,7 @@ class Signals:
 
     def rotors(self, drone: Parameters) -> Rotors:
         """Returns what the rotors of a drone did, by the simulator's motors."""
-        substeps = max(1, int(np.ceil(self.period / SLOWEST_STEP - 1e-6)))
+        substeps = max(1, int(np.ceil(self.period / PHYSICS_STEP - 1e-6)))
         count = self.command.shape[1]
         commands = delay_command(self.command, float(drone.latency) / self.period).astype(
             np.float32
@@ -161,6 +159,7 @@ class Signals:
         commands = np.pad(commands, ((0, 0), (0, -count % CHUNK), (0, 0)))
         commands = commands.reshape(-1, self.rows, *commands.shape[1:])
         drone = with_values(drone, time_step=np.float32(self.period / substeps))
+        # Chunks of one size, so that one program serves any number of segments.
         parts = [
             _speeds(commands[:, :, first : first + CHUNK], drone, substeps)
             for first in range(0, count, CHUNK)
@@ -191,8 +190,7 @@ def signals(flights: Sequence[Flight], sensor: Sensor, limit: float = np.inf) ->
     if not parts:
         longest = max(flight.duration for flight in flights)
         raise InputError(
-            f"no flight is long enough: longest {longest:.2f} s, needed "
-            f"{SETTLING + SHORTEST:.2f} s."
+            f"no flight is long enough: longest {longest:.2f} s, needed {MEMORY + SHORTEST:.2f} s."
         )
     names, arrays = zip(*parts, strict=True)
     command, measured, rates, climb, used = (
@@ -211,7 +209,7 @@ def _segments(
     """The arrays of `Signals` for each segment of a piece of flight."""
     lead, length = round(LEAD_IN / step), round(SEGMENT_SECONDS / step)
     steps = len(flight) // rows - 1
-    first = max(round(SETTLING / step), -(-flight.lead // rows))
+    first = max(round(MEMORY / step), -(-flight.lead // rows))
     if (steps - first) * step < SHORTEST:
         return
     command, rates = flight.speed_command, means(gyro(flight), rows)[:steps]

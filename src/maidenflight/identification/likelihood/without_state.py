@@ -77,7 +77,6 @@ SHAPE, SHAPE_OF_PWM = 0.1, 0.3
 """Standard deviation of `thrust_linear` beforehand: of commands that a battery law made of logged
 PWM and voltage, and of others, such as PWM alone, of which a Crazyflie's thrust has 0.27."""
 BOUNDS: Mapping[str, tuple[float, float]] = {
-    "thrust_offset": (-0.5, 0.5),
     "thrust_linear": (-1.0, 2.0),
     # Of logs on board. Where little is excited, a longer latency passes for lag.
     "latency": (0.0, 0.02),

@@ -23,7 +23,7 @@ MEASURED: Mapping[str, tuple[float, float, float]] = {
     "X500 v2 (PX4's Gazebo model)": (0.0216, 0.0216, 0.0400),
     "Crazyflie 2.1 (SimpleFlight, arXiv 2412.11764)": (1.4e-5, 1.4e-5, 2.17e-5),
 }
-"""Published inertia about x, y and z [kg m2]."""
+"""Published inertia about x, y and z [kg m2], by its source."""
 
 
 def _ratio_sd() -> float:

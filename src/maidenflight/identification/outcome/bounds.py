@@ -13,18 +13,18 @@ from maidenflight.errors import InputError
 from maidenflight.identification.drone_file import DroneFile, Estimate
 from maidenflight.identification.signals.lag import SLOWING_DOWN, speeding_up
 from maidenflight.identification.signals.motor_response import LAG_BOUNDS
-from maidenflight.identification.unknowns import is_logarithmic
+from maidenflight.identification.unknowns import UNKNOWNS, is_logarithmic
 from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, Quantity, component
 
-_SHARE = 0.01
+AT_BOUND = 0.01
 """Share of the search range within which a value is at its bound."""
 _OF_BOUND = 0.02
 """Share of the bound itself within which it is: thrust-to-weight ratio is searched from 1.01 to 8,
-of which a hundredth is much."""
+of which a hundredth is much; harmless within a factor of 1.4
+(paper/identification/constants.py)."""
 _WIDER = 3.0
-"""Factor by which a search range is to be widened."""
-_HARDLY_FLIES = 1.05
-"""Thrust-to-weight ratio below which a drone cannot be controlled."""
+"""Factor by which a search range is to be widened: changes advice alone
+(paper/identification/constants.py)."""
 
 
 def bound_reached(name: str, estimate: Estimate) -> float | None:
@@ -54,7 +54,7 @@ def reached(name: str, value: float, bounds: tuple[float, float]) -> float | Non
     for bound, inward in ((low, 1.0), (high, -1.0)):
         if bound == 0.0 == _quantity(name).lower:
             continue
-        reach = _SHARE * span * (bound if is_logarithmic(name) else 1.0)
+        reach = AT_BOUND * span * (bound if is_logarithmic(name) else 1.0)
         reach = reach if bound == 0.0 else min(reach, _OF_BOUND * abs(bound))
         if inward * (value - bound) <= reach:
             return bound
@@ -112,7 +112,7 @@ def _format_bound(name: str, bound: float) -> str:
 
 def _cure(name: str, bound: float, estimates: Mapping[str, Estimate], by_law: bool) -> str:
     bounds = estimates[name].bounds or (bound, bound)
-    if name == "thrust_to_weight" and bound <= _HARDLY_FLIES:
+    if name == "thrust_to_weight" and bound <= UNKNOWNS[name].searched.low:
         return (
             "a drone that hardly flies explains the flights best: the accelerometer is wrong, "
             + ("or the battery law (--battery-law)" if by_law else "or the scale of the commands")

@@ -25,7 +25,7 @@ from maidenflight.identification.drone_file import (
 )
 from maidenflight.identification.evidence import Evidence
 from maidenflight.identification.outcome.bounds import at_bounds, cut_off
-from maidenflight.identification.outcome.plausible import ExpectedInterval
+from maidenflight.identification.outcome.plausible import NEXT_FLIGHT, ExpectedInterval
 from maidenflight.identification.posterior import Posterior
 from maidenflight.identification.search.box import Box
 from maidenflight.identification.signals.flight_signals import is_zero_order_hold
@@ -37,17 +37,15 @@ from maidenflight.simulator.randomization import Ensemble
 
 _FITTED = "identification"
 """Kind of warnings that its notes are."""
-_FEWEST_SEGMENTS = 6
-"""Segments of flight below which redrawing them says little."""
 USUAL_PERIOD = 0.0125
 """Time between two rows beyond which samples of a PID's commands say little of lag and inertia [s];
 paper/notes/identification.md has figures."""
 SURE_NATS, SURE_LOSS = 0.05, 0.05
 """Log likelihood of a row [nats], and share of a replay's loss, by which a drone is surely
-worse."""
+worse: changes notes alone (paper/identification/constants.py)."""
 MAX_MOTOR_NOISE = 0.08
 """Noise of motors beyond which it is not theirs, as a share of full thrust: real Crazyflies have
-0.03 to 0.04."""
+0.03 to 0.04. Changes a note alone (paper/identification/constants.py)."""
 
 
 def source_of(flights: Sequence[Flight]) -> Source:
@@ -301,10 +299,10 @@ def notes_on(estimates: Mapping[str, Estimate], segments: int, by_law: bool) -> 
         by_law: whether a battery law gave the flights' thrust.
     """
     notes = []
-    if segments < _FEWEST_SEGMENTS:
+    if segments < NEXT_FLIGHT:
         notes.append(
             f"each interval rests on {segments} segments of flight and is too narrow; record at "
-            f"least {_FEWEST_SEGMENTS * SEGMENT_SECONDS:.0f} s."
+            f"least {NEXT_FLIGHT * SEGMENT_SECONDS:.0f} s."
         )
     sentences = (at_bounds(estimates, by_law) | cut_off(estimates, by_law)).values()
     return [*notes, *(f"{sentence}." for sentence in sentences)]

@@ -14,14 +14,17 @@ from maidenflight.identification.signals.motor_response import MotorResponse
 from maidenflight.identification.unknowns import UNKNOWNS, is_logarithmic
 
 _WIDE = 1.5
-"""Upper end of an interval over the lower one, above which a parameter is hardly known."""
+"""Upper end of an interval over the lower one, above which a parameter is hardly known: changes
+advice alone (paper/identification/constants.py)."""
 _WORTH = 0.85
-"""Share of the present width above which an interval is not worth another flight."""
+"""Share of the present width above which an interval is not worth another flight: changes advice
+alone (paper/identification/constants.py)."""
 _CURVE = ("thrust_linear", "thrust_offset", "drag_z")
 """What thrust near a hover leaves open, besides its ratio to weight."""
 _INSEPARABLE = 0.5
 """Share of the variance of 1 / thrust_to_weight that goes with `_CURVE`, from which on they cannot
-be told apart. Calm PX4 logs have 0.70 to 0.91, a thrown quadrotor 0.41."""
+be told apart: notes alone (paper/identification/constants.py). Calm PX4 logs have 0.70 to
+0.91, a thrown quadrotor 0.41."""
 _VARIED = 0.35
 """Standard deviation over mean of a throttle that is anywhere from a fifth to four fifths."""
 

@@ -20,9 +20,9 @@ hPa, without battery and propellers. Three sets of flights of one Crazyflie diff
 hovering takes (paper/notes/identification.md)."""
 VARIANCE_SHARE = 0.5
 """Share of its variance beforehand below which a parameter's variance must lie for flights to tell
-it: they then say more than is known without them."""
+it, by definition of more: they then hold more information than is known without them."""
 UNIFORM = 12.0
-"""Squared width of a uniform distribution over its variance."""
+"""Squared width of a uniform distribution over its variance, by definition of it."""
 
 Ranges = Mapping[str, tuple[float, float]]
 """Lowest and highest value by parameter, SI units."""

@@ -13,20 +13,17 @@ from maidenflight.errors import InputError
 from maidenflight.flights.checkup.in_flight import load_factor
 from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import SAME_RATE
-from maidenflight.identification.drone_file import Source
+from maidenflight.identification.drone_file import Source, check_body
 from maidenflight.identification.outcome.estimates import source_of
 from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.identification.outcome.progress import Progress, Reporter
 from maidenflight.identification.search.box import thrust_bound
-from maidenflight.parameters import Parameters, arm_length, crazyflie
+from maidenflight.parameters import Parameters, crazyflie
 
 LONGEST_PERIOD = 0.025
 """Time between two rows beyond which nothing is identified [s]. From a PID's flights inertia comes
 out 2.8 times too large at 25 Hz, with a narrow interval, and at 20 Hz the fit fails
 (paper/notes/identification.md)."""
-SHARES = (0.02, 2.0)
-"""Inertia about x over mass times squared arm that a quadrotor may have; six of 28 g to 3.4 kg have
-0.14 to 0.28."""
 AUTO = "auto"
 """Instead of parameters' names: let the flights choose them."""
 
@@ -71,14 +68,14 @@ class Problem:
 
         Raises:
             InputError: there are no flights, their rows are farther apart than `LONGEST_PERIOD`, or
-                the start's inertia is none of its mass and arms.
+                the start's mass, inertia and arms are not of one body.
         """
         flights = list(flights)
         if not flights:
             raise InputError("no flights to identify from; give at least one.")
         _must_be_frequent(flights)
         start = crazyflie() if start is None else start
-        _must_be_a_quadrotors(start)
+        check_body(start, "start")
         most = {HOVERING: (1.01, thrust_bound(max(map(calm_thrust, flights))))}
         if most[HOVERING][1] <= thrust_bound(float(start.thrust_to_weight)):
             most = {}
@@ -107,17 +104,6 @@ def _must_be_frequent(flights: Sequence[Flight]) -> None:
             f"{slowest.name}: rows are {1e3 * slowest.period:.4g} ms apart "
             f"({1 / slowest.period:.4g} Hz); the motors' lag needs {1 / LONGEST_PERIOD:g} Hz or "
             "more. Log at 100 Hz."
-        )
-
-
-def _must_be_a_quadrotors(start: Parameters) -> None:
-    inertia, arm = float(start.inertia[0]), arm_length(start)
-    whole = float(start.mass) * arm**2
-    if not SHARES[0] < inertia / whole < SHARES[1]:
-        raise InputError(
-            f"start: its inertia about x, {inertia:.3g} kg m2, is {inertia / whole:.2g} times mass "
-            f"and squared arm ({float(start.mass):.4g} kg, {arm:.3g} m); of quadrotors it is some "
-            f"0.2 times these. Give inertia with mass and arms, here about {0.2 * whole:.2g} kg m2."
         )
 
 

@@ -27,7 +27,7 @@ PHYSICS_STEP = 0.005
 """Mean physics step [s]: the paper simulates at 200 Hz."""
 CHUNK = 256
 """Windows simulated side by side; their state fits a core's cache, which is 2 to 3 times faster
-than one large batch."""
+than one large batch. Harmless (paper/identification/constants.py)."""
 
 
 def simulate(window: Windows, parameters: Parameters, steps: int) -> Float[Array, "T 12"]:

@@ -52,7 +52,6 @@ _SIGNALS = [
     for group in ("position", "velocity", "attitude", "body_rates")
     for column in GROUPS[group]
 ]
-_STEP = f"physics steps of {PHYSICS_STEP * 1e3:g} ms"
 
 
 def prediction_error(
@@ -110,7 +109,7 @@ def prediction_error(
         if not np.all(np.isfinite(rows_ahead)):
             raise InputError(
                 f"{name}: its simulation diverges on these flights; a time constant or a damping "
-                f"is too fast for {_STEP}."
+                f"is too fast for physics steps of {PHYSICS_STEP * 1e3:g} ms."
             )
     predictions[PERSISTENCE] = np.broadcast_to(start[:, None], (len(start), len(rows), 12))
     squares = np.stack(

@@ -17,7 +17,8 @@ from sklearn.gaussian_process.kernels import ConstantKernel, Kernel, Matern, Whi
 from threadpoolctl import threadpool_limits
 
 _FIRST = 10
-"""Evenly distributed evaluations before the process is used."""
+"""Evenly distributed evaluations before the process is used, as in the manual of scikit-optimize's
+`gp_minimize`."""
 _GROWTH = 1.1
 """The kernel is fitted again when evaluations have grown by this factor. Its length scales settle
 early, and each fit costs more than an evaluation."""

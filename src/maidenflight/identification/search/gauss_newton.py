@@ -20,7 +20,7 @@ from maidenflight.identification.search.box import Box
 
 INSIDE = 1e-7
 """Distance from the box's faces at which slopes are taken: on a face, as where the latency is zero,
-a slope can be one-sided."""
+a slope can be one-sided. Harmless within a factor of 1.4 (paper/identification/constants.py)."""
 
 Limits = Callable[
     [Float[np.ndarray, "d"], Float[np.ndarray, "d"]],

@@ -26,8 +26,6 @@ from maidenflight.identification.signals.motor_response import (
 )
 from maidenflight.parameters import Parameters
 
-REACH_S = 0.016
-"""Delay of commands that is looked for [s]: latencies from there to the last that are tried."""
 _AT_END = 4
 """Latencies of which a loop that was looked for too late has one; chosen."""
 
@@ -52,7 +50,8 @@ def align_commands(
     is_inside = as_logged.weight[:_AT_END].sum() < 0.5 * as_logged.weight.sum()
     if not as_logged.loops or (is_inside and not is_before(measure_delay(flights))):
         return flights, []
-    rows = int(np.ceil(REACH_S / flights[0].period))
+    # So far that the latencies that are tried join those of the log as it is.
+    rows = int(np.ceil((LATENCIES[0] + LATENCIES[-1]) / flights[0].period))
     moved = latency_of_loop([_earlier(flight, rows) for flight in flights], drone, rows)
     latencies = LATENCIES - rows * flights[0].period
     if moved.weight @ (latencies < LATENCIES[0]) < 0.975:

@@ -26,6 +26,7 @@ from maidenflight.identification.evidence import Evidence
 from maidenflight.identification.signals.flight_signals import is_zero_order_hold
 from maidenflight.identification.signals.loop_spectra import LagByDelay, lag_by_delay
 from maidenflight.identification.signals.spectra import Spectra, spectra
+from maidenflight.identification.uncertainty import RESAMPLES
 from maidenflight.parameters import Parameters, levers
 
 LATENCIES = 1e-3 * np.arange(-4.0, 20.01, 0.25)
@@ -60,8 +61,6 @@ _CLEARLY = 10.0
 """Most by which one stretch may vote against a latency [nats]."""
 _FEW = 4
 """Loops that are looked at before, a share of a second each; chosen."""
-DRAWS = 500
-"""Samples of the posterior."""
 _GYRO = {"gyro x": "inertia_x", "gyro y": "inertia_y"}
 LATENCY_OF_SPEEDS = 4e-4
 """Standard deviation of the latency where speeds are measured [s]: 0.3 to 0.5 ms in three folders
@@ -137,9 +136,9 @@ class _Joined(NamedTuple):
         self, generator: np.random.Generator
     ) -> tuple[Int[np.ndarray, "N"], Float[np.ndarray, "N"], Float[np.ndarray, "N"]]:
         """Returns samples of places in `LATENCIES`, and of lag and latency [s]."""
-        indices = generator.choice(len(self.weight), DRAWS, p=self.weight)
-        total = self.log_total[indices] + self.error[indices] * generator.normal(size=DRAWS)
-        jitter = DELAY_ERROR * generator.normal(size=DRAWS)
+        indices = generator.choice(len(self.weight), RESAMPLES, p=self.weight)
+        total = self.log_total[indices] + self.error[indices] * generator.normal(size=RESAMPLES)
+        jitter = DELAY_ERROR * generator.normal(size=RESAMPLES)
         latency = np.maximum(LATENCIES[indices] + jitter, 0.0)
         lag = np.maximum(np.exp(total) - latency, LAG_BOUNDS[0] / 2)
         return indices, lag, latency
@@ -178,7 +177,7 @@ def estimate_motor_response(
     indices, lag, latency = joined.draw(generator)
     if not all(flight.gyro_delay_known for flight in flights):
         # What the filter delays passes for latency.
-        latency = np.maximum(latency + _UNKNOWN_FILTER * generator.normal(size=DRAWS), 0.0)
+        latency = np.maximum(latency + _UNKNOWN_FILTER * generator.normal(size=RESAMPLES), 0.0)
     names = dict.fromkeys(stretch.flight for stretch in stretches)
     left_out = [name for name in groups if name not in names]
     note = (

@@ -31,7 +31,7 @@ from maidenflight.flights.streams.streams import LEFT_UP, Stream
 Messages = Mapping[str, Mapping[str, Float[np.ndarray, "M"]]]
 """Fields of messages by their type, such as RATE, or type and sensor, such as IMU[0]."""
 Parameters = Mapping[str, float]
-_CHANNELS = tuple(f"C{number}" for number in range(1, 15))
+_CHANNELS = tuple(f"C{number}" for number in range(1, 15))  # LogStructure.h, RCOU
 _OUTPUTS = ("ROut", "POut", "YOut", "AOut")
 _TURNS, _FORCES = ("GyrX", "GyrY", "GyrZ"), ("AccX", "AccY", "AccZ")
 _TIME = ("TimeUS", "TimeMS")
@@ -54,16 +54,16 @@ REMEDY = (
 _QUADROTOR = 1
 """FRAME_CLASS of a quadrotor."""
 _ARMED, _DISARMED, _LANDED, _NOT_LANDED = 10, 11, 18, 28
-"""Events of EV."""
+"""Events of EV (AP_Logger.h)."""
 _GYRO_HZ, _ACCELEROMETER_HZ = 20.0, 20.0
-"""ArduCopter's usual INS_GYRO_FILTER and INS_ACCEL_FILTER [Hz]."""
+"""ArduCopter's usual INS_GYRO_FILTER and INS_ACCEL_FILTER, see the source above [Hz]."""
 _FIRST_MOTOR = 33
-"""SERVOn_FUNCTION of motor 1."""
+"""SERVOn_FUNCTION of motor 1 (SRV_Channel.h)."""
 _OLDEST_S, _SATURATES = 0.06, 0.05
 """Age of outputs that an IO processor reads back every 50 ms (source: AP_IOMCU.cpp) [s], and share
 of motors at a limit from which a mixer saturates."""
 _DIGITAL = range(4, 8)
-"""MOT_PWM_TYPE of DShot, whose outputs are 1000 to 2000 whatever MOT_PWM_MIN and MAX say."""
+"""MOT_PWM_TYPE of DShot (AP_Motors_Class.h): 1000 to 2000 whatever MOT_PWM_MIN and MAX say."""
 
 
 class Frame(NamedTuple):
@@ -83,10 +83,10 @@ _FRAMES = {
     14: Frame((0, 1, 2, 3)),
     18: Frame((1, 0, 2, 3), turns_as_ours=False),
 }
-"""By FRAME_TYPE: X, H, Betaflight X, DJI X, clockwise X, reversed Betaflight X."""
+"""By FRAME_TYPE: X, H, Betaflight, DJI, clockwise, reversed Betaflight (AP_Motors_Class.h)."""
 _MIX = 0.5 * np.array([[-1, 1, 1], [-1, -1, -1], [1, -1, 1], [1, 1, -1]])
-"""Factors of roll, pitch and yaw in our motors' shares of thrust; those of rotors that turn
-counter-clockwise grow with yaw to the right."""
+"""Factors of roll, pitch and yaw in our motors' shares of thrust, see the source above; those of
+rotors that turn counter-clockwise grow with yaw to the right."""
 
 
 def flight(

@@ -30,12 +30,12 @@ from maidenflight.flights.streams import joining, rates, streams
 from maidenflight.integrations.logs import blackbox_header
 
 DSHOT_ZERO = 48
-"""DShot value of a motor that just does not turn."""
+"""DShot value of a motor that just does not turn (dshot.h)."""
 _ORDER = (1, 0, 2, 3)
-"""Betaflight's numbers, from 0, of our motors: it counts back right, front right, back left, front
-left."""
+"""Betaflight's numbers, from 0, of our motors: back right, front right, back left, front left (its
+firmware's flight/mixer.c)."""
 _VARIABLE = 10
-"""Number of the encoding TAG2_3SVARIABLE, which `orangebox` lacks."""
+"""Number of the encoding TAG2_3SVARIABLE (blackbox_fielddefs.h), which `orangebox` lacks."""
 SLOW_FILTER_S = 0.01
 """Delay of the accelerometer's filter beyond which a note is made [s]."""
 REMEDY = (

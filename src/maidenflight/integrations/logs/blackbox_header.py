@@ -26,8 +26,8 @@ _MIXERS = {
     **{18: "hexarotor", 20: "dualcopter", 21: "singlecopter", 22: "A-tail quadrotor"},
     **{23: "custom mixer", 24: "custom airplane", 25: "custom tricopter", 26: "QUADX_1234"},
 }
-"""Airframes by Betaflight's mixerMode, but 3, which is a quadrotor in X."""
-_FEATURE_3D = 1 << 12
+"""Airframes by Betaflight's mixerMode (mixer.h), but 3, which is a quadrotor in X."""
+_FEATURE_3D = 1 << 12  # config/feature.h
 _FIELDS = re.compile(rb"H Field [^\n]*")
 
 

@@ -54,8 +54,8 @@ ARMED = 2
 FULL_RATE = 0.8
 """Share of the control loop's rate from which a log holds every command."""
 ACCELEROMETER_CUTOFF = 30.0
-"""PX4's usual low-pass filter of accelerations, IMU_ACCEL_CUTOFF [Hz]."""
-_INVALID = 2**31 - 1
+"""PX4's usual low-pass filter of accelerations, IMU_ACCEL_CUTOFF [Hz] (imu_accel_parameters.c)."""
+_INVALID = 2**31 - 1  # Source: PX4, msg/SensorCombined.msg, RELATIVE_TIMESTAMP_INVALID.
 
 
 def flight(

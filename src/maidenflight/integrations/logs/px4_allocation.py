@@ -19,11 +19,12 @@ from jaxtyping import Float
 ROLL_PITCH_AIRMODE, YAW_AIRMODE = 1, 2
 """Values of MC_AIRMODE with which thrust may rise for roll and pitch, and for yaw as well."""
 _WEAK = 0.2
-"""Effect on an axis below which a motor's saturation does not count, of the full effect."""
+"""Effect on an axis below which a motor's saturation does not count: see the source above."""
 _SMALL = 1e-3
 """Entry of the mix that counts as zero."""
 _YAW_MARGIN = 0.15
-"""Share of the range above full throttle that yaw may ask for before thrust gives way."""
+"""Share of the range above full throttle that yaw may ask for before thrust gives way (source:
+ControlAllocationSequentialDesaturation.hpp)."""
 
 
 class Rotor(NamedTuple):

@@ -25,7 +25,7 @@ from maidenflight.integrations.logs import px4_setpoints
 from maidenflight.integrations.logs.px4_topics import Parameters, Topics, columns, vector
 
 _ORDER = (0, 3, 1, 2)
-"""PX4's numbers of our motors in its default quadrotor in X."""
+"""PX4's numbers of our motors in its default quadrotor in X (source: airframes, see above)."""
 
 
 _QUADROTORS = (0, 2)
@@ -37,22 +37,22 @@ _VEHICLES = {
     **{20: "tail-sitter of four rotors", 21: "tilt-rotor", 22: "VTOL", 23: "tail-sitter"},
     **{24: "tilt-wing", 25: "VTOL", 29: "dodecarotor", 35: "decarotor"},
 }
-"""Airframes by MAV_TYPE."""
+"""Airframes by MAV_TYPE (source: common.xml)."""
 _AIRFRAMES = {
     **{1: "fixed wing", 2: "VTOL", 3: "tilt-rotor", 4: "tail-sitter", 5: "rover", 6: "rover"},
     **{7: "motors in six degrees of freedom", 8: "multirotor with tilt", 9: "custom airframe"},
     **{10: "helicopter", 11: "helicopter", 12: "coaxial helicopter"},
 }
-"""Airframes by CA_AIRFRAME, but 0, a multirotor."""
+"""Airframes by CA_AIRFRAME (source: control_allocator/module.yaml), but 0, a multirotor."""
 _FRAMES = {
     **{2: "fixed wing", 3: "flying wing", 5: "quadrotor in +", 6: "hexarotor", 7: "hexarotor"},
     **{8: "octorotor", 9: "octorotor", 11: "coaxial hexarotor", 12: "coaxial octorotor"},
     **{13: "VTOL", 14: "tricopter", 15: "helicopter", 16: "helicopter", 17: "autogyro"},
     **{18: "balloon", 24: "dodecarotor", 50: "rover", 60: "submarine"},
 }
-"""Airframes by the thousands of SYS_AUTOSTART."""
+"""Airframes by the thousands of SYS_AUTOSTART (source: init.d/airframes)."""
 _DSHOT_MOST, _CAN_MOST = 1999, 8191
-"""Full throttle of PX4's outputs to DShot and to ESCs on a CAN bus."""
+"""Full throttle of PX4's outputs to DShot and to ESCs on a CAN bus, see the source above."""
 
 
 def check_airframe(name: str, parameters: Parameters) -> None:

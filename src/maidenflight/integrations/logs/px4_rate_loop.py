@@ -47,9 +47,9 @@ _GAINS = {
     "FF": (0.0, 0.0, 0.0),
     "K": (1.0, 1.0, 1.0),
 }
-"""PX4's usual gains of the rate controller, about roll, pitch and yaw."""
+"""PX4's usual gains, about roll, pitch and yaw (mc_rate_control_params.c)."""
 _CHANGE_CUTOFF = 30.0
-"""Usual IMU_DGYRO_CUTOFF [Hz]."""
+"""Usual IMU_DGYRO_CUTOFF [Hz] (imu_gyro_parameters.c)."""
 _RATE = 1000.0
 """Rate at which the filters are computed [Hz]; PX4's is 400 to 2000 Hz."""
 

@@ -31,6 +31,7 @@ _QUAD_X = (
     Rotor(1.0, -1.0, moment=-0.05),
     Rotor(-1.0, 1.0, moment=-0.05),
 )
+"""Source: quad_x.toml, see above, by which moments count in proportion alone."""
 
 
 def motors(

@@ -11,7 +11,7 @@ Topics = Mapping[str, Mapping[str, np.ndarray]]
 Parameters = Mapping[str, float]
 
 GYRO_CUTOFF = 40.0
-"""PX4's usual low-pass filter of body rates, IMU_GYRO_CUTOFF [Hz]."""
+"""PX4's usual low-pass filter of body rates, IMU_GYRO_CUTOFF [Hz] (imu_gyro_parameters.c)."""
 REMEDY = (
     "Set SDLOG_PROFILE to 17 (default set and high rate) and reboot, so that sensor_combined and "
     "actuator_motors are logged at full rate."

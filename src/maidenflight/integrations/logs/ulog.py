@@ -17,7 +17,7 @@ from maidenflight.integrations.logs import px4, px4_motors
 from maidenflight.integrations.logs.px4_topics import REMEDY, vector
 
 _HEAD, _MESSAGE_HEAD = 16, 3
-"""Bytes of the file's and of a message's head."""
+"""Bytes of the file's and of a message's head, by definition of the format."""
 
 
 def flights(path: Path, name: str) -> LoggedFlights:

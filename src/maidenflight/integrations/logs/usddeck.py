@@ -31,13 +31,12 @@ from maidenflight.errors import InputError
 from maidenflight.flights.formats import PackedTable
 from maidenflight.flights.tables import Table
 
-MAGIC = 0xBC
-HEAD = 5
-"""Bytes that tell such a log."""
+MAGIC, HEAD = 0xBC, 5
+"""First byte (usddeck.c), and bytes that tell such a log."""
 CLOCK = "time"
 """The column of time that is added [s]; it starts at 0."""
 _CLOCKS = {1: ("u4", 1e-3), 2: ("u8", 1e-6)}
-"""By version: how a record's time is written, and its unit [s]."""
+"""By version: how a record's time is written, and its unit [s] (cfusdlog.py)."""
 _LETTERS = frozenset("bBhHiIqQefd")
 """Kinds of number, as Python's `struct` and NumPy name them."""
 _BACKWARDS = 1.0

@@ -16,6 +16,7 @@ from typing import NamedTuple
 PERIOD = 0.01
 """Of both fast blocks [s]; the firmware's shortest."""
 BYTES: Mapping[str, int] = {"uint8_t": 1, "int16_t": 2, "uint16_t": 2, "FP16": 2, "float": 4}
+"""By type of the firmware's log.c."""
 
 
 class Block(NamedTuple):

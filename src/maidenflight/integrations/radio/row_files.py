@@ -29,7 +29,7 @@ _LEGEND = (
     "ms of the drone, received s of the program"
 )
 _WRAP = 1 << 24
-"""A packet's time stamp has 24 bits [ms]."""
+"""A packet's time stamp has 24 bits [ms] (Crazyflie firmware, log.c)."""
 _LONGEST = 900_000
 """Longest flight [ms]: more than can be set, with take-off and landing."""
 _WIDEST = 15

@@ -39,11 +39,11 @@ from maidenflight.simulator.realities.reality import seed_of
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone, virtual_drone
 
 DAMPING = 0.04
-"""Bullet's own linear and angular damping [-], in force unless switched off."""
+"""Bullet's own linear and angular damping [-] (manual: changeDynamics), unless switched off."""
 
 _PARTS = (3, 6, 10)
-"""Where velocity, quaternion and body rates begin in the 13 numbers of a body, which begin with its
-position."""
+"""Where velocity, quaternion and body rates begin in the 13 numbers of a body, by definition of
+them: position is first."""
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.realities.reality import MOTORS, Truth
 
 _RPM = 2 * math.pi / 60
-"""rad/s of a revolution a minute."""
+"""rad/s of a revolution a minute, by definition."""
 
 
 class Crazyflow:

@@ -17,11 +17,11 @@ from typing import Any, BinaryIO
 import numpy as np
 
 RATE = 500
-"""Steps a second [Hz], crazyflow's own."""
+"""Steps a second [Hz], crazyflow's own (its sim/sim.py, version 0.4.0)."""
 REQUEST_SIZE = 8
-"""Numbers of a request: 0 and four rotor speeds [rpm], or 1, a position [m] and four of them."""
+"""Numbers of a request, by definition: 0 and rotor speeds [rpm], or 1, position [m] and speeds."""
 ANSWER_SIZE = 13
-"""Numbers of an answer: position, velocity, quaternion x, y, z, w, body rates."""
+"""Numbers of an answer, by definition: position, velocity, quaternion x, y, z, w, body rates."""
 STEP, BEGIN = 0.0, 1.0
 """The first number of a request."""
 
