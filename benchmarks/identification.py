@@ -27,8 +27,8 @@ from maidenflight.identification.identify import identify
 from maidenflight.identification.methods import Likelihood, Replay
 from maidenflight.identification.replay.objective import Objective
 from maidenflight.identification.search import bayesian, gradient
-from maidenflight.identification.search.box import PAPER_BOUNDS, Box
 from maidenflight.identification.search.gauss_newton import NormalEquations, in_unit_cube
+from maidenflight.identification.unknowns import PAPER_BOUNDS, Box
 from maidenflight.parameters import Parameters, crazyflie, replace
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone
 

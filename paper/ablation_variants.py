@@ -16,7 +16,7 @@ from kept_policies import kept_policies
 
 from maidenflight import parameters
 from maidenflight.identification import drone_file
-from maidenflight.identification.outcome.ensembles import trim_ensemble
+from maidenflight.identification.likelihood.flight_differences import trim_ensemble
 from maidenflight.parameters import Parameters, component, replace
 from maidenflight.policy import Policy
 from maidenflight.simulator.controllers import control

@@ -29,7 +29,7 @@ from maidenflight.identification.identify import identify
 from maidenflight.identification.methods import METHODS, Replay
 from maidenflight.identification.outcome.estimates import Identification
 from maidenflight.identification.replay.objective import Objective
-from maidenflight.identification.search.box import PAPER_BOUNDS
+from maidenflight.identification.unknowns import PAPER_BOUNDS
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.simulator.controllers.control import CONTROLLERS
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone

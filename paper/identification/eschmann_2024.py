@@ -27,7 +27,7 @@ from maidenflight.flights.log import ACCELEROMETER_DELAY, TORQUES, Flight
 from maidenflight.flights.reading import read_flights
 from maidenflight.flights.tables import Table
 from maidenflight.identification.identify import identify
-from maidenflight.identification.likelihood.inertial_errors import AccelerometerErrors
+from maidenflight.identification.likelihood.sensor_errors import AccelerometerErrors
 from maidenflight.identification.likelihood.without_state import FORCE, FORCE_GROUPS
 from maidenflight.identification.outcome.estimates import Identification
 from maidenflight.integrations.logs import cflib, usddeck

@@ -27,7 +27,7 @@ from maidenflight.errors import InputError, require_packages
 from maidenflight.experiments.drones import find_reality
 from maidenflight.flights.log import Flight, by_log, thinned
 from maidenflight.flights.reading import read_flights
-from maidenflight.flights.rotors import rotors
+from maidenflight.flights.trims import rotors
 from maidenflight.flying.recording import record
 from maidenflight.identification.likelihood.measured import measure
 from maidenflight.identification.outcome.estimates import Identification

@@ -44,10 +44,10 @@ from maidenflight.experiments.flight_times import (
 )
 from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights
-from maidenflight.flights.rotors import rotors
+from maidenflight.flights.trims import rotors
 from maidenflight.flights.windows import windows
 from maidenflight.identification.likelihood import one_step
-from maidenflight.identification.outcome.ensembles import BETWEEN_FLIGHTS
+from maidenflight.identification.likelihood.flight_differences import BETWEEN_FLIGHTS
 from maidenflight.identification.signals.flight_signals import stride
 from maidenflight.names import TRIMS
 from maidenflight.parameters import Parameters, replace

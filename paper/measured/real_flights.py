@@ -30,10 +30,10 @@ from maidenflight.flights.reading import read_flights
 from maidenflight.flights.windows import windows
 from maidenflight.identification.identify import identify
 from maidenflight.identification.likelihood import one_step
+from maidenflight.identification.likelihood.flight_differences import TRIM, trim_ensemble
 from maidenflight.identification.likelihood.one_step import OneStep
 from maidenflight.identification.likelihood.selection import FIRST
 from maidenflight.identification.methods import Likelihood, Replay
-from maidenflight.identification.outcome.ensembles import TRIM, trim_ensemble
 from maidenflight.identification.outcome.estimates import Identification
 from maidenflight.identification.replay.prediction import predict
 from maidenflight.parameters import Parameters

@@ -21,7 +21,7 @@ from maidenflight.experiments.policies import read_policies
 from maidenflight.flights.checkup.result import LogWarning
 from maidenflight.flights.reading import Flights
 from maidenflight.identification.drone_file import DroneFile, Estimate, GroupGain
-from maidenflight.identification.evidence import Evidence
+from maidenflight.identification.uncertainty import Evidence
 from maidenflight.integrations.exporters.authors_json import to_authors_json
 from maidenflight.names import CONTROLS, TASKS, WIDE
 from maidenflight.registry import VERBS

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from made_flights import calm
-from maidenflight.flights.rotors import BEGIN_S, rotors
+from maidenflight.flights.trims import BEGIN_S, rotors
 from maidenflight.parameters import crazyflie, replace
 
 STEADY = np.full((60, 4), 0.5)

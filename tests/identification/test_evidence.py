@@ -8,7 +8,7 @@ import scipy
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maidenflight.identification.evidence import (
+from maidenflight.identification.uncertainty import (
     DELAY,
     Evidence,
     agreements,

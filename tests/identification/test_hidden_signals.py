@@ -9,7 +9,7 @@ import pytest
 
 import maidenflight as mf
 from maidenflight.flights.log import Flight
-from maidenflight.flights.rotors import rotors
+from maidenflight.flights.trims import rotors
 from maidenflight.identification.identify import identify
 from maidenflight.identification.methods import Likelihood
 from maidenflight.parameters import component, crazyflie, replace

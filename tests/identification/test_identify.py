@@ -16,16 +16,16 @@ from maidenflight.flights.reading import read_flights
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import SAVED, Estimate
 from maidenflight.identification.identify import identify
+from maidenflight.identification.likelihood.flight_differences import trim_ensemble
 from maidenflight.identification.likelihood.selection import FIRST
 from maidenflight.identification.methods import Likelihood, Replay
 from maidenflight.identification.outcome.bounds import bound_reached
-from maidenflight.identification.outcome.ensembles import trim_ensemble
 from maidenflight.identification.outcome.estimates import note_doubts
 from maidenflight.identification.outcome.problem import AUTO
 from maidenflight.identification.outcome.progress import FITTING, Progress
 from maidenflight.identification.posterior import Posterior
-from maidenflight.identification.search.box import PAPER_BOUNDS, physical_bounds
 from maidenflight.identification.uncertainty import DESIGN
+from maidenflight.identification.unknowns import PAPER_BOUNDS, physical_bounds
 from maidenflight.parameters import QUANTITIES, check, crazyflie, noiseless, replace, x_frame
 from maidenflight.verbs.identify import Identify
 

@@ -110,7 +110,7 @@ def test_files_and_functions_are_short_and_take_few_arguments():
 PARTS = [
     "uncertainty unknowns",
     "posterior",
-    "drone_file evidence methods behaviour path_flights",
+    "drone_file methods behaviour path_flights",
     "identity",
     "signals",
     "search",
@@ -284,11 +284,11 @@ if str(BENCHMARKS) not in sys.path:
 parts: Any = importlib.import_module("parts")
 
 MOST = {
-    "closure of identify": 86,
+    "closure of identify": 80,
     "closure of train": 58,
     "closure of export": 30,
     "log to drone.toml: stops": 742,
-    "log to drone.toml: modules": 120,
+    "log to drone.toml: modules": 114,
     "log to drone.toml: names": 976,
     "drone to policy: stops": 345,
     "drone to policy: modules": 73,
@@ -304,7 +304,7 @@ MOST = {
     "study to table: names": 122,
     "constants": 738,
     "constants without a source": 496,
-    "lines": 62_535,
+    "lines": 62_483,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

@@ -31,7 +31,7 @@ from maidenflight import (
 from maidenflight import simulator as sim
 from maidenflight.errors import InputError
 from maidenflight.flights import flight_csv, log
-from maidenflight.flights.rotors import rotors
+from maidenflight.flights.trims import rotors
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.identification.likelihood.estimator import Models, Question, answer_question
 from maidenflight.identification.outcome.problem import Problem

@@ -38,7 +38,7 @@ FLOATS = """
 import numpy as np
 import maidenflight as mf
 from maidenflight import parameters
-from maidenflight.identification.search.box import physical_bounds
+from maidenflight.identification.unknowns import physical_bounds
 from maidenflight.simulator.physics import dynamics
 
 lifted = parameters.replace(mf.crazyflie(), buoyancy=0.5)

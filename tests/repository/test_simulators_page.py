@@ -12,7 +12,7 @@ import pytest
 import maidenflight as mf
 from maidenflight import cli, parameters, policy_file
 from maidenflight.flights import flight_csv
-from maidenflight.flights.rotors import rotors
+from maidenflight.flights.trims import rotors
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.identification.posterior import Posterior
 from maidenflight.policy import untrained_policy

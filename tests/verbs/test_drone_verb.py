@@ -18,7 +18,7 @@ from maidenflight.deployment.drone_format import DroneFormat
 from maidenflight.errors import InputError
 from maidenflight.flights import flight_csv
 from maidenflight.flights.full_speed import full_speed
-from maidenflight.flights.rotors import rotors
+from maidenflight.flights.trims import rotors
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.identification.posterior import Posterior
 from maidenflight.registry import DRONE_FORMATS

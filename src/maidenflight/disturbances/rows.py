@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight, thinned
-from maidenflight.flights.rotors import rotors
+from maidenflight.flights.trims import rotors
 from maidenflight.flights.windows import must_have_one_rate
 from maidenflight.parameters import Parameters, replace
 from maidenflight.simulator.physics.dynamics import hover_command

@@ -13,12 +13,12 @@ from maidenflight.flights.checkup.result import warning_lines
 from maidenflight.flights.reading import read_flights
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile
-from maidenflight.identification.outcome.bounds import must_lie_within_bounds
-from maidenflight.identification.outcome.ensembles import (
+from maidenflight.identification.likelihood.flight_differences import (
     TRIM,
     drone_of_the_day,
     trim_ensemble,
 )
+from maidenflight.identification.outcome.bounds import must_lie_within_bounds
 from maidenflight.inputs import StrPath
 from maidenflight.names import ANY, ANY_DAY, POSTERIOR, TRIMS, WIDE
 from maidenflight.parameters import DRONES, Parameters

@@ -6,7 +6,7 @@ import numpy as np
 
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
-from maidenflight.flights.rotors import rotors
+from maidenflight.flights.trims import rotors
 from maidenflight.parameters import Parameters
 
 TURNING = 0.3

@@ -22,7 +22,7 @@ from maidenflight.identification.outcome.plausible import (
     is_identifiable,
     prior_ranges,
 )
-from maidenflight.identification.search.box import physical_bounds
+from maidenflight.identification.unknowns import physical_bounds
 from maidenflight.parameters import component, crazyflie, replace, x_frame
 
 pytestmark = pytest.mark.slow

@@ -13,7 +13,7 @@ from maidenflight.identification.identify import identify
 from maidenflight.identification.likelihood import one_step, selection
 from maidenflight.identification.likelihood.selection import FIRST, GROUPS, split
 from maidenflight.identification.methods import Likelihood
-from maidenflight.identification.search.box import physical_bounds
+from maidenflight.identification.unknowns import physical_bounds
 from maidenflight.parameters import QUANTITIES, component, crazyflie, replace, x_frame
 
 pytestmark = pytest.mark.slow

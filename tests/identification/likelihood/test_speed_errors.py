@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import lfilter
 
 from maidenflight.flights.log import Flight, flight_of
-from maidenflight.flights.rotors import rotors
+from maidenflight.flights.trims import rotors
 from maidenflight.identification.likelihood.measured import measure
 from maidenflight.identification.likelihood.speed_errors import motors_of_speeds
 from maidenflight.identification.outcome.problem import Problem

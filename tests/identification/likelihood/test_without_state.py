@@ -16,13 +16,13 @@ from maidenflight.flights.reading import read_flights
 from maidenflight.identification import drone_file
 from maidenflight.identification.identify import identify, of_one_kind
 from maidenflight.identification.likelihood import without_state
-from maidenflight.identification.likelihood.inertial_errors import AccelerometerErrors, GyroErrors
+from maidenflight.identification.likelihood.sensor_errors import AccelerometerErrors, GyroErrors
 from maidenflight.identification.likelihood.sensor_signals import signals
 from maidenflight.identification.methods import Likelihood, Replay
 from maidenflight.identification.outcome.about_z import RATIO_SD
 from maidenflight.identification.outcome.estimates import Identification
 from maidenflight.identification.outcome.plausible import prior_ranges
-from maidenflight.identification.search.box import physical_bounds
+from maidenflight.identification.unknowns import physical_bounds
 from maidenflight.parameters import Parameters, component, crazyflie, replace
 from maidenflight.simulator.physics.battery import MOST_COUNTS
 from maidenflight.simulator.realities.virtual_drone import virtual_drone

@@ -24,13 +24,13 @@ from maidenflight.identification.outcome.bounds import (
 )
 from maidenflight.identification.outcome.problem import Problem
 from maidenflight.identification.posterior import Posterior
-from maidenflight.identification.search.box import (
+from maidenflight.identification.signals.motor_response import LAG_BOUNDS
+from maidenflight.identification.unknowns import (
     PAPER_BOUNDS,
+    is_logarithmic,
     physical_bounds,
     search_box,
 )
-from maidenflight.identification.signals.motor_response import LAG_BOUNDS
-from maidenflight.identification.unknowns import is_logarithmic
 from maidenflight.parameters import COMPONENTS, QUANTITIES, crazyflie
 from maidenflight.simulator.physics.dynamics import equivalent_lag
 from maidenflight.simulator.policy_spec import PolicySpec

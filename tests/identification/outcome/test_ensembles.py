@@ -7,7 +7,7 @@ from made_flights import calm
 from maidenflight.errors import InputError
 from maidenflight.flights.trims import trim
 from maidenflight.identification.drone_file import Estimate
-from maidenflight.identification.outcome.ensembles import (
+from maidenflight.identification.likelihood.flight_differences import (
     WITHIN_A_DAY,
     drone_of_the_day,
     flight_to_flight_sd,

@@ -14,7 +14,7 @@ from maidenflight.identification.outcome.estimates import (
 )
 from maidenflight.identification.outcome.plausible import unchanged
 from maidenflight.identification.outcome.problem import Problem
-from maidenflight.identification.search.box import physical_bounds
+from maidenflight.identification.unknowns import physical_bounds
 from maidenflight.parameters.named import racer_5_inch
 
 

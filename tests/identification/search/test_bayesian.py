@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from maidenflight.identification.search import bayesian
-from maidenflight.identification.search.box import PAPER_BOUNDS, Box
+from maidenflight.identification.unknowns import PAPER_BOUNDS, Box
 
 BOX = Box(tuple(PAPER_BOUNDS), *zip(*PAPER_BOUNDS.values(), strict=True))
 

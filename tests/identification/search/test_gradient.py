@@ -12,8 +12,8 @@ from maidenflight.identification.identify import identify
 from maidenflight.identification.methods import Replay
 from maidenflight.identification.replay.objective import Objective
 from maidenflight.identification.search import bayesian, gradient
-from maidenflight.identification.search.box import PAPER_BOUNDS, Box
 from maidenflight.identification.search.gauss_newton import NormalEquations, in_unit_cube
+from maidenflight.identification.unknowns import PAPER_BOUNDS, Box
 from maidenflight.parameters import crazyflie, noiseless, replace
 
 TRUTH = np.array([1.9, 0.06, 0.012])

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from maidenflight.identification.evidence import Evidence
 from maidenflight.identification.signals import lag
 from maidenflight.identification.signals.motor_response import MotorResponse
+from maidenflight.identification.uncertainty import Evidence
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.simulator.physics.dynamics import equivalent_lag
 

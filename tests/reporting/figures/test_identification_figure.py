@@ -5,8 +5,8 @@ import pytest
 
 from drawn import of, titles
 from maidenflight.identification.drone_file import Estimate, GroupGain, Source
-from maidenflight.identification.evidence import Evidence
 from maidenflight.identification.outcome.estimates import Identification
+from maidenflight.identification.uncertainty import Evidence
 from maidenflight.parameters import crazyflie
 from maidenflight.reporting.figures.identification import estimates, identification
 from maidenflight.reporting.figures.picture import svg

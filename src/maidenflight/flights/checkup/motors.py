@@ -11,19 +11,21 @@ from itertools import permutations
 import numpy as np
 from jaxtyping import Float
 
-from maidenflight.flights.checkup.delays import EARLIEST_S, LATEST_S, check_delay
 from maidenflight.flights.checkup.in_flight import belongs, load_factor
 from maidenflight.flights.checkup.relations import block_mean
 from maidenflight.flights.checkup.response import (
     DELAYS_S,
+    EARLIEST_S,
     FEWEST,
     FORCE,
     LAGS_S,
+    LATEST_S,
     QUICK,
     SLOW,
     Fit,
     Responses,
     Spectra,
+    check_delay,
     gain_error,
     place_of_largest,
     responses,

@@ -34,9 +34,8 @@ from maidenflight.identification.identify import expected_intervals
 from maidenflight.identification.likelihood import one_step, selection
 from maidenflight.identification.methods import Likelihood
 from maidenflight.identification.outcome.plausible import UNIFORM, prior_ranges
-from maidenflight.identification.search.box import physical_bounds
 from maidenflight.identification.signals.flight_signals import stride, undo_filter_delay
-from maidenflight.identification.unknowns import UNKNOWNS
+from maidenflight.identification.unknowns import UNKNOWNS, physical_bounds
 from maidenflight.parameters import replace as changed
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone, virtual_drone
 

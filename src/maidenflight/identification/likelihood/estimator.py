@@ -14,7 +14,6 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.identification.drone_file import Estimate, GroupGain
-from maidenflight.identification.evidence import Evidence
 from maidenflight.identification.likelihood import selection
 from maidenflight.identification.likelihood.fit import Fit, balance, box_of, fit
 from maidenflight.identification.likelihood.laplace import (
@@ -33,9 +32,9 @@ from maidenflight.identification.outcome.estimates import estimates_of
 from maidenflight.identification.outcome.plausible import ExpectedInterval, Ranges
 from maidenflight.identification.outcome.problem import Problem, require_identifiable
 from maidenflight.identification.outcome.progress import FITTING, INTERVALS
-from maidenflight.identification.search.box import Box
 from maidenflight.identification.signals.lag import DELAYS, LAG
-from maidenflight.identification.uncertainty import interval, inverse
+from maidenflight.identification.uncertainty import Evidence, interval, inverse
+from maidenflight.identification.unknowns import Box
 from maidenflight.parameters import Parameters, component
 from maidenflight.parameters import replace as replace_values
 

@@ -13,7 +13,6 @@ from jaxtyping import Float
 from maidenflight.identification.likelihood.observation import BALANCED, ObservationModel
 from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.identification.outcome.problem import Problem
-from maidenflight.identification.search.box import Box, physical_bounds, search_box
 from maidenflight.identification.search.gauss_newton import (
     INSIDE,
     NormalEquations,
@@ -28,6 +27,7 @@ from maidenflight.identification.signals.lag import (
     slope_by_ratio,
     speeding_up,
 )
+from maidenflight.identification.unknowns import Box, physical_bounds, search_box
 from maidenflight.parameters import Parameters, component, replace
 
 _CLOSE = 0.02

@@ -15,7 +15,6 @@ from maidenflight.identification.outcome.plausible import (
     Ranges,
     other_days,
 )
-from maidenflight.identification.search.box import Box
 from maidenflight.identification.signals.lag import LAG, SLOWING_DOWN, slope_by_ratio
 from maidenflight.identification.uncertainty import (
     RESAMPLES,
@@ -23,6 +22,7 @@ from maidenflight.identification.uncertainty import (
     inverse,
     sandwich,
 )
+from maidenflight.identification.unknowns import Box
 from maidenflight.parameters import Parameters, component
 
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from maidenflight.identification.evidence import Evidence, of_samples
 from maidenflight.identification.likelihood.speed_errors import motors_of_speeds
 from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.identification.outcome.problem import Problem
@@ -21,7 +20,7 @@ from maidenflight.identification.signals.motor_response import (
     is_clear,
 )
 from maidenflight.identification.signals.speed_inertia import inertia_of_speeds
-from maidenflight.identification.uncertainty import RESAMPLES
+from maidenflight.identification.uncertainty import RESAMPLES, Evidence, of_samples
 from maidenflight.parameters import Parameters
 
 Samples = Mapping[str, Float[np.ndarray, "N"]]

@@ -1,7 +1,7 @@
 """Observation models: how likely it is what flights measured, under a drone.
 
 Of what a model predicts the errors are autoregressive noise. `estimator` fits every
-`ObservationModel`: `one_step` for logs with a state, `inertial_errors` for those without.
+`ObservationModel`: `one_step` for logs with a state, `sensor_errors` for those without.
 
 Constant torques are estimated by their moment: they make the mean error zero. An autoregression
 takes what lasts for noise, whose mean hardly counts, so that the likelihood of a constant is flat,
@@ -16,9 +16,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from jaxtyping import Float
 
-from maidenflight.identification.evidence import Evidence, of_scores
 from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.identification.search.gauss_newton import NormalEquations
+from maidenflight.identification.uncertainty import Evidence, of_scores
 from maidenflight.parameters import Parameters
 
 BY_MOMENT = ("torque_bias_x", "torque_bias_y", "torque_bias_z")

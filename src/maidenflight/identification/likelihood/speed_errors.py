@@ -15,7 +15,6 @@ from jaxtyping import Float
 from scipy.ndimage import uniform_filter1d
 
 from maidenflight.flights.log import Flight
-from maidenflight.identification.evidence import DELAY, of_samples
 from maidenflight.identification.likelihood.fit import fit
 from maidenflight.identification.likelihood.sensor_errors import EVALUATIONS, SensorErrors
 from maidenflight.identification.likelihood.sensor_signals import Rotors, Sensor
@@ -36,7 +35,7 @@ from maidenflight.identification.signals.motor_response import (
     random_effects,
     usual_latency,
 )
-from maidenflight.identification.uncertainty import RESAMPLES
+from maidenflight.identification.uncertainty import DELAY, RESAMPLES, of_samples
 from maidenflight.parameters import Parameters, component
 from maidenflight.parameters import replace as with_values
 from maidenflight.simulator.physics.dynamics import equivalent_lag

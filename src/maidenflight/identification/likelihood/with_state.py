@@ -12,7 +12,6 @@ from functools import partial
 import numpy as np
 
 from maidenflight.flights.log import Flight
-from maidenflight.identification.evidence import Evidence, of_samples
 from maidenflight.identification.likelihood import information, other_ways, selection
 from maidenflight.identification.likelihood.compiling import start_compiling
 from maidenflight.identification.likelihood.estimator import (
@@ -24,7 +23,10 @@ from maidenflight.identification.likelihood.estimator import (
     join,
 )
 from maidenflight.identification.likelihood.fit import balance, box_of
-from maidenflight.identification.likelihood.flight_differences import differences
+from maidenflight.identification.likelihood.flight_differences import (
+    differences,
+    flight_to_flight_sd,
+)
 from maidenflight.identification.likelihood.laplace import Others
 from maidenflight.identification.likelihood.measured import Measured, Samples, measure
 from maidenflight.identification.likelihood.noise_levels import (
@@ -38,7 +40,6 @@ from maidenflight.identification.likelihood.one_step_errors import ORDER
 from maidenflight.identification.likelihood.selection import Parts
 from maidenflight.identification.methods import Likelihood
 from maidenflight.identification.outcome.bounds import equivalent_lag_estimates
-from maidenflight.identification.outcome.ensembles import flight_to_flight_sd
 from maidenflight.identification.outcome.estimates import (
     note_doubts,
 )
@@ -55,6 +56,7 @@ from maidenflight.identification.outcome.progress import EXPECTING, MOTOR_LAG
 from maidenflight.identification.signals.flight_signals import stride, undo_filter_delay
 from maidenflight.identification.signals.lag import DELAYS, LAG
 from maidenflight.identification.signals.motor_response import is_clear
+from maidenflight.identification.uncertainty import Evidence, of_samples
 from maidenflight.parameters import Parameters, replace
 
 

@@ -24,7 +24,6 @@ from maidenflight.identification.likelihood.estimator import (
     join,
 )
 from maidenflight.identification.likelihood.fit import box_of
-from maidenflight.identification.likelihood.inertial_errors import AccelerometerErrors, GyroErrors
 from maidenflight.identification.likelihood.laplace import Others
 from maidenflight.identification.likelihood.measured import (
     Measured,
@@ -33,7 +32,12 @@ from maidenflight.identification.likelihood.measured import (
     measure,
 )
 from maidenflight.identification.likelihood.observation import MOTORS
-from maidenflight.identification.likelihood.sensor_errors import EVALUATIONS, SensorErrors
+from maidenflight.identification.likelihood.sensor_errors import (
+    EVALUATIONS,
+    AccelerometerErrors,
+    GyroErrors,
+    SensorErrors,
+)
 from maidenflight.identification.methods import Likelihood
 from maidenflight.identification.outcome.plausible import (
     HOVERING,

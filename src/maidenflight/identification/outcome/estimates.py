@@ -23,13 +23,12 @@ from maidenflight.identification.drone_file import (
     Search,
     Source,
 )
-from maidenflight.identification.evidence import Evidence
 from maidenflight.identification.outcome.bounds import at_bounds, cut_off
 from maidenflight.identification.outcome.plausible import NEXT_FLIGHT, ExpectedInterval
 from maidenflight.identification.posterior import Posterior
-from maidenflight.identification.search.box import Box
 from maidenflight.identification.signals.flight_signals import is_zero_order_hold
-from maidenflight.identification.uncertainty import Bootstrap
+from maidenflight.identification.uncertainty import Bootstrap, Evidence
+from maidenflight.identification.unknowns import Box
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import Parameters
 from maidenflight.registry import PLOTS

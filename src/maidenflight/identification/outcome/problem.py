@@ -17,7 +17,7 @@ from maidenflight.identification.drone_file import Source, check_body
 from maidenflight.identification.outcome.estimates import source_of
 from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.identification.outcome.progress import Progress, Reporter
-from maidenflight.identification.search.box import thrust_bound
+from maidenflight.identification.unknowns import thrust_bound
 from maidenflight.parameters import Parameters, crazyflie
 
 LONGEST_PERIOD = 0.025

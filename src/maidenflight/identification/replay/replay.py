@@ -20,9 +20,9 @@ from maidenflight.identification.outcome.problem import Problem
 from maidenflight.identification.posterior import Posterior
 from maidenflight.identification.replay.objective import Objective
 from maidenflight.identification.search import gradient
-from maidenflight.identification.search.box import PAPER_BOUNDS, Box, search_box
 from maidenflight.identification.search.gauss_newton import NormalEquations, in_unit_cube
 from maidenflight.identification.signals.flight_signals import stride
+from maidenflight.identification.unknowns import PAPER_BOUNDS, Box, search_box
 from maidenflight.parameters import Parameters, check
 
 _RADIUS = 0.08

@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
-from maidenflight.identification.search.box import Box
+from maidenflight.identification.unknowns import Box
 
 INSIDE = 1e-7
 """Distance from the box's faces at which slopes are taken: on a face, as where the latency is zero,

@@ -19,7 +19,6 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
-from maidenflight.identification.search.box import Box
 from maidenflight.identification.search.gauss_newton import (
     INSIDE,
     Descent,
@@ -27,6 +26,7 @@ from maidenflight.identification.search.gauss_newton import (
     Rules,
     descend,
 )
+from maidenflight.identification.unknowns import Box
 
 FAR = 64
 """Windows, about, of the first steps from a random start."""

@@ -14,8 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from maidenflight.flights.checkup.delays import DELAY, is_before
-from maidenflight.flights.checkup.response import measure_delay
+from maidenflight.flights.checkup.response import DELAY, is_before, measure_delay
 from maidenflight.flights.checkup.result import LogWarning
 from maidenflight.flights.log import Flight
 from maidenflight.identification.signals.motor_response import (

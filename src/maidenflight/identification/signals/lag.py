@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from maidenflight.identification.evidence import DELAY, Evidence, of_samples
 from maidenflight.identification.signals.motor_response import MotorResponse
+from maidenflight.identification.uncertainty import DELAY, Evidence, of_samples
 from maidenflight.parameters import Parameters
 from maidenflight.simulator.physics.dynamics import equivalent_lag
 

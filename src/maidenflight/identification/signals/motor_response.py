@@ -22,11 +22,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from maidenflight.flights.log import GYRO_DELAY, Flight, by_log
-from maidenflight.identification.evidence import Evidence
 from maidenflight.identification.signals.flight_signals import is_zero_order_hold
 from maidenflight.identification.signals.loop_spectra import LagByDelay, lag_by_delay
 from maidenflight.identification.signals.spectra import Spectra, spectra
-from maidenflight.identification.uncertainty import RESAMPLES
+from maidenflight.identification.uncertainty import RESAMPLES, Evidence
 from maidenflight.parameters import Parameters, levers
 
 LATENCIES = 1e-3 * np.arange(-4.0, 20.01, 0.25)

@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 
 from maidenflight.identification.drone_file import Estimate, GroupGain
-from maidenflight.identification.evidence import DELAY, Evidence
 from maidenflight.identification.likelihood.selection import SMALLEST_GAIN
 from maidenflight.identification.outcome.estimates import Identification
+from maidenflight.identification.uncertainty import DELAY, Evidence
 from maidenflight.parameters import Parameters, component
 from maidenflight.reporting import text
 from maidenflight.reporting.figures import charts, intervals

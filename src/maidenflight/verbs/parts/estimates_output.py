@@ -3,10 +3,10 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from maidenflight.identification.evidence import DELAY, agreements
 from maidenflight.identification.outcome.estimates import Identification
 from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.identification.signals.lag import LAG
+from maidenflight.identification.uncertainty import DELAY, agreements
 from maidenflight.parameters import COMPONENTS, GEOMETRY, QUANTITIES, arm_length, component
 from maidenflight.reporting.text import with_error
 from maidenflight.terminal import Table
