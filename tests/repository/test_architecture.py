@@ -303,7 +303,7 @@ MOST = {
     "study to table: modules": 14,
     "study to table: names": 122,
     "constants": 738,
-    "constants without a source": 496,
+    "constants without a source": 495,
     "lines": 62_483,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says

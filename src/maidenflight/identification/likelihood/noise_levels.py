@@ -27,8 +27,8 @@ WALKS = ("position_walk", "height_walk", "velocity_walk", "turn_drift")
 _WINDOW = 0.5
 """Time over which a position is compared with the tilt [s]."""
 _OF_WALK = 3 / 70
-"""Variance that a parabola leaves of a random walk, of its strength squared times its duration: by
-definition of a Wiener process 1/2 less 1/3, 1/10 and 1/42, its parts along Legendre polynomials."""
+"""Variance that a parabola leaves of a random walk, of its strength squared times its duration:
+by definition of a Wiener process 1/2 less 1/3, 1/10, 1/42, its parts along Legendre polynomials."""
 _CONTRADICTED = 1 / 3
 """Share of a walk of position that tilt must contradict, or there is none."""
 
