@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from made_flights import calm
@@ -24,8 +25,7 @@ TORQUE = np.array([1.5, -1.0, 0.4])
 DRONE = jax.tree.map(lambda one: np.asarray(one, float), crazyflie())
 
 
-@pytest.fixture(scope="module")
-def planted():
+def fly(demand):
     """A flight on which a constant torque acts, held by a regulator, with measured speeds."""
     generator = np.random.default_rng(0)
     with jax.enable_x64(True):
@@ -42,8 +42,9 @@ def planted():
         step = jax.jit(lambda now, speed: advance(now, speed, DRONE, processes, PERIOD))
         wanted = jax.jit(lambda now: regulator(now, processes))
         rows = []
-        for _ in range(700):
-            asked = (np.asarray(wanted(motion)) + generator.normal(0, 2.0, 3) - TORQUE) * inertia
+        for now in demand:
+            turning = np.asarray(wanted(motion)) + generator.normal(0, 2.0, 3) + now
+            asked = (turning - TORQUE) * inertia
             speed = np.sqrt(np.maximum(mixer @ [*asked, weight], 0.0) / full)
             rows.append([*map(np.asarray, motion[:4]), speed])
             motion = step(motion, jnp.asarray(speed))
@@ -59,6 +60,11 @@ def planted():
         rotor_speed=speeds * 2000.0,
         zero_order_hold=True,
     )
+
+
+@pytest.fixture(scope="module")
+def planted():
+    return fly(np.zeros((700, 3)))
 
 
 def model(flight, **changes):
@@ -99,6 +105,48 @@ def test_a_thrust_that_is_fitted_acts_when_flights_are_read_again(planted, monke
     (filtered,) = filter_flights([planted], found)
     weight = float(DRONE.mass * DRONE.gravity)
     assert filtered.force[200:, 2].mean() == pytest.approx(-0.1 * weight, rel=0.15)
+
+
+@pytest.fixture(scope="module")
+def demanding():
+    """A flight whose regulator wants a Gauss-Markov 10 rad/s2."""
+    kicks = np.random.default_rng(1).normal(0, 10.0 * np.sqrt(1 - np.exp(-0.04)), (700, 3))
+    return fly(lfilter([1.0], [1.0, -np.exp(-0.02)], kicks, axis=0))
+
+
+def predict(flight):
+    """Returns norms of errors, by a model of a sixteenth of that demand."""
+    little = model(flight, demand_size=np.full(3, 10.0 / 16))
+    predictions = horizons.predict_windows([flight], little, DRONE, every=7)
+    return predictions.norms[horizons.WITH_DISTURBANCES]
+
+
+@pytest.mark.slow
+def test_a_regulator_that_wants_more_than_was_fitted_is_followed(planted, demanding, monkeypatch):
+    chosen, calm_chosen = predict(demanding), predict(planted)
+    monkeypatch.setattr(horizons, "DEMANDS", (horizons.DEMANDS[0],) * len(horizons.DEMANDS))
+    fitted, calm_fitted = predict(demanding), predict(planted)
+    assert np.all(chosen[..., 2:].mean(axis=(0, 1)) < 0.9 * fitted[..., 2:].mean(axis=(0, 1)))
+    assert np.allclose(calm_chosen.mean(axis=(0, 1)), calm_fitted.mean(axis=(0, 1)), rtol=0.1)
+
+
+@pytest.mark.slow
+def test_later_rows_change_no_earlier_prediction(planted, demanding):
+    """From row 120 on another's turns are logged, ten times as fast."""
+    turns = planted.body_rates.copy()
+    turns[120:] = 10.0 * demanding.body_rates[120:]
+    norms, changed = predict(planted), predict(dataclasses.replace(planted, body_rates=turns))
+    starts = np.arange(35, 649, 7)
+    is_before = starts + np.arange(1, 51)[:, None] < 120
+    assert norms.shape[:2] == is_before.shape
+    assert np.array_equal(norms[is_before], changed[is_before])
+    assert not np.allclose(norms[~is_before], changed[~is_before])
+
+
+def test_a_window_is_predicted_by_what_told_those_that_ended_before_it():
+    density = np.array([[0.0, 0.0, 0.0, 0.0, 9.0], [1.0, -3.0, 0.0, 0.0, 0.0]])
+    flight, row = np.array([0, 0, 0, 0, 1]), np.array([30, 40, 80, 90, 90])
+    assert list(horizons._best_before(density, flight, row, 50)) == [0, 0, 1, 0, 0]
 
 
 @pytest.fixture(scope="module")

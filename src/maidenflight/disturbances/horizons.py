@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import polars
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 from scipy.spatial.transform import Rotation
 from scipy.stats import t as student
 
@@ -25,6 +25,7 @@ from maidenflight.disturbances.fitting import (
     DisturbanceModel,
     filter_flights,
     fit_disturbances,
+    log_density,
 )
 from maidenflight.disturbances.kalman import (
     QUANTITY,
@@ -36,7 +37,7 @@ from maidenflight.disturbances.kalman import (
     predict_rows,
     scale_variance,
 )
-from maidenflight.disturbances.motion import Processes
+from maidenflight.disturbances.motion import SIZE, Processes, Slow
 from maidenflight.disturbances.rows import Rows, Stretches, input_drone, stretches
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight, by_log
@@ -52,6 +53,9 @@ SHARES = (0.8, 0.95)
 """Of real values that predicted bands should hold."""
 SUMS = 0.0
 """Horizon of the rows that hold sums over all."""
+DEMANDS = ((1.0, 1.0), (4.0, 0.25), (8.0, 0.25))
+"""Size and correlation time of what a regulator wants, over those that were fitted: other flights
+may want more. Chosen on the brushed logs of `paper/identification/nanodrone.py`."""
 _WINDOWS = 20_000
 """Predicted at most; of longer flights some rows are passed over."""
 
@@ -74,7 +78,7 @@ def predict_windows(
     longest: float = AHEAD,
     every: int = 1,
 ) -> Predictions:
-    """Predicts from each so many rows of flights.
+    """Predicts from each so many rows of flights, by that of `DEMANDS` that predicted best so far.
 
     Args:
         flights: checked flights of one rate that the model was not fitted to.
@@ -99,8 +103,12 @@ def predict_windows(
     own = input_drone(drone, measured=model.carrying_speed is not None)
     with jax.enable_x64(True):
         drones = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), (*model[:2], own))
-        predicted = _predicted(parts.rows, *drones, starts, length, parts.period)
-        error, variance, alone = map(np.asarray, predicted)
+        demands = jnp.asarray(DEMANDS, float)
+        predicted = _predicted(parts.rows, *drones, demands, starts, length, parts.period)
+        errors, variances, density, alone = map(np.asarray, predicted)
+    flight, row = parts.flight[starts[0]], parts.first[starts[0]] + starts[1]
+    best, window = _best_before(density, flight, row, length), np.arange(len(row))
+    error, variance = (table[best, :, window].swapaxes(0, 1) for table in (errors, variances))
     norms = {
         name: np.linalg.norm(difference.reshape(*difference.shape[:2], 4, 3), axis=-1)
         for name, difference in ((WITH_DISTURBANCES, error), (ALONE, alone))
@@ -114,26 +122,60 @@ def predict_windows(
     return Predictions(norms | _baselines(parts, starts, length), within, parts.period)
 
 
-@partial(jax.jit, static_argnums=5, compiler_options=compiler.loop())
+@partial(jax.jit, static_argnums=6, compiler_options=compiler.loop())
 def _predicted(
     rows: Rows,
     drone: Parameters,
     processes: Processes,
     other: Parameters,
+    demands: Float[Array, "K 2"],
     starts: tuple[Array, Array],
     length: int,
     period: float,
-) -> tuple[Float[Array, "H W 12"], Float[Array, "H W 12"], Float[Array, "H W 12"]]:
-    model, every = (drone, processes), gains(drone, processes, period, length)
+) -> tuple[
+    Float[Array, "K H W 12"], Float[Array, "K H W 12"], Float[Array, "K W"], Float[Array, "H W 12"]
+]:
     speeds = delay_speeds(rows, processes, period)
-    filtered = filter_rows(rows, model, speeds, every, period)
-    first, unrest = jax.tree.map(lambda leaf: leaf[starts], filtered)
-    errors = predict_rows(rows, model, speeds, first, starts, every.ahead, period)
-    none = logged_motion(rows, starts, jax.tree.map(jnp.zeros_like, first.slow))
-    as_it_is = processes._replace(velocity_scale=jnp.ones(3))
-    alone = (other, as_it_is), speeds, none, starts, jnp.zeros_like(every.ahead)
-    variance = scale_variance(every, unrest, processes)
-    return errors, variance, predict_rows(rows, *alone, period)
+
+    def predict(demand: Float[Array, "2"]) -> tuple[Array, ...]:
+        own = processes._replace(
+            demand_size=demand[0] * processes.demand_size,
+            demand_time=demand[1] * processes.demand_time,
+        )
+        model, every = (drone, own), gains(drone, own, period, length)
+        filtered = filter_rows(rows, model, speeds, every, period)
+        first, unrest = jax.tree.map(lambda leaf: leaf[starts], filtered)
+        errors = predict_rows(rows, model, speeds, first, starts, every.ahead, period)
+        variance = scale_variance(every, unrest, own)
+        freedom = (2.0 + own.tails[QUANTITY])[None, None]
+        return errors, variance, log_density(errors, variance, freedom).mean(axis=(0, 2))
+
+    none = logged_motion(rows, starts, Slow(*[jnp.zeros((len(starts[0]), 3))] * 5))
+    as_it_is = other, processes._replace(velocity_scale=jnp.ones(3))
+    ahead = jnp.zeros((length, SIZE, 3))
+    alone = predict_rows(rows, as_it_is, speeds, none, starts, ahead, period)
+    return *jax.lax.map(predict, demands), alone
+
+
+def _best_before(
+    density: Float[np.ndarray, "K W"],
+    flight: Int[np.ndarray, "W"],
+    row: Int[np.ndarray, "W"],
+    length: int,
+) -> Int[np.ndarray, "W"]:
+    """Returns which model gave most density to the flight's windows that ended before each.
+
+    Before any has ended, it is the first. Rows of a flight rise.
+
+    Source: Dawid 1984, Statistical theory: the prequential approach.
+    """
+    best = np.zeros(len(flight), int)
+    for number in np.unique(flight):
+        own = np.flatnonzero(flight == number)
+        ended = np.searchsorted(row[own], row[own] - length, side="right")
+        sums = np.pad(np.cumsum(density[:, own], axis=1), ((0, 0), (1, 0)))
+        best[own] = sums[:, ended].argmax(axis=0)
+    return best
 
 
 def _baselines(
