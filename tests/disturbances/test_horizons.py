@@ -132,12 +132,12 @@ def test_a_regulator_that_wants_more_than_was_fitted_is_followed(planted, demand
 
 @pytest.mark.slow
 def test_later_rows_change_no_earlier_prediction(planted, demanding):
-    """From row 120 on another's turns are logged, ten times as fast."""
+    """From row 60 on another's turns are logged, ten times as fast."""
     turns = planted.body_rates.copy()
-    turns[120:] = 10.0 * demanding.body_rates[120:]
+    turns[60:] = 10.0 * demanding.body_rates[60:]
     norms, changed = predict(planted), predict(dataclasses.replace(planted, body_rates=turns))
     starts = np.arange(35, 649, 7)
-    is_before = starts + np.arange(1, 51)[:, None] < 120
+    is_before = starts + np.arange(1, 51)[:, None] < 60
     assert norms.shape[:2] == is_before.shape
     assert np.array_equal(norms[is_before], changed[is_before])
     assert not np.allclose(norms[~is_before], changed[~is_before])
