@@ -307,7 +307,9 @@ def test_the_page_that_the_help_of_training_names_tells_how_many_updates_are_usu
     told = " ".join(TRAINING_PAGE.read_text().split())
     usual = {structure: usual_settings(structure).updates for structure in CONTROLS}
     remembering = usual_settings("attitude", memory=16).updates
-    assert f"| pwm, attitude_rate | {usual['pwm']} |" in told
+    first = defaults.choose_first_updates("attitude_rate", "gradient", usual["attitude_rate"])
+    assert f"| pwm | {usual['pwm']} |" in told
+    assert f"| attitude_rate | {first}; {usual['attitude_rate']} if it falls then |" in told
     assert f"| attitude | {usual['attitude']}; {remembering} with a memory |" in told
     assert usual["attitude_rate"] == usual["pwm"]
     long = ("figure_eight", "fast_figure_eight", "tracking")

@@ -12,7 +12,7 @@ import pytest
 from maidenflight import run_folder, terminal
 from maidenflight.flying import engine
 from maidenflight.identification import drone_file, identify, methods
-from maidenflight.training import analytic_gradient, defaults, evaluation
+from maidenflight.training import analytic_gradient, defaults, evaluation, final_flights
 from maidenflight.verb import Progress, Result
 from maidenflight.verbs.demo import Demo, Stages
 from maidenflight.verbs.identify import Identify
@@ -26,7 +26,7 @@ from run_listing import entries, unlisted
 LESS = Stages(
     Record(flights=2, duration=4.0),
     Identify(logs=Path("."), trials=1, evaluations=15),
-    Train(randomize=0.1, yaw_penalty=0.1, accept_bounds=True),
+    Train(randomize=0.1, accept_bounds=True),
     Transfer(policies=(".",), accept_bounds=True, trials=2, duration=0.5, against=()),
 )
 pytestmark = pytest.mark.slow
@@ -44,8 +44,8 @@ class Heard(Progress):
 
 
 HEARD = Heard()
-MOST_PROGRAMS = {analytic_gradient.update: 1, evaluation.evaluate_together: 1, engine._simulate: 2}
-"""That demos compile: of flights the recorded ones' and the policies'."""
+MOST_PROGRAMS = {analytic_gradient.update: 1, evaluation.evaluate_together: 1, engine._simulate: 3}
+"""That demos compile: of flights the recorded ones' and the policies', in training and after."""
 COMPILED: dict[Any, int] = {}
 
 
@@ -59,6 +59,7 @@ def runs(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(methods, "Likelihood", coarse)
         patch.setitem(defaults.SETTINGS, "pwm", QUICK)
+        patch.setattr(final_flights, "FLIGHT_S", 0.5)
         folders = [tmp_path_factory.mktemp(name) / "run" for name in ("one", "two")]
         COMPILED.update((one, -one._cache_size()) for one in MOST_PROGRAMS)  # type: ignore[attr-defined]
         results = [(folder, Demo(seed=3).compute(folder, HEARD, LESS)) for folder in folders]

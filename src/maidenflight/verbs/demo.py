@@ -157,17 +157,21 @@ def _compile_ahead(stages: Stages, reality: str) -> None:
     from maidenflight.experiments.transfer import transfer
     from maidenflight.simulator.controllers import control
     from maidenflight.simulator.tasks.tasks import find_task
+    from maidenflight.training.final_flights import find_drones, fly_drones
     from maidenflight.training.train import train
 
     controller, learner = control.pwm(), stages.train.learner_settings
+    task, file = find_task("circle"), drones.read_drone(DRONE)
     policies = train(
-        find_task("circle"),
+        task,
         controller,
         drones.distribution_of(DRONE, stages.train.randomize or 0.0, controller),
         split_key(stages.train.key, stages.train.policies),
         dataclasses.replace(learner, updates=1, evaluations=1),  # type: ignore[call-arg]
         policy=stages.train.spec,
     )
+    others = find_drones(DRONE, file.parameters, file.full_scale_counts)
+    fly_drones(others, policies, task, controller, stages.train.key)
     drone = drones.find_reality(reality, stages.transfer.accept_bounds)
     transfer(policies, drone, stages.transfer.trials, duration=stages.transfer.duration)
 
