@@ -304,7 +304,7 @@ MOST = {
     "study to table: names": 122,
     "constants": 739,
     "constants without a source": 495,
-    "lines": 62_525,
+    "lines": 62_529,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
