@@ -31,6 +31,7 @@ from maidenflight.errors import InputError
 from maidenflight.flights.checkup.result import LogWarning, read_warning
 from maidenflight.flights.log import SUBSAMPLED, ZERO_ORDER_HOLD
 from maidenflight.identification.posterior import Posterior
+from maidenflight.identification.unknowns import check_body
 from maidenflight.inputs import Fields, StrPath
 from maidenflight.parameters import COMPONENTS, DRONES, Parameters
 from maidenflight.registry import PLOTS
@@ -262,41 +263,6 @@ class DroneFile:
 
 
 read = DroneFile.read
-
-
-GYRATION = (0.15, 1.3)
-"""Radius of gyration about x or y by the rotors' distance; 0.43 to 0.60 of real quadrotors."""
-TRIANGLE = 1.2
-"""Inertia about z by the sum of those about x and y, which no body exceeds, but estimates may."""
-
-
-def check_body(drone: Parameters, source: str) -> None:
-    """Refuses masses, inertias and places of rotors that cannot be of one body.
-
-    Args:
-        drone: whose they are.
-        source: where they come from, for errors.
-
-    Raises:
-        InputError: they are not of one body.
-
-    Source: Goldstein, Classical mechanics, sec. 5.3 (inertia obeys the triangle inequality).
-    """
-    inertia, mass = np.asarray(drone.inertia, float), float(drone.mass)
-    arm, radius = parameters.arm_length(drone), np.sqrt(inertia[:2] / mass)
-    low, high = GYRATION
-    if not (low < radius / arm).all() or not (radius / arm < high).all():
-        raise InputError(
-            f"{source}: mass {1e3 * mass:.3g} g, inertia {inertia[0]:.3g}, {inertia[1]:.3g} kg m2 "
-            f"and rotors {1e3 * arm:.3g} mm from the centre are not of one drone: the radius of "
-            f"gyration is {radius.max() / arm:.2g} times the rotors' distance; expected {low:g} to "
-            f"{high:g}. Compare the units: kg, kg m2 (1 kg cm2 is 1e-4), m."
-        )
-    if inertia[2] > TRIANGLE * (inertia[0] + inertia[1]):
-        raise InputError(
-            f"{source}: inertia_z {inertia[2]:.3g} kg m2 is larger than inertia_x and inertia_y "
-            f"together ({inertia[0] + inertia[1]:.3g}), which no body has. Mend one."
-        )
 
 
 def _table(content: Any) -> dict[str, Any]:

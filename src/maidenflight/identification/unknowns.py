@@ -249,3 +249,55 @@ def physical_bounds(start: Parameters) -> dict[str, tuple[float, float]]:
     bounds = {name: unknown.searched.about(start, name) for name, unknown in UNKNOWNS.items()}
     hovers = thrust_bound(float(start.thrust_to_weight))
     return bounds | {"thrust_to_weight": (bounds["thrust_to_weight"][0], hovers)}
+
+
+GYRATION = (0.15, 1.3)
+"""Radius of gyration about x or y by the rotors' distance; 0.43 to 0.60 of real quadrotors."""
+_USUAL_SHARE = 0.2
+"""Inertia about x by mass and squared distance of the rotors; 0.14 to 0.28 of six real ones."""
+TRIANGLE = 1.2
+"""Inertia about z by the sum of those about x and y, which no body exceeds, but estimates may."""
+
+
+def check_body(drone: Parameters, source: str) -> None:
+    """Refuses masses, inertias and places of rotors that cannot be of one body.
+
+    Args:
+        drone: whose they are.
+        source: where they come from, for errors.
+
+    Raises:
+        InputError: they are not of one body.
+
+    Source: Goldstein, Classical mechanics, sec. 5.3 (inertia obeys the triangle inequality).
+    """
+    check_gyration(drone, source)
+    inertia = np.asarray(drone.inertia, float)
+    if inertia[2] > TRIANGLE * (inertia[0] + inertia[1]):
+        raise InputError(
+            f"{source}: inertia_z {inertia[2]:.3g} kg m2 is larger than inertia_x and inertia_y "
+            f"together ({inertia[0] + inertia[1]:.3g}), which no body has. Mend one."
+        )
+
+
+def check_gyration(drone: Parameters, source: str) -> None:
+    """Refuses a mass, inertias about x and y, and places of rotors that cannot be of one drone.
+
+    Args:
+        drone: whose they are.
+        source: where they come from, for errors.
+
+    Raises:
+        InputError: they are not of one drone.
+    """
+    inertia, mass = np.asarray(drone.inertia, float), float(drone.mass)
+    arm, radius = arm_length(drone), np.sqrt(inertia[:2] / mass)
+    low, high = GYRATION
+    if not (low < radius / arm).all() or not (radius / arm < high).all():
+        raise InputError(
+            f"{source}: mass {1e3 * mass:.3g} g, inertia {inertia[0]:.3g}, {inertia[1]:.3g} kg m2 "
+            f"and rotors {1e3 * arm:.3g} mm from the centre are not of one drone: the radius of "
+            f"gyration is {radius.max() / arm:.2g} times the rotors' distance; expected {low:g} to "
+            f"{high:g}, which is about {_USUAL_SHARE * mass * arm**2:.2g} kg m2 here. Compare the "
+            "units: kg, kg m2 (1 kg cm2 is 1e-4), m."
+        )

@@ -13,11 +13,11 @@ from maidenflight.errors import InputError
 from maidenflight.flights.checkup.in_flight import load_factor
 from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import SAME_RATE
-from maidenflight.identification.drone_file import Source, check_body
+from maidenflight.identification.drone_file import Source
 from maidenflight.identification.outcome.estimates import source_of
 from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.identification.outcome.progress import Progress, Reporter
-from maidenflight.identification.unknowns import thrust_bound
+from maidenflight.identification.unknowns import check_gyration, thrust_bound
 from maidenflight.parameters import Parameters, crazyflie
 
 LONGEST_PERIOD = 0.025
@@ -68,14 +68,14 @@ class Problem:
 
         Raises:
             InputError: there are no flights, their rows are farther apart than `LONGEST_PERIOD`, or
-                the start's mass, inertia and arms are not of one body.
+                the start's mass, inertia and arms are not of one drone.
         """
         flights = list(flights)
         if not flights:
             raise InputError("no flights to identify from; give at least one.")
         _must_be_frequent(flights)
         start = crazyflie() if start is None else start
-        check_body(start, "start")
+        check_gyration(start, "start")
         most = {HOVERING: (1.01, thrust_bound(max(map(calm_thrust, flights))))}
         if most[HOVERING][1] <= thrust_bound(float(start.thrust_to_weight)):
             most = {}
