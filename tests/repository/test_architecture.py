@@ -302,9 +302,9 @@ MOST = {
     "study to table: stops": 75,
     "study to table: modules": 14,
     "study to table: names": 122,
-    "constants": 740,
-    "constants without a source": 496,
-    "lines": 62_547,
+    "constants": 739,
+    "constants without a source": 495,
+    "lines": 62_541,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

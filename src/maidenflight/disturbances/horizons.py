@@ -150,7 +150,7 @@ def _predicted(
         freedom = (2.0 + own.tails[QUANTITY])[None, None]
         return errors, variance, log_density(errors, variance, freedom).mean(axis=(0, 2))
 
-    none = logged_motion(rows, starts, Slow(*[jnp.zeros((len(starts[0]), 3))] * 5))
+    none = logged_motion(rows, starts, Slow(*[jnp.zeros((len(starts[0]), 3))] * len(Slow._fields)))
     as_it_is = other, processes._replace(velocity_scale=jnp.ones(3))
     ahead = jnp.zeros((length, SIZE, 3))
     alone = predict_rows(rows, as_it_is, speeds, none, starts, ahead, period)

@@ -6,7 +6,7 @@ Episodes of training end after 5 s, and tell no policy that turns away and falls
 
 from collections.abc import Callable, Sequence
 from functools import cache
-from itertools import product
+from itertools import chain, product
 from typing import NamedTuple
 
 import jax
@@ -42,8 +42,6 @@ SEEDS = (101, 102, 103)
 ITSELF = "itself"
 _AT_ONCE = 16
 """Policies whose flights are simulated together: as much memory as training takes."""
-_GUARDED_TILT = 0.5
-"""Sine of the tilt at which a guard ends flights; tasks that may tilt further have none."""
 
 
 class FinalFlight(NamedTuple):
@@ -153,7 +151,7 @@ def fly_drones(
 
 def _guard_of(task: Task) -> Guard:
     """What ends flights of a task: as of `transfer`, but as the task itself allows more."""
-    guard = LOST if task.tilt_margin > _GUARDED_TILT else ZERO_SHOT
+    guard = LOST if task.tilt_margin > np.sin(ZERO_SHOT.tilt) else ZERO_SHOT
     if task.floor is None:
         return guard
     return guard._replace(position_error=TAKE_OFF_MAX_POSITION_ERROR_M)
@@ -182,6 +180,7 @@ def train_until_sound(
     if not faulty or most <= first:
         return policies, flights
     policies = train(most, faulty)
+    # All fly again: as many as before need no other program.
     return policies, fly(policies)
 
 
@@ -195,17 +194,15 @@ def find_falls(flights: Sequence[Sequence[FinalFlight]], drone: str) -> dict[int
     return {
         number: f"policy_{number} falls {'; '.join(map(_tell, lost))}. {_cure(lost, drone)}"
         for number, own in enumerate(flights, 1)
-        if (lost := _by_kind(own))
+        if (lost := [kind for kind in _by_kind(own) if not all(flight.lasts for flight in kind)])
     }
 
 
 def _by_kind(flights: Sequence[FinalFlight]) -> list[list[FinalFlight]]:
-    """Flights of each kind of which one ended early."""
-    kinds = [
+    return [
         [flight for flight in flights if flight.kind == kind]
         for kind in dict.fromkeys(flight.kind for flight in flights)
     ]
-    return [kind for kind in kinds if not all(flight.lasts for flight in kind)]
 
 
 def _tell(flights: Sequence[FinalFlight]) -> str:
@@ -233,13 +230,10 @@ def describe_flights(flights: Sequence[Sequence[FinalFlight]], drone: str) -> li
         flights: see `fly_drones`.
         drone: name of that which was trained for.
     """
-    kinds = dict.fromkeys(flight.kind for own in flights for flight in own)
-    parts = [_summarize([f for own in flights for f in own if f.kind == kind]) for kind in kinds]
     if not flights:
         return []
-    line = (
-        f"flights of {FLIGHT_S:g} s of {drone} itself and of drones about it: {'; '.join(parts)}."
-    )
+    parts = "; ".join(map(_summarize, _by_kind([*chain.from_iterable(flights)])))
+    line = f"flights of {FLIGHT_S:g} s of {drone} itself and of drones about it: {parts}."
     return [line, *find_falls(flights, drone).values()]
 
 

@@ -165,7 +165,7 @@ def _compile_ahead(stages: Stages, reality: str) -> None:
     policies = train(
         task,
         controller,
-        drones.distribution_of(DRONE, stages.train.randomize or 0.0, controller),
+        drones.distribution_of(file, stages.train.randomize or 0.0, controller),
         split_key(stages.train.key, stages.train.policies),
         dataclasses.replace(learner, updates=1, evaluations=1),  # type: ignore[call-arg]
         policy=stages.train.spec,

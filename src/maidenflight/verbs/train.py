@@ -338,8 +338,8 @@ class Train(Verb):
         record |= {"doubts": doubts} if (doubts := drones.doubts(self.drone_file)) else {}
         if falls := final_flights.find_falls(flights, name):
             record["settings"]["falls"] = falls
-        own = self.drone_file.parameters
-        written = folder.write_policies(output, policies, record, own, scores, falls)
+        drone_parameters = self.drone_file.parameters
+        written = folder.write_policies(output, policies, record, drone_parameters, scores, falls)
         return Result(
             content={
                 "policies": [str(path) for path in written["policies"]],
