@@ -285,13 +285,13 @@ parts: Any = importlib.import_module("parts")
 
 MOST = {
     "closure of identify": 80,
-    "closure of train": 58,
+    "closure of train": 55,
     "closure of export": 30,
     "log to drone.toml: stops": 742,
     "log to drone.toml: modules": 114,
     "log to drone.toml: names": 976,
     "drone to policy: stops": 345,
-    "drone to policy: modules": 73,
+    "drone to policy: modules": 71,
     "drone to policy: names": 510,
     "policy to flight: stops": 273,
     "policy to flight: modules": 57,
@@ -304,7 +304,7 @@ MOST = {
     "study to table: names": 122,
     "constants": 739,
     "constants without a source": 495,
-    "lines": 62_541,
+    "lines": 62_521,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

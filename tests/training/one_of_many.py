@@ -14,8 +14,7 @@ from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import relative_box
 from maidenflight.simulator.tasks import tasks
 from maidenflight.training.analytic_gradient import AnalyticGradient
-from maidenflight.training.ppo_settings import PPO
-from maidenflight.training.settings import Settings
+from maidenflight.training.settings import PPO, Settings
 from maidenflight.training.train import train
 
 BOX = relative_box(replace(crazyflie(), motor_time_constant=0.08, latency=0.012), 0.10)

@@ -14,7 +14,7 @@ from maidenflight.simulator.controllers import control
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import relative_box, stacked
-from maidenflight.simulator.rollouts import EnvInstance
+from maidenflight.simulator.stepping import EnvInstance
 from maidenflight.training import analytic_gradient, devices
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.devices import DRONES
