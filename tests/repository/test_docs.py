@@ -47,10 +47,9 @@ from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone
 from maidenflight.simulator.tasks.tasks import Task
 from maidenflight.studies import study
-from maidenflight.training import defaults
 from maidenflight.verb import Verb, find_verb
 from pages import ROOT, blocks, run_python, run_snippet, section
-from quick import QUICK
+from quick import QUICK, make_training_quick
 
 GUIDES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PAGES = [*GUIDES, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "paper" / "notes").glob("*.md"))]
@@ -77,8 +76,7 @@ def run_commands(snippets: list[str], monkeypatch: pytest.MonkeyPatch) -> int:
 def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An empty folder to work in, and little training."""
     monkeypatch.chdir(tmp_path)
-    for structure in defaults.SETTINGS:
-        monkeypatch.setitem(defaults.SETTINGS, structure, QUICK)
+    make_training_quick(monkeypatch)
 
 
 @pytest.mark.slow
