@@ -135,15 +135,23 @@ def _reset_near(
 
 @cache
 def with_yaw_penalty(task: Task, yaw_penalty: float) -> Task:
-    """Returns the task with a cost of yaw.
+    """Returns the task with a cost of yaw, whose episodes start facing anywhere.
 
     The paper's rewards do not depend on yaw, and its episodes last 5 s. Constant torques and the
-    gyro's bias turn a drone further than in training, where the policy fails.
+    gyro's bias turn a drone further than in training, where the policy fails. One that has had to
+    turn back flies whatever way it faces (paper/notes/training.md#attitude-rate-by-default).
 
     Args:
         task: the task; its failures stay the same.
         yaw_penalty: cost of a radian of yaw, per control period.
     """
+
+    def reset(parameters: Parameters, key: Array) -> tuple[State, Float[Array, ""]]:
+        state, start = task.reset(parameters, key)
+        _, (turn,) = sensors.draw_noise(jax.random.fold_in(key, 1), 0, 1)
+        # Cubed, half of them begin within 23 deg: errors are smallest where flights mostly are.
+        quaternion = rotations.turn_heading(state.quaternion, np.pi * turn**3)
+        return state._replace(quaternion=quaternion), start
 
     def reward(
         state: State,
@@ -156,7 +164,9 @@ def with_yaw_penalty(task: Task, yaw_penalty: float) -> Task:
         )
 
     # A name of its own, so that training is not resumed with another penalty.
-    return task._replace(name=f"{task.name}, yaw penalty {yaw_penalty:g}", reward=reward)
+    return task._replace(
+        name=f"{task.name}, yaw penalty {yaw_penalty:g}", reset=reset, reward=reward
+    )
 
 
 @cached_by_arguments
