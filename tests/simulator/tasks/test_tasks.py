@@ -351,10 +351,10 @@ def test_the_same_task_is_the_same_object_so_that_nothing_compiles_twice():
     assert len({hash(task) for task in (CIRCLE, HOVER, TAKE_OFF, TRACKING)}) == 4
 
 
-def test_episodes_of_a_task_with_a_price_on_yaw_start_facing_anywhere_and_else_as_without():
+def test_episodes_start_facing_anywhere_if_they_are_to_and_else_as_without():
     starts = [
         jax.vmap(task.reset, (None, 0))(PAPER, jax.random.split(jax.random.key(3), 200))[0]
-        for task in (CIRCLE, tasks.with_yaw_penalty(CIRCLE, 0.1))
+        for task in (CIRCLE, tasks.with_yaw_penalty(CIRCLE, 0.1, np.pi))
     ]
     without, turned = (jax.vmap(rotations.to_attitude)(start.quaternion) for start in starts)
     yaw = np.asarray(turned[:, 2] - without[:, 2] + np.pi) % (2 * np.pi) - np.pi

@@ -134,23 +134,22 @@ def _reset_near(
 
 
 @cache
-def with_yaw_penalty(task: Task, yaw_penalty: float) -> Task:
-    """Returns the task with a cost of yaw, whose episodes start facing anywhere.
+def with_yaw_penalty(task: Task, yaw_penalty: float, most_turned: float = 0.0) -> Task:
+    """Returns the task with a cost of yaw.
 
     The paper's rewards do not depend on yaw, and its episodes last 5 s. Constant torques and the
-    gyro's bias turn a drone further than in training, where the policy fails. One that has had to
-    turn back flies whatever way it faces (paper/notes/training.md#attitude-rate-by-default).
+    gyro's bias turn a drone further than in training, where the policy fails.
 
     Args:
         task: the task; its failures stay the same.
         yaw_penalty: cost of a radian of yaw, per control period.
+        most_turned: episodes start turned by up to this [rad], half of them by up to an eighth.
     """
 
     def reset(parameters: Parameters, key: Array) -> tuple[State, Float[Array, ""]]:
         state, start = task.reset(parameters, key)
-        _, (turn,) = sensors.draw_noise(jax.random.fold_in(key, 1), 0, 1)
-        # Cubed, half of them begin within 23 deg: errors are smallest where flights mostly are.
-        quaternion = rotations.turn_heading(state.quaternion, np.pi * turn**3)
+        _, (share,) = sensors.draw_noise(jax.random.fold_in(key, 1), 0, 1)
+        quaternion = rotations.turn_heading(state.quaternion, most_turned * share**3)
         return state._replace(quaternion=quaternion), start
 
     def reward(
@@ -164,9 +163,10 @@ def with_yaw_penalty(task: Task, yaw_penalty: float) -> Task:
         )
 
     # A name of its own, so that training is not resumed with another penalty.
-    return task._replace(
-        name=f"{task.name}, yaw penalty {yaw_penalty:g}", reset=reset, reward=reward
-    )
+    name = f"{task.name}, yaw penalty {yaw_penalty:g}"
+    if not most_turned:
+        return task._replace(name=name, reward=reward)
+    return task._replace(name=f"{name}, turned {most_turned:g}", reset=reset, reward=reward)
 
 
 @cached_by_arguments
