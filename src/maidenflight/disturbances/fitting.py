@@ -169,8 +169,8 @@ def _maximise(
     origin = ravel_pytree((_begin_body(begin), _log_processes()))[0]
     # Windows overlap; as many as do not tell something of their own.
     told = MEASURED * max(1, int(parts.is_own.sum()) // length)
-    belief = 0.5 / _UNKNOWN_BY**2 / told
-    fixed = parts.rows, starts, begin, origin, belief, parts.period
+    prior = origin, 0.5 / _UNKNOWN_BY**2 / told
+    fixed = parts.rows, starts, begin, prior, parts.period
     count = 0
 
     def evaluate(numbers: np.ndarray) -> tuple[float, np.ndarray]:
@@ -194,27 +194,27 @@ def _maximise(
     return _models(jnp.asarray(best.x), begin)
 
 
-@partial(jax.jit, static_argnums=(7, 8), compiler_options=compiler.loop())
+@partial(jax.jit, static_argnums=(6, 7), compiler_options=compiler.loop())
 @jax.value_and_grad
 def _loss(
     numbers: Float[Array, "n"],
     rows: Rows,
     starts: tuple[Array, Array],
     begin: Parameters,
-    origin: Float[Array, "n"],
-    belief: float,
+    prior: tuple[Float[Array, "n"], float],
     period: float,
     length: int,
     judged: tuple[int, ...],
 ) -> Float[Array, ""]:
-    model, ahead = _models(numbers, begin), np.array(judged)
+    (origin, weight), ahead = prior, np.array(judged)
+    model = _models(numbers, begin)
     every, speeds = gains(*model, period, length), delay_speeds(rows, model[1], period)
     filtered = filter_rows(rows, model, speeds, every, period)
     first, unrest = jax.tree.map(lambda leaf: leaf[starts], filtered)
     errors = predict_rows(rows, model, speeds, first, starts, every.ahead, period)
     scale = scale_variance(every, unrest, model[1])[ahead]
     surprise = -log_density(errors[ahead], scale, 2.0 + model[1].tails[QUANTITY][None, None])
-    return surprise.mean() + belief * jnp.sum((numbers - origin) ** 2)
+    return surprise.mean() + weight * jnp.sum((numbers - origin) ** 2)
 
 
 def _models(numbers: Float[Array, "n"], begin: Parameters) -> tuple[Parameters, Processes]:
