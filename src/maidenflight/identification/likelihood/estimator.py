@@ -184,7 +184,7 @@ def join(
     draws = {name: samples for answer in answers for name, samples in answer.samples.items()}
     spread = {name: size for answer in answers for name, size in answer.posterior.spread.items()}
     about_z = AboutZ(answers[-1].best.drone, draws, spread, ())
-    if follows_about_z:
+    if follows_about_z and "inertia_z" not in (problem.over or ()):
         about_z = with_inertia_z(problem.start, *about_z[:3], unidentifiable, problem.generator)
     drone, draws, spread, notes = about_z
     names = tuple(name for name in draws if name not in unidentifiable)
@@ -230,14 +230,14 @@ def _in_box(
 ) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]:
     """Points of a search in a box of other parameters, those that it lacks as in the drone found.
 
-    What yaw shows as shares of the inertia about z is in proportion to that.
+    That about z, and what yaw shows as shares of it, is in proportion.
     """
     points, own = np.tile(box.unit_of(drone), (len(fit.points), 1)), fit.box.values(fit.points)
     values = box.values(points)
     about_z = float(component(drone, "inertia_z") / component(fit.drone, "inertia_z"))
     for column, name in enumerate(box.names):
         if name in fit.box.names:
-            scale = about_z if name in ABOUT_Z else 1.0
+            scale = about_z if name in (*ABOUT_Z, "inertia_z") else 1.0
             values[:, column] = scale * own[:, fit.box.names.index(name)]
     return box.unit(values), fit.values
 
