@@ -160,6 +160,12 @@ class Box:
         """Lower and upper bound by name, SI units."""
         return dict(zip(self.names, zip(self.lower, self.upper, strict=True), strict=True))
 
+    def part(self, names: Sequence[str]) -> "Box":
+        """Returns the box of some of its parameters."""
+        indices = [self.names.index(name) for name in names]
+        ends = ([side[index] for index in indices] for side in (self.lower, self.upper))
+        return Box(tuple(names), *map(tuple, ends))
+
     def _ends(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         logarithmic = np.array([is_logarithmic(name) for name in self.names])
         low, high = np.array(self.lower), np.array(self.upper)

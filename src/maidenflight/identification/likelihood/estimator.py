@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from maidenflight.identification.drone_file import Estimate, GroupGain
 from maidenflight.identification.likelihood import selection
-from maidenflight.identification.likelihood.fit import Fit, balance, box_of, fit
+from maidenflight.identification.likelihood.fit import Fit, balance, fit
 from maidenflight.identification.likelihood.laplace import (
     NO_OTHERS,
     Others,
@@ -189,7 +189,7 @@ def join(
     drone, draws, spread, notes = about_z
     names = tuple(name for name in draws if name not in unidentifiable)
     require_identifiable(names, unidentifiable)
-    box = box_of(problem, names)
+    box = problem.box(names)
     fits = [fit for answer in answers for fit in sorted(answer.fits, key=lambda fit: fit.value)]
     runs = [_in_box(fit, box, drone) for fit in fits]
     optimum = box.unit_of(drone)
@@ -259,7 +259,14 @@ def answer_question(problem: Problem, settings: Likelihood, question: Question) 
     fit_result, tell = fits[best], problem.reporter.stage
     tell(INTERVALS, 0, 2)
     others = {
-        way: fit(problem, settings.evaluations, [model], some, fit_result.drone, question.samples)
+        way: fit(
+            problem.box(some),
+            settings.evaluations,
+            [model],
+            fit_result.drone,
+            question.samples,
+            problem.reporter.evaluated,
+        )
         for way, (model, some) in question.ways(names).items()
     }
     tell(INTERVALS, 1, 2)
@@ -284,11 +291,11 @@ def _with_likeliest_delays(problem: Problem, question: Question) -> Parameters:
     searched = [name for name in DELAYS if name in question.names and name not in question.samples]
     if not searched:
         return question.start
-    box, model = box_of(problem, searched), question.models.whole
+    whole, model = problem.box(question.names), question.models.whole
+    box = whole.part(searched)
     lattice = product(*(np.linspace(0.0, 1.0, _LATTICE[name]) for name in searched))
     drones = [question.start, *(box.drone(question.start, np.array(unit)) for unit in lattice)]
-    whole_box = box_of(problem, question.names)
-    return min(drones, key=lambda drone: model(balance(model, drone, whole_box)))
+    return min(drones, key=lambda drone: model(balance(model, drone, whole)))
 
 
 def _choose(
@@ -301,10 +308,9 @@ def _choose(
     models = [parts.sample, parts.training]
 
     def roughly(names: Sequence[str], first: Parameters) -> Parameters:
-        fit_result = fit(
-            problem, evaluations, models, names, first, question.samples, close=selection.ROUGH
-        )
-        return fit_result.drone
+        box, told = problem.box(names), problem.reporter.evaluated
+        samples, close = question.samples, selection.ROUGH
+        return fit(box, evaluations, models, first, samples, told, close=close).drone
 
     return selection.choose(
         parts,
@@ -313,7 +319,7 @@ def _choose(
         names,
         groups,
         problem.reporter.choosing(len(groups)),
-        lambda drone, names: all_reached(drone, box_of(problem, names).limits),
+        lambda drone, names: all_reached(drone, problem.box(names).limits),
     )
 
 
@@ -325,13 +331,14 @@ def _trials(
     first: Parameters,
 ) -> tuple[list[Fit], int]:
     """The end of each trial, and which is best."""
-    most, tell, trials = settings.evaluations, problem.reporter.stage, settings.trials
-    tell(FITTING, 0, trials)
-    fit_result = [fit(problem, most, [question.models.whole], names, first, question.samples)]
-    for trial in range(1, trials):
-        tell(FITTING, trial, trials)
-        models, start = question.models, question.start
+    box, most, reporter = problem.box(names), settings.evaluations, problem.reporter
+    models, samples, told = question.models, question.samples, reporter.evaluated
+    fit_result = list[Fit]()
+    for trial in range(settings.trials):
+        reporter.stage(FITTING, trial, settings.trials)
         fit_result.append(
-            fit(problem, most, models, names, start, question.samples, at_random=True)
+            fit(box, most, models, question.start, samples, told, generator=problem.generator)
+            if trial
+            else fit(box, most, [models.whole], first, samples, told)
         )
     return fit_result, int(np.argmin([fit.value for fit in fit_result]))

@@ -22,7 +22,7 @@ from maidenflight.identification.likelihood.estimator import (
     answer_question,
     join,
 )
-from maidenflight.identification.likelihood.fit import balance, box_of
+from maidenflight.identification.likelihood.fit import balance
 from maidenflight.identification.likelihood.flight_differences import (
     differences,
     flight_to_flight_sd,
@@ -67,7 +67,7 @@ def find(problem: Problem, settings: Likelihood) -> Found:
         InputError: too little flight, or a parameter that cannot be searched.
     """
     if problem.over is not None:
-        box_of(problem, problem.over)
+        problem.box(problem.over)
     model = one_step_objective(problem.flights, settings)
     # To look at the motors takes one core.
     threads = start_compiling(problem.flights[0], settings.lead_in)
@@ -103,7 +103,7 @@ def find(problem: Problem, settings: Likelihood) -> Found:
         _evidence(model, answer, signals),
         # A likelihood of one row ahead may fall by the thrust and torques that carry and trim the
         # flights, where rows sample a faster loop: the start has them too.
-        start_value=model(balance(model, problem.start, box_of(problem, BALANCED))),
+        start_value=model(balance(model, problem.start, problem.box(BALANCED))),
         windows=int(model.rows) // (LENGTH - ORDER),
         notes=(
             *note_doubts(noise, flights),
@@ -174,7 +174,7 @@ def _expected_intervals(
             tuple(dict.fromkeys([*selection.ALWAYS, *measured, *itertools.chain(*some.values())]))
             for some in (every, _groups(problem, measured))
         )
-    priors = prior_ranges(problem.start, box_of(problem, names).limits)
+    priors = prior_ranges(problem.start, problem.box(names).limits)
     fit_result = information.expected_intervals(
         *(model, problem.start if drone is None else drone, names, priors),
         measured,

@@ -23,7 +23,6 @@ from maidenflight.identification.likelihood.estimator import (
     answer_question,
     join,
 )
-from maidenflight.identification.likelihood.fit import box_of
 from maidenflight.identification.likelihood.laplace import Others
 from maidenflight.identification.likelihood.measured import (
     Measured,
@@ -259,7 +258,7 @@ def _plausible(
     problem: Problem, names: tuple[str, ...], priors: Mapping[str, tuple[float, float]]
 ) -> dict[str, tuple[float, float]]:
     """Plausible range of each parameter: of a prior the uniform one of the same variance."""
-    limits = box_of(problem, names).limits
+    limits = problem.box(names).limits
     answer = prior_ranges(problem.start, limits)
     for name in answer.keys() & priors.keys():
         (mean, deviation), (low, high) = priors[name], limits[name]
@@ -340,8 +339,10 @@ def _torque(
     if narrower:
         answer, removed_ranges = ask(narrower)
     # Measured speeds pass over what the loop would tell.
-    needs_loop = bool(removed_ranges) and not signals.inertia
-    loop = inertia_of_loop(problem, signals.motors, known, drone) if needs_loop else {}
+    needs_loop = bool(removed_ranges) and not signals.inertia and problem.over is None
+    loop = {}
+    if needs_loop and signals.motors is not None:
+        loop = inertia_of_loop(problem.flights, signals.motors, known, drone, problem.generator)
     if inertia := {name: samples for name, samples in loop.items() if name in removed_ranges}:
         answer, removed_ranges = ask(inertia)
     return answer.without(removed_ranges, problem.start, problem.generator)
