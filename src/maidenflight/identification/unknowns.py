@@ -131,6 +131,10 @@ UNKNOWNS: Mapping[str, Unknown] = {
 """By name of `parameters.COMPONENTS`."""
 
 
+INERTIA = ("inertia_x", "inertia_y")
+"""About the axes that rolling and pitching turn."""
+
+
 def is_logarithmic(name: str) -> bool:
     """Tests whether a parameter is searched by its logarithm."""
     return name in UNKNOWNS and UNKNOWNS[name].is_logarithmic

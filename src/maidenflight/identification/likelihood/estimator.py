@@ -8,7 +8,6 @@ parameter may lie from there. Requested and known parameters are a `Question`.
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -32,24 +31,15 @@ from maidenflight.identification.outcome.estimates import estimates_of
 from maidenflight.identification.outcome.plausible import ExpectedInterval, Ranges
 from maidenflight.identification.outcome.problem import Problem, require_identifiable
 from maidenflight.identification.outcome.progress import FITTING, INTERVALS
-from maidenflight.identification.signals.lag import DELAYS, LAG
+from maidenflight.identification.signals.lag import DELAYS
 from maidenflight.identification.uncertainty import Evidence, interval, inverse
 from maidenflight.identification.unknowns import Box
 from maidenflight.parameters import Parameters, component
 from maidenflight.parameters import replace as replace_values
 
-_LATTICE = {LAG: 5, "latency": 11}
+_LATTICE: Mapping[str, int] = dict(zip(DELAYS, (5, 11), strict=True))
 """Lags and latencies from bound to bound of which the likeliest begin the search: of latencies one
 every 5 ms, as wide as the optima of logs at 500 Hz; paper/identification/truth_board.py."""
-
-
-class Models(NamedTuple):
-    """An observation model of some flights, and a quicker one."""
-
-    pilot: ObservationModel
-    """On which a random start comes near the optimum."""
-    whole: ObservationModel
-    """On which every trial ends."""
 
 
 Ways = Mapping[str, tuple[ObservationModel, Sequence[str]]]
@@ -60,11 +50,13 @@ Ways = Mapping[str, tuple[ObservationModel, Sequence[str]]]
 class Question:
     """Parameters to estimate, and what is known besides."""
 
-    models: Models
+    model: ObservationModel
     names: tuple[str, ...]
     """Parameters to fit."""
     start: Parameters
     """Where the search begins, and the fixed parameters."""
+    pilot: ObservationModel | None = None
+    """A quicker model, on which a random start comes near the optimum."""
     parts: Parts | None = None
     """By which groups of parameters are chosen; none are without."""
     groups: Mapping[str, Sequence[str]] = field(default_factory=dict)
@@ -91,8 +83,6 @@ class Answer:
     """One for each trial."""
     best: Fit
     """The lowest of them."""
-    others: Mapping[str, Fit]
-    """Fits in other ways."""
     posterior: Posterior
     gains: tuple[GroupGain, ...]
     """Of each group of parameters that was tried."""
@@ -279,7 +269,7 @@ def answer_question(problem: Problem, settings: Likelihood, question: Question) 
         at_least_laplace=question.at_least_laplace,
     )
     tell(INTERVALS, 2, 2)
-    return Answer(tuple(fits), fit_result, others, posterior_samples, tuple(gains))
+    return Answer(tuple(fits), fit_result, posterior_samples, tuple(gains))
 
 
 def _with_likeliest_delays(problem: Problem, question: Question) -> Parameters:
@@ -291,7 +281,7 @@ def _with_likeliest_delays(problem: Problem, question: Question) -> Parameters:
     searched = [name for name in DELAYS if name in question.names and name not in question.samples]
     if not searched:
         return question.start
-    whole, model = problem.box(question.names), question.models.whole
+    whole, model = problem.box(question.names), question.model
     box = whole.part(searched)
     lattice = product(*(np.linspace(0.0, 1.0, _LATTICE[name]) for name in searched))
     drones = [question.start, *(box.drone(question.start, np.array(unit)) for unit in lattice)]
@@ -332,13 +322,14 @@ def _trials(
 ) -> tuple[list[Fit], int]:
     """The end of each trial, and which is best."""
     box, most, reporter = problem.box(names), settings.evaluations, problem.reporter
-    models, samples, told = question.models, question.samples, reporter.evaluated
+    model, samples, told = question.model, question.samples, reporter.evaluated
+    models = [question.pilot or model, model]
     fit_result = list[Fit]()
     for trial in range(settings.trials):
         reporter.stage(FITTING, trial, settings.trials)
         fit_result.append(
             fit(box, most, models, question.start, samples, told, generator=problem.generator)
             if trial
-            else fit(box, most, [models.whole], first, samples, told)
+            else fit(box, most, [model], first, samples, told)
         )
     return fit_result, int(np.argmin([fit.value for fit in fit_result]))

@@ -4,8 +4,9 @@ Measured rotor speeds show the motors' lag both ways, their latency and, with th
 inertia. Without them commands and gyro show the equivalent lag, and inertia over thrust.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -14,7 +15,8 @@ from maidenflight.flights.log import Flight
 from maidenflight.identification.likelihood.speed_errors import motors_of_speeds
 from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.identification.outcome.problem import Problem
-from maidenflight.identification.signals.lag import LAG, SLOWING_DOWN, speeding_up
+from maidenflight.identification.outcome.progress import MOTOR_LAG
+from maidenflight.identification.signals.lag import DELAYS, LAG, SLOWING_DOWN, speeding_up
 from maidenflight.identification.signals.motor_response import (
     MotorResponse,
     estimate_motor_response,
@@ -66,22 +68,23 @@ class Measured:
         return {name: values[chosen] for name, values in samples.items()}
 
 
-def measure(problem: Problem, on_flight: Callable[[int, int], None] | None = None) -> Measured:
-    """Returns what signals show by themselves; nothing where a policy flew at the log's rate.
+def measure(problem: Problem) -> Measured:
+    """Returns what signals show by themselves, if the motors' lag and latency are requested.
 
-    The likelihood of one row ahead models those flights exactly, and shows the motors better.
-
-    Args:
-        problem: flights of one rate.
-        on_flight: called with (flights looked at, flights).
+    Nothing where a policy flew at the log's rate: the likelihood of one row ahead models those
+    flights exactly, and shows the motors better.
     """
-    flights = problem.flights
-    if all(flight.zero_order_hold and flight.accelerometer is None for flight in flights):
+    flights, report = problem.flights, partial(problem.reporter.stage, MOTOR_LAG)
+    are_requested = problem.over is None or set(DELAYS) <= set(problem.over)
+    if not are_requested or all(
+        flight.zero_order_hold and flight.accelerometer is None for flight in flights
+    ):
         return Measured()
+    report(0, 0)
     motors = motors_of_speeds(flights, problem.start, problem.generator, problem.reporter.evaluated)
     if motors is None:
         generator = problem.generator.spawn(1)[0]
-        motors = estimate_motor_response(flights, generator, problem.start, on_flight)
+        motors = estimate_motor_response(flights, generator, problem.start, report)
     inertia: Samples = {}
     if problem.over is None:
         generator = problem.generator.spawn(1)[0]

@@ -32,6 +32,7 @@ from maidenflight.identification.signals.flight_signals import is_zero_order_hol
 from maidenflight.identification.signals.lag import DELAYS, SLOWING_DOWN
 from maidenflight.identification.signals.motor_response import DELAY_ERROR
 from maidenflight.identification.uncertainty import inverse
+from maidenflight.identification.unknowns import INERTIA
 
 WHITE, OWN_LAG, SPARSER = "white noise", "its own lag", "every second row"
 """Other ways of fitting."""
@@ -123,7 +124,7 @@ def what_is_lacking(fit_result: Fit) -> float:
 def ways_of_sensor(flights: Sequence[Flight], model: SensorErrors, names: Sequence[str]) -> Ways:
     """Returns other ways of fitting a sensor."""
     fit_result: dict[str, tuple[SensorErrors, Sequence[str]]] = {WHITE: (model.white(), names)}
-    if {"inertia_x", "inertia_y"} <= set(names):
+    if set(INERTIA) <= set(names):
         fit_result[OWN_LAG] = model, (*names, *DELAYS)
     if not is_zero_order_hold(flights):
         sparse = [thinned(flight, 2) for flight in flights]
@@ -151,7 +152,7 @@ def doubt_of_sensor(
             difference = np.where(about_z, 2.0 * difference, difference)
         if way == WHITE and OWN_LAG in others:
             most = _ANSWERS * np.abs(box.values(unit)) / slope
-            level = np.array([name in ("inertia_x", "inertia_y") for name in names])
+            level = np.array([name in INERTIA for name in names])
             difference = np.where(level, np.clip(difference, -most, most), difference)
         covariance += np.outer(difference, difference)
     return (

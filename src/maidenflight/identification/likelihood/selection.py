@@ -12,9 +12,10 @@ from maidenflight.identification.drone_file import GroupGain
 from maidenflight.identification.likelihood import one_step
 from maidenflight.identification.likelihood.observation import BY_MOMENT, ObservationModel
 from maidenflight.identification.signals.flight_signals import is_zero_order_hold, stride
+from maidenflight.identification.unknowns import INERTIA, PAPER_BOUNDS
 from maidenflight.parameters import Parameters
 
-FIRST = ("thrust_to_weight", "motor_time_constant", "latency")
+FIRST = tuple(PAPER_BOUNDS)
 """The paper's three, which every model has."""
 ALWAYS = (*FIRST, *BY_MOMENT)
 """What every model of logs with a state has. Mean errors tell the trims, and the likelihood cannot
@@ -22,7 +23,7 @@ judge them: it takes what lasts for noise."""
 GROUPS: dict[str, tuple[str, ...]] = {
     "motor_coasting": ("motor_coasting",),
     "spin_down_ratio": ("spin_down_ratio",),
-    "inertia": ("inertia_x", "inertia_y"),
+    "inertia": INERTIA,
     "torque_to_thrust": ("torque_to_thrust",),
     "rotor_momentum": ("rotor_momentum",),
     "flapping_moment": ("flapping_moment_x", "flapping_moment_y"),

@@ -17,7 +17,6 @@ from maidenflight.identification.likelihood.compiling import start_compiling
 from maidenflight.identification.likelihood.estimator import (
     Answer,
     Found,
-    Models,
     Question,
     answer_question,
     join,
@@ -52,7 +51,7 @@ from maidenflight.identification.outcome.plausible import (
     prior_ranges,
 )
 from maidenflight.identification.outcome.problem import Problem, require_identifiable
-from maidenflight.identification.outcome.progress import EXPECTING, MOTOR_LAG
+from maidenflight.identification.outcome.progress import EXPECTING
 from maidenflight.identification.signals.flight_signals import stride, undo_filter_delay
 from maidenflight.identification.signals.lag import DELAYS, LAG
 from maidenflight.identification.signals.motor_response import is_clear
@@ -71,7 +70,7 @@ def find(problem: Problem, settings: Likelihood) -> Found:
     model = one_step_objective(problem.flights, settings)
     # To look at the motors takes one core.
     threads = start_compiling(problem.flights[0], settings.lead_in)
-    signals = _by_signals(problem)
+    signals = measure(problem)
     motors = signals.motors
     problem.reporter.stage(EXPECTING, 0, 1)
     for thread in threads:
@@ -151,7 +150,7 @@ def expected_intervals(problem: Problem, settings: Likelihood) -> dict[str, Expe
     Raises:
         InputError: too little flight, or a parameter that cannot be searched.
     """
-    signals = _by_signals(problem)
+    signals = measure(problem)
     if signals.motors:
         problem = replace_(problem, flights=list(map(undo_filter_delay, problem.flights)))
     model = one_step_objective(problem.flights, settings)
@@ -254,9 +253,10 @@ def _question(
         for group, names in _groups(problem, measured).items()
     }
     return Question(
-        Models(_pilot(problem.flights, settings, model), model),
+        model,
         names,
         problem.start,
+        _pilot(problem.flights, settings, model),
         _parts(problem.flights, settings) if problem.over is None else None,
         {group: names for group, names in left.items() if names},
         measured,
@@ -264,19 +264,6 @@ def _question(
         partial(other_ways.ways_of_states, problem.flights, settings),
         partial(other_ways.doubt_of_states, measured=LAG in measured),
     )
-
-
-def _by_signals(problem: Problem) -> Measured:
-    """What signals show by themselves, if the motors' lag and latency are requested."""
-    names = selection.FIRST if problem.over is None else problem.over
-    if not set(DELAYS) <= set(names):
-        return Measured()
-
-    def report_stage(done: int, of: int) -> None:
-        problem.reporter.stage(MOTOR_LAG, done, of)
-
-    report_stage(0, 0)
-    return measure(problem, report_stage)
 
 
 def _evidence(model: OneStep, answer: Answer, signals: Measured) -> list[Evidence]:

@@ -18,7 +18,6 @@ from maidenflight.identification.likelihood import other_ways
 from maidenflight.identification.likelihood.estimator import (
     Answer,
     Found,
-    Models,
     Question,
     answer_question,
     join,
@@ -48,6 +47,7 @@ from maidenflight.identification.outcome.plausible import (
 from maidenflight.identification.outcome.problem import Problem
 from maidenflight.identification.signals.lag import DELAYS, LAG, SLOWING_DOWN
 from maidenflight.identification.signals.thrust_law import note_unexplained, thrust_law
+from maidenflight.identification.unknowns import INERTIA
 from maidenflight.parameters import Parameters, component, replace
 
 FORCE = ("thrust_to_weight", "thrust_linear", *DELAYS, "drag_z")
@@ -56,7 +56,6 @@ FORCE_GROUPS: dict[str, tuple[str, ...]] = {"slowing_down": ("motor_coasting", "
 """What is added if it predicts held-out flight better. Together, since each passes for much of the
 other, and the inertia then found is a fifth off. The thrust of a rotor that stands is not
 among it: it is zero, and a motor that coasts passes for it."""
-INERTIA = ("inertia_x", "inertia_y")
 TORQUE = (
     *INERTIA,
     "torque_to_thrust",
@@ -241,7 +240,7 @@ def _ask_sensor(
 ) -> Answer:
     """What a sensor tells of some parameters, given samples of others."""
     question = Question(
-        Models(model, model),
+        model,
         names,
         start,
         parts=model.parts() if groups else None,

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.identification.uncertainty import RESAMPLES
+from maidenflight.identification.unknowns import INERTIA
 from maidenflight.parameters import Parameters, component, replace
 
 ABOUT_Z = ("torque_to_thrust", "rotor_momentum", "torque_bias_z")
@@ -71,24 +72,24 @@ def with_inertia_z(
         generator: random numbers.
     """
     identified = draws.keys() - set(unidentifiable)
-    level, is_fitted = ("inertia_x", "inertia_y"), "inertia_z" in identified
+    is_fitted = "inertia_z" in identified
     # Yaw told the fitted inertia as a share of the torque, be that the start's.
     names = [
         name for name in ABOUT_Z if name in identified or (is_fitted and name == "torque_to_thrust")
     ]
     if not is_fitted and (not names or "inertia_z" in draws):
         return AboutZ(drone, dict(draws), dict(spread), ())
-    if not is_fitted and identified.isdisjoint(level):
+    if not is_fitted and identified.isdisjoint(INERTIA):
         note = "yaw shows its torques only as shares of inertia_z, which is the start's"
         return AboutZ(drone, dict(draws), dict(spread), (note,))
     first, here = (
-        np.array([float(component(parameters, name)) for name in level])
+        np.array([float(component(parameters, name)) for name in INERTIA])
         for parameters in (start, drone)
     )
     samples = np.array(
         [
             draws.get(name, np.full(RESAMPLES, value))
-            for name, value in zip(level, here, strict=True)
+            for name, value in zip(INERTIA, here, strict=True)
         ]
     )
     doubt = np.exp(RATIO_SD * generator.standard_normal(RESAMPLES))
@@ -101,7 +102,7 @@ def with_inertia_z(
     }
     draws["inertia_z"] = about_z * factor
     spread = dict(spread) | {name: best / fitted * spread.get(name, 0.0) for name in names}
-    level_spread = np.linalg.norm([spread.get(name, 0.0) for name in level])
+    level_spread = np.linalg.norm([spread.get(name, 0.0) for name in INERTIA])
     spread["inertia_z"] = about_z * float(level_spread / first.sum())
     changes = {name: np.float32(best / fitted * float(component(drone, name))) for name in names}
     changes["inertia_z"] = np.float32(best * about_z)
