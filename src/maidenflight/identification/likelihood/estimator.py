@@ -94,11 +94,6 @@ class Answer:
         """Samples of the posterior by parameter, SI units."""
         return self.posterior.samples
 
-    @property
-    def optima(self) -> Float[np.ndarray, "trials d"]:
-        """The best point of each trial, in the unit cube."""
-        return np.array([fit.points[int(np.argmin(fit.values))] for fit in self.fits])
-
     def without(
         self, removed_ranges: Ranges, start: Parameters, generator: np.random.Generator
     ) -> "Answer":

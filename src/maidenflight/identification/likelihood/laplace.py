@@ -121,7 +121,8 @@ def posterior(
     if free.hover is not None:
         spread[free.hover] = free.hover_spread
     spread[[index for index in known if index < size]] = 0.0
-    doubt = doubt + _between(about, spread)
+    sizes = spread / about.slope[:size] / np.sqrt(NEXT_FLIGHT)
+    doubt = doubt + about.alike * np.outer(sizes, sizes)
     moves = _moves(about, free, known, doubt, generator, at_least_laplace=at_least_laplace)
     if HOVERING in box.names:
         index = box.names.index(HOVERING)
@@ -158,12 +159,6 @@ def _about(fit: Fit, others: Others) -> _About:
     )
     curvature = curvatures.sum(axis=0) * np.outer(slope, slope)
     return _About(fit, names, slope, scores * slope, curvature, spread[:size], alike[:size, :size])
-
-
-def _between(about: _About, spread: Float[np.ndarray, "d"]) -> Float[np.ndarray, "d d"]:
-    """Covariance of the mean of another flight's segments, in the unit cube."""
-    sizes = spread / about.slope[: len(spread)] / np.sqrt(NEXT_FLIGHT)
-    return about.alike * np.outer(sizes, sizes)
 
 
 class _Free(NamedTuple):

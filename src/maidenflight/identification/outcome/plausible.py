@@ -69,25 +69,6 @@ def is_identifiable(
     return bool(deviation**2 < share * (prior[1] - prior[0]) ** 2 / UNIFORM)
 
 
-def unchanged(
-    samples: Mapping[str, Float[np.ndarray, "N"]], priors: Ranges, shares: Mapping[str, float]
-) -> dict[str, tuple[float, float]]:
-    """Returns the 95 % ranges of parameters of which flights say no more than was plausible before.
-
-    Args:
-        samples: of the posterior, by parameter.
-        priors: plausible range by parameter; others are not judged.
-        shares: of the prior's variance, for parameters with another one than `VARIANCE_SHARE`.
-    """
-    ranges = {}
-    for name in samples.keys() & priors.keys():
-        deviation = float(np.std(samples[name]))
-        if not is_identifiable(deviation, priors[name], shares.get(name, VARIANCE_SHARE)):
-            low, high = np.quantile(samples[name], [0.025, 0.975])
-            ranges[name] = float(low), float(high)
-    return ranges
-
-
 def other_days(
     drone: Parameters, count: int, generator: np.random.Generator
 ) -> Float[np.ndarray, "N"]:
