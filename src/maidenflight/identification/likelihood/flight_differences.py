@@ -152,7 +152,7 @@ LEAST: Mapping[str, float] = {
 }
 """What is looked at, and the differences of logarithms below which flights of one drone differ: a
 battery pack, propellers or a trim make up to 5 % of thrust; a real drone's inertia and lag are seen
-far less exactly."""
+far less exactly. Changes notes alone (paper/identification/constants.py)."""
 MIN_DIFFERENCE = 6.0
 """Distance of two groups of flights over the standard deviation within, from which on they are
 called apart. The best cut of flights of one kind, normally distributed, has 2.7."""

@@ -55,7 +55,7 @@ _LACKING = (
 """What a drone may lack: the curve of its thrust, the lag of its sensors, and its air."""
 _CONTRADICTED = 10.0
 """Log-likelihood gain of all rows [nats] by what is lacking, beyond which flights contradict a
-drone; chance has it once in a thousand times."""
+drone; chance has it once in 360 times. Source: Wilks 1938, chi-square of the six of `_LACKING`."""
 _LIKE = 0.03
 """Least standard error of a drone that flights contradict, a share: of drones in crazyflow, whose
 thrust and motors follow other laws, lag and inertia come out 1 to 5 % off; of a ratio of lags it

@@ -1,6 +1,6 @@
 """Choice of the parameters to identify, by the likelihood of held-out flights."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -85,11 +85,17 @@ def groups(flights: Sequence[Flight], has_measured_lag: bool) -> dict[str, tuple
             # Noise of a faster loop, which samples fold, passes for inertia: NanoDrone's is then
             # 2.5 times as large.
             del parameter_groups["inertia"]
-    remaining = {
-        group: tuple(name for name in names if name not in still)
-        for group, names in parameter_groups.items()
+    return leave_out(parameter_groups, still)
+
+
+def leave_out(
+    groups: Mapping[str, Sequence[str]], names: Collection[str]
+) -> dict[str, tuple[str, ...]]:
+    """Returns groups without some parameters, and without those that lose all."""
+    left = {
+        group: tuple(name for name in parts if name not in names) for group, parts in groups.items()
     }
-    return {group: names for group, names in remaining.items() if names}
+    return {group: parts for group, parts in left.items() if parts}
 
 
 class Parts(NamedTuple):

@@ -196,11 +196,7 @@ def _expected_intervals(
 def _groups(problem: Problem, measured: Collection[str]) -> Mapping[str, Sequence[str]]:
     """Parameters that may be chosen."""
     every = selection.groups(problem.flights, has_measured_lag=LAG in measured)
-    left = {
-        group: tuple(name for name in names if name not in measured)
-        for group, names in every.items()
-    }
-    return {group: names for group, names in left.items() if names}
+    return selection.leave_out(every, measured)
 
 
 def _too_wide(
@@ -248,17 +244,13 @@ def _question(
     names = tuple(name for name in request if name not in unidentifiable)
     if problem.over is not None:
         require_identifiable(names, unidentifiable)
-    left = {
-        group: tuple(name for name in names if name not in unidentifiable)
-        for group, names in _groups(problem, measured).items()
-    }
     return Question(
         model,
         names,
         problem.start,
         _pilot(problem.flights, settings, model),
         _parts(problem.flights, settings) if problem.over is None else None,
-        {group: names for group, names in left.items() if names},
+        selection.leave_out(_groups(problem, measured), unidentifiable),
         measured,
         partial(Others.from_ranges, unidentifiable, generator=problem.generator),
         partial(other_ways.ways_of_states, problem.flights, settings),

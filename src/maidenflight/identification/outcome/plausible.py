@@ -13,7 +13,7 @@ HOVERING = "thrust_to_weight"
 """The parameter that is found by its moment: mean thrust carries the weight and what accelerates
 the drone. A likelihood of one row ahead hardly weighs what lasts."""
 NEXT_FLIGHT = 6
-"""Segments of the flight that intervals are to hold: 30 s."""
+"""Segments of the flight that intervals are to hold, by definition of them: 30 s."""
 OTHER_DAY = 0.015
 """Standard deviation of thrust from day to day, a share: that of the air's density over 4.5 K or 15
 hPa, without battery and propellers. Three sets of flights of one Crazyflie differ by 3 % in what
