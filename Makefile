@@ -93,6 +93,7 @@ $(VENV)/.installed: requirements.lock requirements.hashes pyproject.toml | $(VEN
 $(VENV)/.installed-dev: requirements.lock requirements.hashes pyproject.toml plant/pyproject.toml | $(VENV)/bin/python
 	# Tests start many processes, and not every machine lets Python keep what it compiles.
 	$(call install,[dev],--compile-bytecode,--editable ./plant)
+	$(BIN)/python -m compileall -q src plant/src
 	touch $@ $(VENV)/.installed
 
 # Newest versions that fit pyproject.toml, for every supported Python.

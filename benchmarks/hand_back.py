@@ -25,7 +25,7 @@ from maidenflight.simulator.controllers.position_pid import position_pid
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.physics import dynamics, rotations
 from maidenflight.simulator.physics.battery import COUNTS
-from maidenflight.simulator.rollouts import rollout
+from maidenflight.simulator.stepping import rollout
 from maidenflight.simulator.tasks import tasks
 
 DRONE, MASSES_G, TILTS_DEG = "crazyflie_2.1+", (27.0, 29.0, 31.0, 33.0, 35.0), (0.0, 33.0)

@@ -35,7 +35,7 @@ from maidenflight.simulator.physics import dynamics, latency, motion, vectors  #
 from maidenflight.simulator.physics.actuators import rotor_speed_command  # noqa: E402
 from maidenflight.simulator.physics.sensors import Measurement  # noqa: E402
 from maidenflight.simulator.randomization import relative_box  # noqa: E402
-from maidenflight.simulator.rollouts import EnvInstance, randomized_reset  # noqa: E402
+from maidenflight.simulator.stepping import EnvInstance, randomized_reset  # noqa: E402
 
 ARRAYS = "one core, arrays"
 """The state as arrays, of a single drone without an axis for drones: for few drones, whose time is

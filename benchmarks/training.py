@@ -40,7 +40,7 @@ from maidenflight.simulator.controllers import control
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import RelativeBox, relative_box
-from maidenflight.simulator.rollouts import randomized_reset
+from maidenflight.simulator.stepping import randomized_reset
 from maidenflight.simulator.tasks import failures, tasks
 from maidenflight.training import defaults
 from maidenflight.training.evaluation import evaluate

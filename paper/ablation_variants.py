@@ -27,8 +27,7 @@ from maidenflight.simulator.randomization import Ensemble, relative_box
 from maidenflight.simulator.tasks import tasks
 from maidenflight.simulator.tasks.rewards import ACTION_PENALTY, ACTION_RATE_PENALTY
 from maidenflight.training.analytic_gradient import AnalyticGradient
-from maidenflight.training.ppo_settings import PPO
-from maidenflight.training.settings import Settings
+from maidenflight.training.settings import PPO, Settings
 from maidenflight.training.train import train
 
 RANDOMIZATION = 0.10

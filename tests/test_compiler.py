@@ -14,7 +14,7 @@ import pytest
 import maidenflight as mf
 from maidenflight import compiler
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.rollouts import randomized_reset
+from maidenflight.simulator.stepping import randomized_reset
 
 PROGRAM = """
 import sys
@@ -25,7 +25,7 @@ from maidenflight.simulator import environment
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.rollouts import rollout
+from maidenflight.simulator.stepping import rollout
 
 drone = mf.parameters.read_drone("crazyflie")
 controller = control.pwm()

@@ -16,7 +16,7 @@ from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.physics import dynamics
 from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.rollouts import rollout
+from maidenflight.simulator.stepping import rollout
 from maidenflight.simulator.tasks.look_ahead import LookAhead
 from noisy_policy import noisy
 

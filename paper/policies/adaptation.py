@@ -33,7 +33,7 @@ from maidenflight.simulator.controllers import control
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.realities import additions
 from maidenflight.simulator.realities.virtual_drone import VARIANTS, virtual_drone
-from maidenflight.simulator.rollouts import randomized_reset, rollout
+from maidenflight.simulator.stepping import randomized_reset, rollout
 from maidenflight.simulator.tasks import tasks
 
 JUMP_S, FLIGHT_S = 5.0, 12.0

@@ -18,7 +18,7 @@ from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.studies import worker
 from maidenflight.studies.worker import Order, TaskResult
 from maidenflight.training.analytic_gradient import AnalyticGradient
-from maidenflight.training.ppo_settings import PPO
+from maidenflight.training.settings import PPO
 from maidenflight.verbs.train import Train
 from scripts import PAPER, script
 

@@ -34,5 +34,5 @@ from .studies.sweeping import sweep as sweep
 from .training.analytic_gradient import AnalyticGradient as AnalyticGradient
 from .training.distillation import Distillation as Distillation
 from .training.evaluation import evaluate as evaluate
-from .training.ppo_settings import PPO as PPO
+from .training.settings import PPO as PPO
 from .training.train import train as train

@@ -4,6 +4,8 @@ from typing import Literal, get_args
 
 CONTROLS = ("pwm", "attitude_rate", "attitude")
 """The paper's control structures (Gronauer et al. 2022, sec. Control Structures)."""
+POSITION_PID = "position_pid"
+"""The firmware's own cascade as a control structure, which flies without a policy."""
 PAPER_TASK = "paper_circle"
 """The circle at full speed from the first instant on, which the paper's policies fly."""
 TRACKING = "tracking"

@@ -19,14 +19,14 @@ from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
 from maidenflight.identification.posterior import Posterior
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.training import defaults, scores
-from quick import QUICK
+from maidenflight.training import scores
+from quick import make_training_quick
 from run_listing import entries, unlisted
 
 
 @pytest.fixture(autouse=True)
 def little_training(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(defaults.SETTINGS, "pwm", QUICK)
+    make_training_quick(monkeypatch)
 
 
 def test_a_drone_is_printed_as_toml_or_json_by_its_name_and_mass(

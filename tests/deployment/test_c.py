@@ -28,7 +28,7 @@ from maidenflight.simulator import environment
 from maidenflight.simulator.controllers.interface import INTERFACES
 from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.rollouts import rollout
+from maidenflight.simulator.stepping import rollout
 from maidenflight.simulator.tasks.look_ahead import LookAhead
 
 STRICT = (

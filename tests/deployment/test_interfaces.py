@@ -26,7 +26,7 @@ from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.physics import dynamics
 from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.rollouts import rollout
+from maidenflight.simulator.stepping import rollout
 
 ROLL = 0.25
 """Action of roll: a quarter of the highest rate."""

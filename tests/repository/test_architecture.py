@@ -285,14 +285,14 @@ parts: Any = importlib.import_module("parts")
 
 MOST = {
     "closure of identify": 80,
-    "closure of train": 58,
+    "closure of train": 55,
     "closure of export": 30,
     "log to drone.toml: stops": 742,
     "log to drone.toml: modules": 114,
     "log to drone.toml: names": 976,
-    "drone to policy: stops": 345,
-    "drone to policy: modules": 73,
-    "drone to policy: names": 510,
+    "drone to policy: stops": 387,
+    "drone to policy: modules": 79,
+    "drone to policy: names": 564,
     "policy to flight: stops": 273,
     "policy to flight: modules": 57,
     "policy to flight: names": 416,
@@ -304,7 +304,7 @@ MOST = {
     "study to table: names": 122,
     "constants": 739,
     "constants without a source": 495,
-    "lines": 62_541,
+    "lines": 62_513,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

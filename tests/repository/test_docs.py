@@ -9,7 +9,8 @@ import re
 import shlex
 import sys
 from collections import Counter
-from functools import partial
+from collections.abc import Sequence
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,7 @@ from maidenflight import (
 from maidenflight import simulator as sim
 from maidenflight.errors import InputError
 from maidenflight.flights import flight_csv, log
+from maidenflight.flights.log import Flight
 from maidenflight.flights.trims import rotors
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.identification.likelihood.estimator import Models, Question, answer_question
@@ -47,10 +49,9 @@ from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone
 from maidenflight.simulator.tasks.tasks import Task
 from maidenflight.studies import study
-from maidenflight.training import defaults
 from maidenflight.verb import Verb, find_verb
 from pages import ROOT, blocks, run_python, run_snippet, section
-from quick import QUICK
+from quick import QUICK, make_training_quick
 
 GUIDES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PAGES = [*GUIDES, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "paper" / "notes").glob("*.md"))]
@@ -73,12 +74,17 @@ def run_commands(snippets: list[str], monkeypatch: pytest.MonkeyPatch) -> int:
     return len(commands)
 
 
+@cache
+def recorded_flights() -> Sequence[Flight]:
+    """Logs of which all pages are."""
+    return mf.record(mf.virtual_drone(7), jax.random.key(0), flights=2, duration=4.0)
+
+
 @pytest.fixture(autouse=True)
 def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An empty folder to work in, and little training."""
     monkeypatch.chdir(tmp_path)
-    for structure in defaults.SETTINGS:
-        monkeypatch.setitem(defaults.SETTINGS, structure, QUICK)
+    make_training_quick(monkeypatch)
 
 
 @pytest.mark.slow
@@ -96,9 +102,7 @@ def test_the_python_of_the_simulators_page_runs() -> None:
 
 @pytest.mark.slow
 def test_the_commands_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for number, flight in enumerate(
-        mf.record(mf.virtual_drone(7), jax.random.key(0), flights=2, duration=4.0)
-    ):
+    for number, flight in enumerate(recorded_flights()):
         flight_csv.write(f"flights/flight_{number}.csv", flight)
     assert run_commands(blocks("README.md", "sh"), monkeypatch) >= 5
     assert (tmp_path / "report.html").exists()
@@ -203,9 +207,7 @@ def test_the_commands_on_the_envelope_run(tmp_path: Path, monkeypatch: pytest.Mo
 def test_the_python_of_the_identification_page_runs(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for number, flight in enumerate(
-        mf.record(mf.virtual_drone(7), jax.random.key(0), flights=2, duration=4.0)
-    ):
+    for number, flight in enumerate(recorded_flights()):
         flight_csv.write(f"run/recorded/flight_{number}.csv", flight)
     monkeypatch.setattr(
         mf,
@@ -382,7 +384,7 @@ def test_the_python_of_a_question_is_short_and_runs(
 @pytest.mark.parametrize(("page", "title"), [("quickstart", "In Python"), ("concepts", None)])
 @pytest.mark.usefixtures("less_work")
 def test_the_python_of_the_first_pages_runs(page: str, title: str | None) -> None:
-    for flight in mf.record(mf.virtual_drone(7), jax.random.key(0)) if page == "quickstart" else []:
+    for flight in recorded_flights() if page == "quickstart" else []:
         flight_csv.write(f"run/recorded/{flight.name}.csv", flight)
     run_python(f"docs/{page}.md", title)
     assert Path("firmware/policy.c").exists() == (page == "quickstart")
@@ -691,8 +693,7 @@ def test_the_snippet_for_a_drone_of_ones_own_writes_it() -> None:
 def test_the_commands_of_a_first_hour_run(
     tab: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    flights = mf.record(mf.virtual_drone(7), jax.random.key(0), flights=2, duration=4.0)
-    for number, flight in enumerate(flights):
+    for number, flight in enumerate(recorded_flights()):
         for folder in ("flights", "more_flights", "blackbox_flights", "authors_flights/pwm"):
             flight_csv.write(f"{folder}/flight_{number}.csv", flight)
     parameters.write_drone("mine.toml", parameters.crazyflie(), {})

@@ -4,7 +4,6 @@ import runpy
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np
@@ -18,6 +17,7 @@ from maidenflight.policy_file import write_policy
 from maidenflight.verbs.train import Train
 from maidenflight.verbs.transfer import Transfer
 from numpy_drone import NumpyDrone
+from quick import make_training_quick
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -45,6 +45,7 @@ def in_examples(monkeypatch):
     """The folder of the examples as a user's working folder."""
     monkeypatch.chdir(EXAMPLES)
     monkeypatch.setattr("sys.path", list(sys.path))
+    make_training_quick(monkeypatch)
 
 
 def test_examples_of_extending_are_short():
@@ -56,16 +57,13 @@ def test_examples_of_extending_are_short():
 
 @pytest.mark.slow
 def test_ones_own_task_controller_and_drones_train_and_fly_by_their_names(in_examples, tmp_path):
-    few: dict[str, Any] = {"num_envs": 4, "horizon": 4, "evaluations": 1, "episodes": 4}
     train = Train(
         drone="crazyflie",
         task="own_task:helix",
         control="own_controller:torques",
         randomize="own_distribution:weak_motor",
         policies=1,
-        updates=2,
         hidden=(4,),
-        learner=few,
     )
     (policy,) = train.run(tmp_path / "policies").value
     assert policy.interface.name == "torques"
@@ -121,8 +119,10 @@ def test_what_is_no_policy_is_refused(in_examples, name):
 
 @pytest.mark.slow
 def test_ones_own_learner_comes_closer(in_examples):
+    learn = runpy.run_path("own_learner.py")["learn"]
+    learn.__globals__["DRONES"] = 16
     with jax.numpy_dtype_promotion("standard"):  # optax's Adam takes powers of whole numbers
-        _, distances = runpy.run_path("own_learner.py")["learn"](jax.random.key(0), updates=60)
+        _, distances = learn(jax.random.key(0), updates=60)
     assert np.mean(distances[-5:]) < 0.5 * distances[0]
 
 

@@ -21,7 +21,7 @@ from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.physics import dynamics, latency, motion, vectors
 from maidenflight.simulator.physics.latency import DelayLine
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.rollouts import rollout
+from maidenflight.simulator.stepping import rollout
 from maidenflight.simulator.tasks import failures, tasks
 
 WORLD = Environment()

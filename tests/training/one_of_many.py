@@ -13,14 +13,14 @@ from maidenflight.simulator.controllers import control
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import relative_box
 from maidenflight.simulator.tasks import tasks
+from maidenflight.simulator.tasks.look_ahead import LookAhead
 from maidenflight.training.analytic_gradient import AnalyticGradient
-from maidenflight.training.ppo_settings import PPO
-from maidenflight.training.settings import Settings
+from maidenflight.training.settings import PPO, Settings
 from maidenflight.training.train import train
 
 BOX = relative_box(replace(crazyflie(), motor_time_constant=0.08, latency=0.012), 0.10)
 TINY = AnalyticGradient(updates=4, num_envs=4, horizon=4, evaluations=4, episodes=4)
-SPEC = PolicySpec(hidden=(8,))
+SPEC = PolicySpec(history=3, look_ahead=LookAhead(2, 0.2), memory=4, hidden=(8,))
 # Two devices cannot share an odd number of episodes. Each shuffles its own drones' periods: only a
 # whole batch holds the same ones however many devices there are.
 ODD = PPO(

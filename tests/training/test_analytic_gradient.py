@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 import pytest
+from one_of_many import BOX, SPEC, TINY
 
 from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.policy import Policy, untrained_policy
@@ -14,7 +15,8 @@ from maidenflight.simulator.controllers import control
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import relative_box, stacked
-from maidenflight.simulator.rollouts import EnvInstance
+from maidenflight.simulator.stepping import EnvInstance
+from maidenflight.simulator.tasks import tasks
 from maidenflight.training import analytic_gradient, devices
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.devices import DRONES
@@ -28,35 +30,32 @@ from maidenflight.training.devices import DRONES
 def test_an_update_changes_the_network_and_nothing_else_of_a_policy(
     structure: str, rate: int
 ) -> None:
-    controller, settings = (
-        control.CONTROLLERS[structure](),
-        AnalyticGradient(
-            num_envs=2, horizon=2, learning_rate=0.01, largest_gradient=float(structure != "pwm")
-        ),
-    )
-    drone = replace(crazyflie(), time_step=np.float32(control.time_step(controller)))
-    world, boxes, keys = (
-        Environment.matching(drone, controller=controller),
-        stacked([relative_box(drone)] * 2),
-        jax.random.split(jax.random.key(5), 2),
-    )
+    controller = control.CONTROLLERS[structure]()
+    largest = float(structure != "pwm")
+    settings = dataclasses.replace(TINY, learning_rate=0.01, largest_gradient=largest)
+    drone = replace(BOX.centre, time_step=np.float32(control.time_step(controller)))
+    world = Environment.matching(drone, tasks.circle(), controller, spec=SPEC)
+    boxes, keys = stacked([relative_box(drone)] * 2), jax.random.split(jax.random.key(5), 2)
+    # As training lays it out, so that `test_train` has compiled it.
     before = analytic_gradient.init(world, settings, boxes, keys)
+    before = devices.placed(before, analytic_gradient.SHARDING, settings.num_envs)
     after = analytic_gradient.update(world, settings, boxes, before, keys, 0, 1)
     policy = after.policy
-    assert (policy.interface.name, policy.interface.rate, policy.spec.history) == (
-        structure,
-        rate,
-        2,
-    )
+    assert (policy.interface.name, policy.interface.rate) == (structure, rate)
+    assert policy.spec == SPEC
     np.testing.assert_array_equal(policy.observation_mean, before.policy.observation_mean)
     *hidden, last = [
         np.asarray(new - old)
         for old, new in zip(before.policy.weights, policy.weights, strict=True)
     ]
     # Adam's first step is 1 to 1.5 times its rate in every weight, Muon's its rate in every
-    # direction, as well as five iterations tell.
+    # direction, times the root of inputs an output, as well as five iterations tell.
     moved = [
-        (np.linalg.norm(step, ord=2, axis=(1, 2)), settings.hidden_learning_rate) for step in hidden
+        (
+            np.linalg.norm(step, ord=2, axis=(1, 2)),
+            settings.hidden_learning_rate * max(1.0, step.shape[2] / step.shape[1]) ** 0.5,
+        )
+        for step in hidden
     ]
     for far, expected in [*moved, (np.abs(last).max(axis=(1, 2)), settings.learning_rate)]:
         assert ((far > 0.5 * expected) & (far < 1.6 * expected)).all(), far
@@ -114,20 +113,24 @@ def test_without_a_rate_for_hidden_layers_adam_steps_everywhere_and_its_steps_sh
 SIMULATED, DRONE = Environment(), noiseless(crazyflie())
 
 
+SHORT = AnalyticGradient(horizon=12)
+
+
 @jax.jit
-def gradient_of_segment(network: Any, policy: Policy, env_state: Any) -> Any:
-    """The cost of twelve periods, where they lead, and the cost's gradient by the network."""
+def gradient_of_segment(
+    network: Any, policy: Policy, env_state: Any, away: Any, settings: Any
+) -> Any:
+    """The cost of twelve periods from a distance along x [m], where they lead, and the cost's
+    gradient by the network and by the distance."""
 
-    def segment(network: Any) -> Any:
-        return analytic_gradient.segment(
-            SIMULATED,
-            AnalyticGradient(horizon=12),
-            policy.with_network(network),
-            EnvInstance(env_state, DRONE),
-            jax.random.key(3),
-        )
+    def segment(network: Any, away: Any) -> Any:
+        position = env_state.state.position + away * jnp.array([1.0, 0.0, 0.0])
+        moved = env_state._replace(state=env_state.state._replace(position=position))
+        flying = EnvInstance(moved, DRONE)
+        changed = policy.with_network(network)
+        return analytic_gradient.segment(SIMULATED, settings, changed, flying, jax.random.key(3))
 
-    return jax.value_and_grad(segment, has_aux=True)(network)
+    return jax.value_and_grad(segment, (0, 1), has_aux=True)(network, jnp.float32(away))
 
 
 @pytest.mark.slow
@@ -142,9 +145,9 @@ def test_gradient_through_the_simulator_is_the_slope_of_the_cost() -> None:
         moved = jax.tree.map(
             lambda leaf, step: leaf + np.float32(scale) * step, policy.network, direction
         )
-        return float(gradient_of_segment(moved, policy, env_state)[0][0])
+        return float(gradient_of_segment(moved, policy, env_state, 0.0, SHORT)[0][0])
 
-    gradient = gradient_of_segment(policy.network, policy, env_state)[1]
+    gradient, _ = gradient_of_segment(policy.network, policy, env_state, 0.0, SHORT)[1]
     pairs = zip(jax.tree.leaves(gradient), jax.tree.leaves(direction), strict=True)
     slope = sum(float(jnp.sum(one * other)) for one, other in pairs)
     numeric = [(cost(step) - cost(-step)) / (2 * step) for step in (1e-3, 2e-3)]
@@ -178,40 +181,30 @@ def test_the_gradient_by_outputs_and_then_weights_is_that_by_weights() -> None:
 @pytest.mark.slow
 def test_a_lost_drone_is_held_and_gives_no_gradient() -> None:
     env_state = environment.reset(SIMULATED, DRONE, jax.random.key(2))
-    lost = env_state._replace(
-        state=env_state.state._replace(position=env_state.state.position + 50.0)
-    )
     policy = untrained_policy(jax.random.key(1))
-    (_, (after, was_lost)), gradient = gradient_of_segment(policy.network, policy, lost)
+    segment = policy.network, policy, env_state, 50.0, SHORT
+    (_, (after, was_lost)), gradient = gradient_of_segment(*segment)
     assert all(not np.any(leaf) for leaf in jax.tree.leaves(gradient))
     assert was_lost
-    np.testing.assert_array_equal(after.state.position, lost.state.position)
+    begun = env_state.state.position + jnp.array([50.0, 0.0, 0.0])
+    np.testing.assert_array_equal(after.state.position, begun)
 
 
 @pytest.mark.slow
 def test_a_failure_costs_most_and_what_is_lost_anyway_pulls_no_more() -> None:
     """The slope of the cost of a failure is that of a sigmoid of the smallest margin."""
-    simulated, drone = Environment(), noiseless(crazyflie())
-    env_state, policy = (
-        environment.reset(simulated, drone, jax.random.key(2)),
-        untrained_policy(jax.random.key(1)),
+    env_state = environment.reset(SIMULATED, DRONE, jax.random.key(2))
+    policy = untrained_policy(jax.random.key(1))
+
+    def cost_and_slope(away: float, penalty: float) -> Any:
+        settings = dataclasses.replace(SHORT, failure_penalty=penalty)
+        segment = policy.network, policy, env_state, away, settings
+        (cost, _), (_, slope) = gradient_of_segment(*segment)
+        return np.array([cost, slope])
+
+    near, edge, lost = (
+        cost_and_slope(away, 5.0) - cost_and_slope(away, 0.0) for away in (0.0, 0.25, 0.8)
     )
-
-    @jax.jit
-    def both(away: jax.Array) -> tuple[jax.Array, jax.Array]:
-        def cost(away: jax.Array, failure: Any) -> jax.Array:
-            settings = dataclasses.replace(AnalyticGradient(horizon=4), failure_penalty=failure)
-            position = env_state.state.position + away * jnp.array([1.0, 0.0, 0.0])
-            moved = env_state._replace(state=env_state.state._replace(position=position))
-            return analytic_gradient.segment(
-                simulated, settings, policy, EnvInstance(moved, drone), jax.random.key(3)
-            )[0]
-
-        penalties = jnp.array([0.0, 5.0])
-        values, slopes = jax.vmap(jax.value_and_grad(cost), (None, 0))(away, penalties)
-        return values[1] - values[0], slopes[1] - slopes[0]
-
-    near, edge, lost = (both(jnp.float32(away)) for away in (0.0, 0.25, 0.8))
     assert float(near[0]) < 0.5
     assert 1.0 < float(edge[0]) < 4.9 < float(lost[0]) <= 5.0
     assert float(edge[1]) > 10 * abs(float(lost[1]))

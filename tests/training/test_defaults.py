@@ -20,8 +20,7 @@ from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.tasks import tasks
 from maidenflight.training import defaults
 from maidenflight.training.analytic_gradient import AnalyticGradient
-from maidenflight.training.ppo_settings import PPO
-from maidenflight.training.settings import Settings
+from maidenflight.training.settings import PPO, Settings
 from maidenflight.verbs.train import Train
 
 

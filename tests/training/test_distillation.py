@@ -14,7 +14,7 @@ from maidenflight.simulator.any_drone import GenericQuadrotor
 from maidenflight.simulator.environment import Environment, observation
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import stacked
-from maidenflight.simulator.rollouts import randomized_reset
+from maidenflight.simulator.stepping import randomized_reset
 from maidenflight.training import distillation
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.distillation import Distillation, Teacher, known

@@ -14,15 +14,14 @@ from maidenflight.policy import untrained_policy
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import relative_box, stacked
-from maidenflight.simulator.rollouts import randomized_reset
+from maidenflight.simulator.stepping import randomized_reset
 from maidenflight.simulator.tasks import tasks
 from maidenflight.training import ppo
 from maidenflight.training.critic import Moments, advantages, merged, moments_of
 from maidenflight.training.devices import DRONES
 from maidenflight.training.evaluation import evaluate
 from maidenflight.training.ppo import surrogate
-from maidenflight.training.ppo_settings import PPO
-from maidenflight.training.settings import recorded
+from maidenflight.training.settings import PPO, recorded
 from maidenflight.training.train import Progress, _init_once, train
 
 BOX = relative_box(replace(crazyflie(), motor_time_constant=0.04, latency=0.0), 0.10)

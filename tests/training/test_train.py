@@ -151,7 +151,7 @@ def test_training_from_a_policy_begins_with_its_score_and_ends_no_worse(
     assert [(one.update, one.steps > 0) for one in heard] == [
         (number, number > 0) for number in range(5)
     ]
-    env = Environment.matching(BOX.centre, TASK, CONTROLLER)
+    env = Environment.matching(BOX.centre, TASK, CONTROLLER, spec=SPEC)
     before, *after = module.evaluate_together(
         env,
         TINY.num_envs,
@@ -160,7 +160,7 @@ def test_training_from_a_policy_begins_with_its_score_and_ends_no_worse(
     ).duration  # none survives
     np.testing.assert_allclose(heard[0].score.duration, before, rtol=1e-4)
     assert all(float(one) >= float(before) - 1e-4 for one in after)
-    assert {policy.layer_sizes for policy in policies} == {(40, 8, 4)}
+    assert {policy.layer_sizes for policy in policies} == {(66, 8, 4)}
     with pytest.raises(KeyboardInterrupt):
         tuned(interrupt)
     assert_same(tuned(None), policies)
@@ -344,7 +344,9 @@ def test_a_full_disk_is_said_in_a_line_and_training_goes_on_when_there_is_space(
     monkeypatch.setitem(tasks.TASKS, "circle", lambda: TASK)
     monkeypatch.setitem(control.CONTROLLERS, "pwm", lambda **_: CONTROLLER)
     monkeypatch.setattr(defaults, "choose_settings", lambda *_: TINY)
-    what = "maidenflight train --drone crazyflie --randomize 0.1 --policies 2 --hidden 8 -o".split()
+    spec = "--history 3 --look-ahead 2 --look-ahead-spacing 0.2 --memory 4 --hidden 8".split()
+    what = "maidenflight train --drone crazyflie --randomize 0.1 --policies 2".split()
+    what += [*spec, "-o"]
     written: list[str] = []
 
     def command(folder: Path, *further: str, full_at: str = "", number: int = 1) -> tuple[int, str]:
@@ -545,15 +547,10 @@ def test_a_policy_of_raptors_form_learns_and_is_trained_further() -> None:
 def test_a_policy_sees_and_remembers_as_much_as_asked_and_else_it_is_another_training(
     tmp_path: Path,
 ) -> None:
-    saved, settings = (
-        tmp_path / "training.npz",
-        changed(TINY, updates=1, evaluations=1),
-    )
-    asked = tasks.circle(), control.pwm(), BOX, KEYS[:1], settings
-    spec = PolicySpec(history=3, look_ahead=LookAhead(2, 0.2), memory=4, hidden=(8,))
-    (policy,) = train(*asked, spec, checkpoint=saved)
-    assert (policy.spec, policy.layer_sizes) == (spec, (66, 8, 4))
-    policy.check()
+    saved, settings = tmp_path / "training.npz", changed(TINY, updates=1, evaluations=1)
+    for made in learn(saved, settings=settings):
+        assert (made.spec, made.layer_sizes) == (SPEC, (66, 8, 4))
+        made.check()
     for other, words in (
         ({"look_ahead": LookAhead()}, "look_ahead was {.*} and is null"),
         ({"look_ahead": LookAhead(2, 0.1)}, "look_ahead was "),
@@ -563,7 +560,9 @@ def test_a_policy_sees_and_remembers_as_much_as_asked_and_else_it_is_another_tra
         ({"hidden": (9,)}, r"hidden was \[8\] and is \[9\]"),
     ):
         with pytest.raises(InputError, match=f"a checkpoint of another training: {words}"):
-            train(*asked, changed(spec, **other), checkpoint=saved)
+            train(
+                *(TASK, CONTROLLER, BOX, KEYS, settings, changed(SPEC, **other)), checkpoint=saved
+            )
 
 
 def test_settings_of_no_method_are_refused() -> None:

@@ -14,7 +14,7 @@ from maidenflight.simulator.randomization import ensemble, relative_box
 from maidenflight.simulator.tasks import tasks
 from maidenflight.simulator.tasks.look_ahead import LookAhead
 from maidenflight.training.analytic_gradient import AnalyticGradient
-from maidenflight.training.ppo_settings import PPO
+from maidenflight.training.settings import PPO
 from maidenflight.training.train import train
 from maidenflight.training.training_spec import TrainingSpec, validate
 

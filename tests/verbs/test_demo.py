@@ -12,7 +12,7 @@ import pytest
 from maidenflight import run_folder, terminal
 from maidenflight.flying import engine
 from maidenflight.identification import drone_file, identify, methods
-from maidenflight.training import analytic_gradient, defaults, evaluation, final_flights
+from maidenflight.training import analytic_gradient, evaluation
 from maidenflight.verb import Progress, Result
 from maidenflight.verbs.demo import Demo, Stages
 from maidenflight.verbs.identify import Identify
@@ -20,7 +20,7 @@ from maidenflight.verbs.record import Record
 from maidenflight.verbs.train import Train
 from maidenflight.verbs.transfer import Transfer
 from maidenflight.verbs.validate import Validate
-from quick import QUICK
+from quick import make_training_quick
 from run_listing import entries, unlisted
 
 LESS = Stages(
@@ -58,8 +58,7 @@ def runs(
     coarse = partial(methods.Likelihood, physics_step=0.005)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(methods, "Likelihood", coarse)
-        patch.setitem(defaults.SETTINGS, "pwm", QUICK)
-        patch.setattr(final_flights, "FLIGHT_S", 0.5)
+        make_training_quick(patch)
         folders = [tmp_path_factory.mktemp(name) / "run" for name in ("one", "two")]
         COMPILED.update((one, -one._cache_size()) for one in MOST_PROGRAMS)  # type: ignore[attr-defined]
         results = [(folder, Demo(seed=3).compute(folder, HEARD, LESS)) for folder in folders]

@@ -179,18 +179,25 @@ def test_policies_for_the_authors_format_have_the_papers_scales(
 def test_each_score_moves_the_bar_and_is_a_line_where_there_is_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    def training(*given: Any, on_progress: Any, **named: Any) -> tuple[Policy]:
+        made = no_training(*given, on_progress=on_progress, **named)
+        on_progress(Progress(9, 9, Evaluation(*jnp.zeros((4, 1)))))
+        return made
+
     moves: list[Any] = []
     monkeypatch.setattr(Bar, "move", lambda _, *arguments: moves.append(arguments))
-    monkeypatch.setattr(TRAINING, no_training)
+    monkeypatch.setattr(TRAINING, training)
     train = Train(drone="crazyflie", policies=1, updates=9, randomize=0.1, hidden=(8,))
     train.run(tmp_path, Bar("train"))
     line = "return 0.0, survival 0% (0.0 s), error 0.0 cm"
     assert moves == [
         (0, 9, "compiling"),
         (1, 9, line),
+        (9, 9, line),
         (9, 9, "flying the drone and others about it"),
     ]
-    assert capsys.readouterr().err == f"update 0 of 9: compiling\nupdate 1 of 9: {line}\n"
+    lines = ["0 of 9: compiling", f"1 of 9: {line}", f"9 of 9: {line}"]
+    assert capsys.readouterr().err.splitlines() == [f"update {text}" for text in lines]
 
 
 def test_what_the_target_could_not_hold_is_not_trained(

@@ -16,7 +16,7 @@ from .randomization import wide_box as wide_box
 from .realities.reality import Reality as Reality
 from .realities.reality import Truth as Truth
 from .realities.virtual_drone import VirtualDrone as VirtualDrone
-from .rollouts import rollout as rollout
+from .stepping import rollout as rollout
 from .stepping import step as step
 from .tasks.look_ahead import LookAhead as LookAhead
 from .tasks.tasks import Task as Task

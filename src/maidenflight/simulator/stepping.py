@@ -1,8 +1,10 @@
-"""A step of an episode: an action lasts one control period.
+"""A step of an episode, and many: an action lasts one control period.
 
-Within it the controller commands the motors, the physics goes on and the sensors are read.
+Within it the controller commands the motors, the physics goes on and the sensors are read. Pure
+functions of one drone; `jax.vmap` batches them.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -12,12 +14,22 @@ from jax import lax, tree
 from jaxtyping import Array, Bool, Float, Int
 
 from maidenflight.parameters import Parameters
-from maidenflight.simulator.environment import Environment, EnvState
+from maidenflight.simulator.environment import Environment, EnvState, observation, reset
 from maidenflight.simulator.physics import actuators, latency, motion, sensors, vectors
 from maidenflight.simulator.physics.disturbance import draw_disturbance, kick
 from maidenflight.simulator.physics.latency import DelayLine
 from maidenflight.simulator.policy_spec import ACTION_SIZE, observe, remember
+from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.tasks import failures
+
+PolicyFunction = Callable[[Float[Array, "20H+3K"]], Float[Array, "4"]]
+
+
+class EnvInstance(NamedTuple):
+    """An environment's state, and the parameters of the drone that flies in it."""
+
+    env_state: EnvState
+    parameters: Parameters
 
 
 class StepResult(NamedTuple):
@@ -165,6 +177,47 @@ def step(
         history=history, action=action, memory=memory, time=time, elapsed=elapsed
     )
     return after, step_result
+
+
+def rollout(
+    environment: Environment,
+    policy: PolicyFunction,
+    env_state: EnvState,
+    parameters: Parameters,
+    key: Array,
+    steps: int,
+) -> tuple[EnvState, tuple[EnvState, StepResult]]:
+    """Flies a policy for a number of control periods; a finished episode goes on.
+
+    Args:
+        environment: what is simulated.
+        policy: observation to action.
+        env_state: where to begin.
+        parameters: the drone.
+        key: random key.
+        steps: control periods; static.
+
+    Returns:
+        The last state, and the state before and the result of each period, stacked along a first
+        axis of `steps`.
+    """
+
+    def advance(env_state: EnvState, key: Array) -> tuple[EnvState, tuple[EnvState, StepResult]]:
+        after, step_result = step(
+            environment, env_state, policy(observation(environment, env_state)), parameters, key
+        )
+        return after, (env_state, step_result)
+
+    return lax.scan(advance, env_state, jax.random.split(key, steps))
+
+
+def randomized_reset(
+    environment: Environment, distribution: Distribution, key: Array
+) -> EnvInstance:
+    """Draws a drone's parameters and resets its episode."""
+    drone_key, reset_key = jax.random.split(key)
+    parameters = distribution.draw(drone_key)
+    return EnvInstance(reset(environment, parameters, reset_key), parameters)
 
 
 def _hold_command(

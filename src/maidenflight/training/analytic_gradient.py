@@ -29,14 +29,16 @@ from maidenflight.simulator.physics import dynamics, rotations
 from maidenflight.simulator.physics.vectors import norm, squared
 from maidenflight.simulator.policy_spec import ACTION_SIZE
 from maidenflight.simulator.randomization import Distribution
-from maidenflight.simulator.rollouts import EnvInstance, PolicyFunction, randomized_reset
-from maidenflight.simulator.stepping import StepResult
+from maidenflight.simulator.stepping import (
+    EnvInstance,
+    PolicyFunction,
+    StepResult,
+    randomized_reset,
+)
 from maidenflight.training import devices
 from maidenflight.training.devices import DRONES, REPLICATED, SHARDED, begun, learning, own
-from maidenflight.training.settings import check_counts
+from maidenflight.training.settings import STATIC, check_counts
 
-STATIC = {"static": True}
-"""Marks a setting that is part of the compiled program: a size, or what decides which is built."""
 LOST_DISTANCE_M = 1.0
 """Distance from the set-point [m] beyond which an environment is frozen until its reset."""
 

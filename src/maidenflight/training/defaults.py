@@ -18,8 +18,7 @@ from maidenflight.simulator.tasks import tasks
 from maidenflight.training import distillation
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.distillation import Distillation
-from maidenflight.training.ppo_settings import PPO
-from maidenflight.training.settings import Settings
+from maidenflight.training.settings import PPO, Settings
 
 SETTINGS: dict[str, AnalyticGradient] = {
     "pwm": AnalyticGradient(),

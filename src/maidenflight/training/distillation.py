@@ -28,16 +28,11 @@ from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.physics.vectors import squared
 from maidenflight.simulator.policy_spec import ACTION_SIZE, INSTANTS
 from maidenflight.simulator.randomization import Distribution
-from maidenflight.simulator.rollouts import EnvInstance
+from maidenflight.simulator.stepping import EnvInstance
 from maidenflight.training import analytic_gradient
-from maidenflight.training.analytic_gradient import (
-    STATIC,
-    AnalyticGradient,
-    Learner,
-    Segment,
-    optimiser_of,
-)
+from maidenflight.training.analytic_gradient import AnalyticGradient, Learner, Segment, optimiser_of
 from maidenflight.training.devices import REPLICATED, SHARDED, begun, learning
+from maidenflight.training.settings import STATIC
 
 PHASES = ("the teacher learns", "the policy imitates it", "the policy goes on alone")
 """What is done in each third of the updates."""

@@ -15,7 +15,7 @@ from maidenflight import compiler
 from maidenflight.policy import Policy
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import Distribution
-from maidenflight.simulator.rollouts import EnvInstance, randomized_reset, rollout
+from maidenflight.simulator.stepping import EnvInstance, randomized_reset, rollout
 from maidenflight.training.devices import over_devices
 
 

@@ -149,6 +149,20 @@ def fly_drones(
     return flights
 
 
+def fly_about(
+    name: str,
+    drone: Parameters,
+    full_scale_counts: float,
+    task: Task,
+    controller: Controller,
+    key: Array,
+    policies: Sequence[Policy],
+) -> list[list[FinalFlight]]:
+    """Flies a drone and those about it once by each policy; see `find_drones` and `fly_drones`."""
+    drones = find_drones(name, drone, full_scale_counts)
+    return fly_drones(drones, policies, task, controller, key)
+
+
 def _guard_of(task: Task) -> Guard:
     """What ends flights of a task: as of `transfer`, but as the task itself allows more."""
     guard = LOST if task.tilt_margin > np.sin(ZERO_SHOT.tilt) else ZERO_SHOT

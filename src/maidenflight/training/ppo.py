@@ -1,4 +1,4 @@
-"""Proximal policy optimisation (Schulman et al. 2017); `ppo_settings` has its settings.
+"""Proximal policy optimisation (Schulman et al. 2017); `settings` has its settings.
 
 Each update simulates environments with noise on the actions, estimates advantages with a critic,
 maximises the clipped surrogate and fits the critic. The time limit is a truncation, not a failure:
@@ -22,7 +22,7 @@ from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import ACTION_SIZE
 from maidenflight.simulator.randomization import PAPER_FIELDS, Distribution
-from maidenflight.simulator.rollouts import EnvInstance, randomized_reset
+from maidenflight.simulator.stepping import EnvInstance, randomized_reset
 from maidenflight.training.critic import (
     Critic,
     Moments,
@@ -33,7 +33,7 @@ from maidenflight.training.critic import (
     value_of,
 )
 from maidenflight.training.devices import DRONES, REPLICATED, SHARDED, begun, learning, own
-from maidenflight.training.ppo_settings import PPO
+from maidenflight.training.settings import PPO
 
 PERIODS_PER_RESET = 8
 """Control periods for which one initial state is prepared; episodes that end continue from the

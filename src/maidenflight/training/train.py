@@ -37,8 +37,7 @@ from maidenflight.training.checkpoint import Checkpoint
 from maidenflight.training.devices import placed
 from maidenflight.training.distillation import Distillation
 from maidenflight.training.evaluation import Evaluation, Starts, evaluate_together, starts_of
-from maidenflight.training.ppo_settings import PPO
-from maidenflight.training.settings import Settings
+from maidenflight.training.settings import PPO, Settings
 from maidenflight.training.training_spec import TrainingSpec, validate
 
 _PARTS = 5

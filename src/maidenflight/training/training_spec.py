@@ -9,19 +9,18 @@ import numpy as np
 from jaxtyping import Array
 
 from maidenflight.errors import InputError, check_traced
+from maidenflight.names import POSITION_PID
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.controllers.control import Controller
-from maidenflight.simulator.controllers.position_pid import EXCITATION
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import Distribution, InSteps, stacked
 from maidenflight.simulator.tasks.tasks import Task
 from maidenflight.training import checkpoint
 from maidenflight.training.analytic_gradient import AnalyticGradient
-from maidenflight.training.ppo_settings import PPO
-from maidenflight.training.settings import Settings, recorded
+from maidenflight.training.settings import PPO, Settings, recorded
 
 
 class TrainingSpec(NamedTuple):
@@ -92,9 +91,9 @@ def validate(
             "keys must be random keys, one a policy: jax.random.split(jax.random.key(0), 3)."
         )
     boxes = [_in_fitting_steps(box, controller) for box in _one_each(distribution, len(keys))]
-    if controller.interface.name == EXCITATION.name:
+    if controller.interface.name == POSITION_PID:
         raise InputError(
-            f"control structure {EXCITATION.name} cannot be trained for: it flies by itself. Give "
+            f"control structure {POSITION_PID} cannot be trained for: it flies by itself. Give "
             "what mf.simulator.pwm() gives."
         )
     initial = policy if isinstance(policy, Policy) else None

@@ -157,7 +157,7 @@ def _compile_ahead(stages: Stages, reality: str) -> None:
     from maidenflight.experiments.transfer import transfer
     from maidenflight.simulator.controllers import control
     from maidenflight.simulator.tasks.tasks import find_task
-    from maidenflight.training.final_flights import find_drones, fly_drones
+    from maidenflight.training.final_flights import fly_about
     from maidenflight.training.train import train
 
     controller, learner = control.pwm(), stages.train.learner_settings
@@ -170,8 +170,8 @@ def _compile_ahead(stages: Stages, reality: str) -> None:
         dataclasses.replace(learner, updates=1, evaluations=1),  # type: ignore[call-arg]
         policy=stages.train.spec,
     )
-    others = find_drones(DRONE, file.parameters, file.full_scale_counts)
-    fly_drones(others, policies, task, controller, stages.train.key)
+    about = DRONE, file.parameters, file.full_scale_counts
+    fly_about(*about, task, controller, stages.train.key, policies)
     drone = drones.find_reality(reality, stages.transfer.accept_bounds)
     transfer(policies, drone, stages.transfer.trials, duration=stages.transfer.duration)
 

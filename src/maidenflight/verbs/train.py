@@ -323,11 +323,11 @@ class Train(Verb):
             watch = TrainingWatch(scores, show, progress)
             if self.controller.fitted is not None:
                 progress.log(drones.describe_loop(self.drone_file))
+            about = name, self.drone_file.parameters, self.drone_file.full_scale_counts
+            how = find_task(self.task), self.controller, self.key
             policies, flights = final_flights.train_until_sound(
                 partial(self._train, learner, saved, watch),
-                partial(
-                    watch.fly, self.drone_file, find_task(self.task), self.controller, self.key
-                ),
+                partial(final_flights.fly_about, *about, *how),
                 first,
                 learner.updates,
             )

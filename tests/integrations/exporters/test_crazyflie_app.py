@@ -54,7 +54,7 @@ from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.physics import dynamics, rotations
 from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.rollouts import rollout
+from maidenflight.simulator.stepping import rollout
 from maidenflight.simulator.tasks import tasks
 from maidenflight.simulator.tasks.look_ahead import LookAhead
 

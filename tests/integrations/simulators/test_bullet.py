@@ -25,7 +25,7 @@ from maidenflight.simulator.controllers import control
 from maidenflight.simulator.physics import dynamics, rotations
 from maidenflight.simulator.physics.dynamics import State
 from maidenflight.simulator.realities.virtual_drone import virtual_drone
-from maidenflight.simulator.rollouts import rollout
+from maidenflight.simulator.stepping import rollout
 from maidenflight.simulator.tasks import tasks
 
 UNEQUAL = replace(

@@ -22,7 +22,7 @@ from maidenflight.simulator.physics import dynamics, rotations, vectors
 from maidenflight.simulator.physics.balance import balanced_command
 from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.physics.vectors import Entries
-from maidenflight.simulator.rollouts import rollout
+from maidenflight.simulator.stepping import rollout
 from maidenflight.simulator.tasks import tasks
 
 PAPER = crazyflie()

@@ -14,7 +14,7 @@ from maidenflight.simulator.controllers.mellinger import FullState, Memory
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.physics import dynamics, rotations
 from maidenflight.simulator.physics.sensors import Measurement
-from maidenflight.simulator.rollouts import rollout
+from maidenflight.simulator.stepping import rollout
 from maidenflight.simulator.tasks import tasks, trajectories
 
 STILL, UP = jnp.zeros(3), jnp.array([0.0, 0.0, 1.0])

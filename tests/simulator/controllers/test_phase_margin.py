@@ -23,7 +23,7 @@ from maidenflight.simulator.controllers.phase_margin import (
 )
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.physics import dynamics
-from maidenflight.simulator.rollouts import rollout
+from maidenflight.simulator.stepping import rollout
 from maidenflight.simulator.tasks import tasks
 
 BRUSHLESS = drone("crazyflie_brushless")

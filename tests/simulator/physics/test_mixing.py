@@ -24,7 +24,7 @@ from maidenflight.simulator.controllers import control, firmware
 from maidenflight.simulator.controllers.position_pid import position_pid
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.physics import dynamics
-from maidenflight.simulator.rollouts import rollout
+from maidenflight.simulator.stepping import rollout
 from maidenflight.simulator.tasks import tasks
 
 UNEQUAL = {

@@ -19,7 +19,7 @@ from maidenflight.simulator.realities.virtual_drone import (
     VARIANTS,
     virtual_drone,
 )
-from maidenflight.simulator.rollouts import rollout
+from maidenflight.simulator.stepping import rollout
 from maidenflight.simulator.tasks import tasks
 
 SEEDS = range(8)

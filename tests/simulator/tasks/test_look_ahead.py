@@ -13,7 +13,7 @@ from maidenflight.simulator import environment
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.physics import dynamics
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.rollouts import rollout
+from maidenflight.simulator.stepping import rollout
 from maidenflight.simulator.tasks import tasks, waypoints
 from maidenflight.simulator.tasks.look_ahead import LookAhead
 

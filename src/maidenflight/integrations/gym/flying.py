@@ -21,7 +21,7 @@ from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.physics import rotations
 from maidenflight.simulator.randomization import Distribution, relative_box
-from maidenflight.simulator.rollouts import EnvInstance, randomized_reset
+from maidenflight.simulator.stepping import EnvInstance, randomized_reset
 from maidenflight.simulator.tasks.failures import END_REASONS
 
 GROUP = 128

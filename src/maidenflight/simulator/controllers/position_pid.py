@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from maidenflight.names import POSITION_PID
 from maidenflight.parameters.frames import Mixer
 from maidenflight.parameters.platforms import Platform
 from maidenflight.simulator.controllers.control import NOTHING, Controller, Heading, sensed
@@ -40,7 +41,7 @@ class CascadeMemory(NamedTuple):
 
 _ADDED = "added share of full thrust"
 EXCITATION = ControlInterface(
-    "position_pid",
+    POSITION_PID,
     (0.0, 0.0, 0.0, 0.0),
     (1.0, 1.0, 1.0, 1.0),
     (_ADDED, _ADDED, _ADDED, _ADDED),

@@ -1,26 +1,17 @@
 """What a user sees of a training: its bar, its lines, and the loggers of its scores."""
 
-from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from maidenflight.verb import Progress
 
 if TYPE_CHECKING:
-    from jax import Array
-
-    from maidenflight.identification.drone_file import DroneFile
-    from maidenflight.policy import Policy
-    from maidenflight.simulator.controllers.control import Controller
-    from maidenflight.simulator.tasks.tasks import Task
-    from maidenflight.training.final_flights import FinalFlight
     from maidenflight.training.loggers import Listener
     from maidenflight.training.scores import Scores
     from maidenflight.training.train import Progress as Training
 
 
 class TrainingWatch:
-    """Listens to a training, whose updates may become more in its course."""
+    """Listens to a training, which ends in flights, and whose updates may then become more."""
 
     def __init__(self, scores: "Scores", show: "Listener", progress: Progress) -> None:
         self._scores, self._show, self._progress = scores, show, progress
@@ -45,18 +36,5 @@ class TrainingWatch:
         self._line = self._scores.add(now)
         self.on_update(now.update, self._end)
         self._progress.log(f"update {now.update} of {self._end}: {self._line}")
-
-    def fly(
-        self,
-        file: "DroneFile",
-        task: "Task",
-        controller: "Controller",
-        key: "Array",
-        policies: "Sequence[Policy]",
-    ) -> "list[list[FinalFlight]]":
-        """Flies a drone and others about it by each policy."""
-        from maidenflight.training.final_flights import find_drones, fly_drones
-
-        self._progress.move(self._end, self._end, "flying the drone and others about it")
-        drones = find_drones(Path(file.name).name, file.parameters, file.full_scale_counts)
-        return fly_drones(drones, policies, task, controller, key)
+        if now.update == self._end:
+            self._progress.move(self._end, self._end, "flying the drone and others about it")
