@@ -29,7 +29,7 @@ from maidenflight.flying.firmware_pilot import FirmwarePilot
 from maidenflight.flying.scenario import Scenario
 from maidenflight.identification.likelihood.speed_errors import motors_of_speeds
 from maidenflight.identification.outcome import problem as accepted
-from maidenflight.identification.outcome.problem import Problem
+from maidenflight.identification.outcome.problem import generator_of
 from maidenflight.parameters import Parameters, component
 from maidenflight.parameters import replace as changed
 from maidenflight.simulator.physics.dynamics import equivalent_lag
@@ -112,7 +112,7 @@ def speed_errors(seeds: Sequence[int], every: Sequence[int], duration: float) ->
         ]
         for step in every:
             flights = [thinned(flight, step) for flight in whole]
-            motors = motors_of_speeds(Problem.of(flights, mf.crazyflie()))
+            motors = motors_of_speeds(flights, mf.crazyflie(), generator_of(0))
             period = flights[0].period
             if motors is not None and motors.spin_down_ratio is not None:
                 longer = float(np.median(motors.lag)) / lag - 1

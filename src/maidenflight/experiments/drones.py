@@ -14,10 +14,10 @@ from maidenflight.flights.reading import read_flights
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.identification.likelihood.flight_differences import (
-    TRIM,
     drone_of_the_day,
     trim_ensemble,
 )
+from maidenflight.identification.likelihood.observation import BY_MOMENT
 from maidenflight.identification.outcome.bounds import must_lie_within_bounds
 from maidenflight.inputs import StrPath
 from maidenflight.names import ANY, ANY_DAY, POSTERIOR, TRIMS, WIDE
@@ -65,7 +65,7 @@ def distribution_of(
     if randomization == POSTERIOR:
         return file.posterior.ensemble(centre, file.name)
     if randomization in (WIDE, ANY_DAY):
-        trims = [file.estimates.get(name) for name in TRIM]
+        trims = [file.estimates.get(name) for name in BY_MOMENT]
         deviations = [0.0 if trim is None else trim.between_sd for trim in trims]
         box = wide_box(centre, controller.interface.name, deviations, bool(file.estimates))
         return box if randomization == WIDE else DayToDay(box, _most_later(centre, controller))
@@ -181,7 +181,7 @@ def drone_of(name: str) -> str:
 
 def choose_prediction(drone: StrPath | DroneFile) -> float | str:
     """Returns what predictions are randomized over by default."""
-    return TRIMS if set(TRIM) & set(read_file(drone).estimates) else 0.0
+    return TRIMS if set(BY_MOMENT) & set(read_file(drone).estimates) else 0.0
 
 
 def possible_drones(

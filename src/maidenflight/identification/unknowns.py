@@ -131,6 +131,10 @@ UNKNOWNS: Mapping[str, Unknown] = {
 """By name of `parameters.COMPONENTS`."""
 
 
+INERTIA = ("inertia_x", "inertia_y")
+"""About the axes that rolling and pitching turn."""
+
+
 def is_logarithmic(name: str) -> bool:
     """Tests whether a parameter is searched by its logarithm."""
     return name in UNKNOWNS and UNKNOWNS[name].is_logarithmic
@@ -159,6 +163,12 @@ class Box:
     def limits(self) -> dict[str, tuple[float, float]]:
         """Lower and upper bound by name, SI units."""
         return dict(zip(self.names, zip(self.lower, self.upper, strict=True), strict=True))
+
+    def part(self, names: Sequence[str]) -> "Box":
+        """Returns the box of some of its parameters."""
+        indices = [self.names.index(name) for name in names]
+        ends = ([side[index] for index in indices] for side in (self.lower, self.upper))
+        return Box(tuple(names), *map(tuple, ends))
 
     def _ends(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         logarithmic = np.array([is_logarithmic(name) for name in self.names])

@@ -10,7 +10,6 @@ import pytest
 from maidenflight.identification.likelihood import other_ways
 from maidenflight.identification.likelihood.estimator import (
     Answer,
-    Models,
     Question,
     answer_question,
 )
@@ -84,7 +83,7 @@ def test_a_start_of_another_latency_does_not_end_in_a_wave_that_is_not_the_truth
     start = replace(crazyflie(), latency=np.float32(0.026))
     problem = Problem(flights, source, start, None, {}, np.random.default_rng(3), Reporter(None))
     model = Waves(0)
-    question = Question(Models(model, model), ("latency",), start)
+    question = Question(model, ("latency",), start)
     found = answer_question(problem, Likelihood(trials=1), question)
     assert float(found.best.drone.latency) == pytest.approx(Waves.truth, abs=2e-5)
 
@@ -94,7 +93,7 @@ def answer(names: tuple[str, ...], trials: int = 1, **known: Any) -> Answer:
     source: Any = None
     problem = Problem(flights, source, START, None, {}, np.random.default_rng(3), Reporter(None))
     model = Lines(0)
-    question = Question(Models(model, model), names, START, **known)
+    question = Question(model, names, START, **known)
     return answer_question(problem, Likelihood(trials=trials), question)
 
 
@@ -113,7 +112,8 @@ def test_value_and_interval_are_those_of_least_squares() -> None:
         wide = np.hypot(deviation, found.posterior.spread[name] / np.sqrt(6))
         assert found.samples[name].std() == pytest.approx(wide, rel=0.15)
         assert found.posterior.error[name] == pytest.approx(wide, rel=0.15)
-    np.testing.assert_allclose(found.optima[0], found.optima[1], atol=1e-4)
+    ends = [fit.points[int(np.argmin(fit.values))] for fit in found.fits]
+    np.testing.assert_allclose(*ends, atol=1e-4)
 
 
 def follows(found: Answer) -> None:

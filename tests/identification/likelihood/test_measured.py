@@ -7,7 +7,7 @@ import pytest
 from maidenflight.identification.likelihood.measured import inertia_of_loop
 from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.identification.signals.motor_response import MotorResponse
-from maidenflight.parameters import crazyflie, replace
+from maidenflight.parameters import Parameters, crazyflie, replace
 
 
 def look(spread: float) -> MotorResponse:
@@ -21,39 +21,34 @@ def look(spread: float) -> MotorResponse:
     return MotorResponse(lag, np.full(2000, 0.005), None, (), (), {}, inertia_per_thrust=inertia)
 
 
-def problem(over: tuple[str, ...] | None = None) -> Any:
-    return SimpleNamespace(
-        over=over,
-        generator=np.random.default_rng(1),
-        flights=[SimpleNamespace(command=np.full((9, 4), 0.25))],
-    )
+def told(
+    known: dict[str, np.ndarray],
+    drone: Parameters,
+    command: float = 0.25,
+    spread: float = 0.1,
+) -> dict[str, np.ndarray]:
+    flights: Any = [SimpleNamespace(command=np.full((9, 4), command))]
+    return inertia_of_loop(flights, look(spread), known, drone, np.random.default_rng(1))
 
 
 def test_a_command_turns_by_the_slope_of_the_thrusts_curve() -> None:
     curved = replace(crazyflie(), thrust_linear=np.float32(0.5))
-    straight, bent = (
-        np.median(inertia_of_loop(problem(), look(0.1), {}, drone)["inertia_x"])
-        for drone in (crazyflie(), curved)
-    )
+    straight, bent = (np.median(told({}, drone)["inertia_x"]) for drone in (crazyflie(), curved))
     # d(0.5 u + 0.5 sqrt(u)) / du = 1 at u = 0.25.
     assert bent == pytest.approx(straight, rel=0.02)
     known = {"thrust_linear": np.full(500, -0.4)}
-    steeper = problem()
-    steeper.flights[0].command[:] = 0.0625
-    flat = inertia_of_loop(steeper, look(0.1), known, crazyflie())["inertia_x"]
+    flat = told(known, crazyflie(), command=0.0625)["inertia_x"]
     assert np.median(flat) == pytest.approx(0.6 * straight, rel=0.02)
 
 
 def test_inertia_scales_with_the_thrust_and_unclear_ones_stay_out() -> None:
-    told = inertia_of_loop(problem(), look(0.1), {HOVERING: np.full(500, 2.0)}, crazyflie())
-    assert list(told) == ["inertia_x"]
-    assert np.median(told["inertia_x"]) == pytest.approx(1.6e-5, rel=0.02)
-    usual = inertia_of_loop(problem(), look(0.1), {}, crazyflie())
+    strong = told({HOVERING: np.full(500, 2.0)}, crazyflie())
+    assert list(strong) == ["inertia_x"]
+    assert np.median(strong["inertia_x"]) == pytest.approx(1.6e-5, rel=0.02)
+    usual = told({}, crazyflie())
     ratio = float(crazyflie().thrust_to_weight) / 2.0
     assert np.median(usual["inertia_x"]) == pytest.approx(ratio * 1.6e-5, rel=0.02)
 
 
-def test_nothing_is_told_without_a_clear_lag_or_of_chosen_parameters() -> None:
-    assert inertia_of_loop(problem(), None, {}, crazyflie()) == {}
-    assert inertia_of_loop(problem(), look(2.0), {}, crazyflie()) == {}
-    assert inertia_of_loop(problem(("inertia_x",)), look(0.1), {}, crazyflie()) == {}
+def test_nothing_is_told_without_a_clear_lag() -> None:
+    assert told({}, crazyflie(), spread=2.0) == {}

@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import jax
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -11,7 +10,7 @@ from maidenflight.flights.log import Flight, flight_of
 from maidenflight.flights.trims import rotors
 from maidenflight.identification.likelihood.measured import measure
 from maidenflight.identification.likelihood.speed_errors import motors_of_speeds
-from maidenflight.identification.outcome.problem import Problem
+from maidenflight.identification.outcome.problem import Problem, generator_of
 from maidenflight.identification.signals.motor_response import MotorResponse
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.simulator.physics.dynamics import equivalent_lag
@@ -49,7 +48,7 @@ def flown(
 
 
 def seen(*flights: Flight) -> MotorResponse:
-    found = motors_of_speeds(Problem.of(flights, key=jax.random.key(0)))
+    found = motors_of_speeds(flights, crazyflie(), generator_of(0))
     assert found is not None
     assert found.spin_down_ratio is not None
     return found
@@ -88,8 +87,9 @@ def test_speeds_that_do_not_follow_commands_show_nothing() -> None:
     flight = flown(0.03, 1.0)
     assert flight.rotor_speed is not None
     broken = dataclasses.replace(flight, rotor_speed=flight.rotor_speed[::-1].copy())
-    assert motors_of_speeds(Problem.of([broken])) is None
-    assert motors_of_speeds(Problem.of([dataclasses.replace(flight, rotor_speed=None)])) is None
+    unmeasured = dataclasses.replace(flight, rotor_speed=None)
+    for lost in (broken, unmeasured):
+        assert motors_of_speeds([lost], crazyflie(), generator_of(0)) is None
 
 
 def test_a_policy_at_the_logs_rate_is_left_to_the_likelihood() -> None:

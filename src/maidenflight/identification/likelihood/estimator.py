@@ -8,14 +8,13 @@ parameter may lie from there. Requested and known parameters are a `Question`.
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from maidenflight.identification.drone_file import Estimate, GroupGain
 from maidenflight.identification.likelihood import selection
-from maidenflight.identification.likelihood.fit import Fit, balance, box_of, fit
+from maidenflight.identification.likelihood.fit import Fit, balance, fit
 from maidenflight.identification.likelihood.laplace import (
     NO_OTHERS,
     Others,
@@ -32,24 +31,15 @@ from maidenflight.identification.outcome.estimates import estimates_of
 from maidenflight.identification.outcome.plausible import ExpectedInterval, Ranges
 from maidenflight.identification.outcome.problem import Problem, require_identifiable
 from maidenflight.identification.outcome.progress import FITTING, INTERVALS
-from maidenflight.identification.signals.lag import DELAYS, LAG
+from maidenflight.identification.signals.lag import DELAYS
 from maidenflight.identification.uncertainty import Evidence, interval, inverse
 from maidenflight.identification.unknowns import Box
 from maidenflight.parameters import Parameters, component
 from maidenflight.parameters import replace as replace_values
 
-_LATTICE = {LAG: 5, "latency": 11}
+_LATTICE: Mapping[str, int] = dict(zip(DELAYS, (5, 11), strict=True))
 """Lags and latencies from bound to bound of which the likeliest begin the search: of latencies one
 every 5 ms, as wide as the optima of logs at 500 Hz; paper/identification/truth_board.py."""
-
-
-class Models(NamedTuple):
-    """An observation model of some flights, and a quicker one."""
-
-    pilot: ObservationModel
-    """On which a random start comes near the optimum."""
-    whole: ObservationModel
-    """On which every trial ends."""
 
 
 Ways = Mapping[str, tuple[ObservationModel, Sequence[str]]]
@@ -60,11 +50,13 @@ Ways = Mapping[str, tuple[ObservationModel, Sequence[str]]]
 class Question:
     """Parameters to estimate, and what is known besides."""
 
-    models: Models
+    model: ObservationModel
     names: tuple[str, ...]
     """Parameters to fit."""
     start: Parameters
     """Where the search begins, and the fixed parameters."""
+    pilot: ObservationModel | None = None
+    """A quicker model, on which a random start comes near the optimum."""
     parts: Parts | None = None
     """By which groups of parameters are chosen; none are without."""
     groups: Mapping[str, Sequence[str]] = field(default_factory=dict)
@@ -91,8 +83,6 @@ class Answer:
     """One for each trial."""
     best: Fit
     """The lowest of them."""
-    others: Mapping[str, Fit]
-    """Fits in other ways."""
     posterior: Posterior
     gains: tuple[GroupGain, ...]
     """Of each group of parameters that was tried."""
@@ -103,11 +93,6 @@ class Answer:
     def samples(self) -> dict[str, Float[np.ndarray, "N"]]:
         """Samples of the posterior by parameter, SI units."""
         return self.posterior.samples
-
-    @property
-    def optima(self) -> Float[np.ndarray, "trials d"]:
-        """The best point of each trial, in the unit cube."""
-        return np.array([fit.points[int(np.argmin(fit.values))] for fit in self.fits])
 
     def without(
         self, removed_ranges: Ranges, start: Parameters, generator: np.random.Generator
@@ -184,12 +169,12 @@ def join(
     draws = {name: samples for answer in answers for name, samples in answer.samples.items()}
     spread = {name: size for answer in answers for name, size in answer.posterior.spread.items()}
     about_z = AboutZ(answers[-1].best.drone, draws, spread, ())
-    if follows_about_z:
+    if follows_about_z and "inertia_z" not in (problem.over or ()):
         about_z = with_inertia_z(problem.start, *about_z[:3], unidentifiable, problem.generator)
     drone, draws, spread, notes = about_z
     names = tuple(name for name in draws if name not in unidentifiable)
     require_identifiable(names, unidentifiable)
-    box = box_of(problem, names)
+    box = problem.box(names)
     fits = [fit for answer in answers for fit in sorted(answer.fits, key=lambda fit: fit.value)]
     runs = [_in_box(fit, box, drone) for fit in fits]
     optimum = box.unit_of(drone)
@@ -230,14 +215,14 @@ def _in_box(
 ) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]:
     """Points of a search in a box of other parameters, those that it lacks as in the drone found.
 
-    What yaw shows as shares of the inertia about z is in proportion to that.
+    That about z, and what yaw shows as shares of it, is in proportion.
     """
     points, own = np.tile(box.unit_of(drone), (len(fit.points), 1)), fit.box.values(fit.points)
     values = box.values(points)
     about_z = float(component(drone, "inertia_z") / component(fit.drone, "inertia_z"))
     for column, name in enumerate(box.names):
         if name in fit.box.names:
-            scale = about_z if name in ABOUT_Z else 1.0
+            scale = about_z if name in (*ABOUT_Z, "inertia_z") else 1.0
             values[:, column] = scale * own[:, fit.box.names.index(name)]
     return box.unit(values), fit.values
 
@@ -259,7 +244,14 @@ def answer_question(problem: Problem, settings: Likelihood, question: Question) 
     fit_result, tell = fits[best], problem.reporter.stage
     tell(INTERVALS, 0, 2)
     others = {
-        way: fit(problem, settings.evaluations, [model], some, fit_result.drone, question.samples)
+        way: fit(
+            problem.box(some),
+            settings.evaluations,
+            [model],
+            fit_result.drone,
+            question.samples,
+            problem.reporter.evaluated,
+        )
         for way, (model, some) in question.ways(names).items()
     }
     tell(INTERVALS, 1, 2)
@@ -272,7 +264,7 @@ def answer_question(problem: Problem, settings: Likelihood, question: Question) 
         at_least_laplace=question.at_least_laplace,
     )
     tell(INTERVALS, 2, 2)
-    return Answer(tuple(fits), fit_result, others, posterior_samples, tuple(gains))
+    return Answer(tuple(fits), fit_result, posterior_samples, tuple(gains))
 
 
 def _with_likeliest_delays(problem: Problem, question: Question) -> Parameters:
@@ -284,11 +276,11 @@ def _with_likeliest_delays(problem: Problem, question: Question) -> Parameters:
     searched = [name for name in DELAYS if name in question.names and name not in question.samples]
     if not searched:
         return question.start
-    box, model = box_of(problem, searched), question.models.whole
+    whole, model = problem.box(question.names), question.model
+    box = whole.part(searched)
     lattice = product(*(np.linspace(0.0, 1.0, _LATTICE[name]) for name in searched))
     drones = [question.start, *(box.drone(question.start, np.array(unit)) for unit in lattice)]
-    whole_box = box_of(problem, question.names)
-    return min(drones, key=lambda drone: model(balance(model, drone, whole_box)))
+    return min(drones, key=lambda drone: model(balance(model, drone, whole)))
 
 
 def _choose(
@@ -301,10 +293,9 @@ def _choose(
     models = [parts.sample, parts.training]
 
     def roughly(names: Sequence[str], first: Parameters) -> Parameters:
-        fit_result = fit(
-            problem, evaluations, models, names, first, question.samples, close=selection.ROUGH
-        )
-        return fit_result.drone
+        box, told = problem.box(names), problem.reporter.evaluated
+        samples, close = question.samples, selection.ROUGH
+        return fit(box, evaluations, models, first, samples, told, close=close).drone
 
     return selection.choose(
         parts,
@@ -313,7 +304,7 @@ def _choose(
         names,
         groups,
         problem.reporter.choosing(len(groups)),
-        lambda drone, names: all_reached(drone, box_of(problem, names).limits),
+        lambda drone, names: all_reached(drone, problem.box(names).limits),
     )
 
 
@@ -325,13 +316,15 @@ def _trials(
     first: Parameters,
 ) -> tuple[list[Fit], int]:
     """The end of each trial, and which is best."""
-    most, tell, trials = settings.evaluations, problem.reporter.stage, settings.trials
-    tell(FITTING, 0, trials)
-    fit_result = [fit(problem, most, [question.models.whole], names, first, question.samples)]
-    for trial in range(1, trials):
-        tell(FITTING, trial, trials)
-        models, start = question.models, question.start
+    box, most, reporter = problem.box(names), settings.evaluations, problem.reporter
+    model, samples, told = question.model, question.samples, reporter.evaluated
+    models = [question.pilot or model, model]
+    fit_result = list[Fit]()
+    for trial in range(settings.trials):
+        reporter.stage(FITTING, trial, settings.trials)
         fit_result.append(
-            fit(problem, most, models, names, start, question.samples, at_random=True)
+            fit(box, most, models, question.start, samples, told, generator=problem.generator)
+            if trial
+            else fit(box, most, [model], first, samples, told)
         )
     return fit_result, int(np.argmin([fit.value for fit in fit_result]))

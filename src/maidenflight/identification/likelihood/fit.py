@@ -4,7 +4,7 @@ Parameters that logs show by themselves are not searched for, and where a model 
 moment it is what hovering takes.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,6 @@ from jaxtyping import Float
 
 from maidenflight.identification.likelihood.observation import BALANCED, ObservationModel
 from maidenflight.identification.outcome.plausible import HOVERING
-from maidenflight.identification.outcome.problem import Problem
 from maidenflight.identification.search.gauss_newton import (
     INSIDE,
     NormalEquations,
@@ -27,17 +26,12 @@ from maidenflight.identification.signals.lag import (
     slope_by_ratio,
     speeding_up,
 )
-from maidenflight.identification.unknowns import Box, physical_bounds, search_box
+from maidenflight.identification.unknowns import Box
 from maidenflight.parameters import Parameters, component, replace
 
 _CLOSE = 0.02
 """Gain of the log likelihood of all flights [nats] below which a step is the last; a fifth of a
 standard error changes it by as much."""
-
-
-def box_of(problem: Problem, names: Sequence[str]) -> Box:
-    """Returns the search box of some parameters."""
-    return search_box(names, {**physical_bounds(problem.start), **problem.bounds})
 
 
 @dataclass(frozen=True)
@@ -65,56 +59,58 @@ class Fit:
 
 
 def fit(
-    problem: Problem,
+    box: Box,
     evaluations: int,
     models: Sequence[ObservationModel],
-    names: Sequence[str],
     first: Parameters,
     measured_delays: Mapping[str, Float[np.ndarray, "N"]],
+    on_evaluation: Callable[[], None],
     *,
-    at_random: bool = False,
+    generator: np.random.Generator | None = None,
     close: float = 0.0,
 ) -> Fit:
     """Maximises one likelihood after another.
 
     Args:
-        problem: bounds of the search, random numbers and what counts evaluations.
+        box: of the d parameters to fit.
         evaluations: most evaluations of each model.
         models: each is maximised until a step gains less than `_CLOSE` in all, or than `close` a
             row; one that is named twice, once.
-        names: of the d parameters.
         first: where to begin, and the fixed parameters.
-        measured_delays: samples of parameters; of those among `names` the median is taken.
-        at_random: begin at a random point instead.
+        measured_delays: samples of parameters; of those in the box the median is taken.
+        on_evaluation: called after each.
+        generator: begin at a random point by it instead.
         close: log-likelihood gain of a row [nats] below which a step is the last.
     """
-    box = box_of(problem, names)
+    names = box.names
     measured_delays = {name: samples for name, samples in measured_delays.items() if name in names}
-    drone = _with_measured_delays(first, measured_delays)
+    drone = _at_medians(first, measured_delays)
     free = tuple(
         name
         for name in names
         if name not in measured_delays and not (name in BALANCED and models[0].means is not None)
     )
-    inner = box_of(problem, free) if free else None
-    if inner and at_random:
-        drone = inner.drone(drone, problem.generator.random(len(free)))
+    inner = box.part(free) if free else None
+    if inner and generator:
+        drone = inner.drone(drone, generator.random(len(free)))
     points, values = np.empty((0, len(names))), np.empty(0)
     for model in dict.fromkeys(models):
         small = max(close, _CLOSE / model.rows)
         rules = Rules(1, evaluations - 1, small_gain=small, easing=8.0, firmness=2.0)
         if inner:
-            drones, values = _descended(problem, model, rules, inner, box, drone, measured_delays)
+            drones, values = _descended(
+                model, rules, inner, box, drone, measured_delays, on_evaluation
+            )
             drone = drones[int(np.argmin(values))]
         else:
             drone = balance(model, drone, box)
             drones, values = [drone], np.array([model(drone)])
-            problem.reporter.evaluated()
+            on_evaluation()
         points = np.array([box.unit_of(drone) for drone in drones])
     return Fit(models[-1], box, drone, points, values)
 
 
-def _with_measured_delays(
+def _at_medians(
     drone: Parameters, measured_delays: Mapping[str, Float[np.ndarray, "N"]]
 ) -> Parameters:
     """The drone with the medians of what is seen.
@@ -147,13 +143,13 @@ def balance(model: ObservationModel, drone: Parameters, box: Box) -> Parameters:
 
 
 def _descended(
-    problem: Problem,
     model: ObservationModel,
     rules: Rules,
     inner: Box,
     box: Box,
     first: Parameters,
     measured_delays: Mapping[str, Float[np.ndarray, "N"]],
+    on_evaluation: Callable[[], None],
 ) -> tuple[list[Parameters], Float[np.ndarray, "n"]]:
     """Drones evaluated from one on, and their values.
 
@@ -169,9 +165,9 @@ def _descended(
     ]
 
     def equations(unit: np.ndarray) -> NormalEquations:
-        problem.reporter.evaluated()
+        on_evaluation()
         drone = inner.drone(drones[int(np.argmin(values))] if drones else first, unit)
-        drone = balance(model, _with_measured_delays(drone, measured_delays), box)
+        drone = balance(model, _at_medians(drone, measured_delays), box)
         names = (*inner.names, *followers)
         result = model.normal_equations(drone, names)
         if followers:

@@ -15,20 +15,14 @@ from maidenflight.flights.trims import ENOUGH_FLIGHTS, SEGMENT_S, between_flight
 from maidenflight.flights.windows import segment_names
 from maidenflight.identification.drone_file import Estimate
 from maidenflight.identification.likelihood import one_step
+from maidenflight.identification.likelihood.observation import BALANCED, BY_MOMENT
 from maidenflight.identification.likelihood.one_step import OneStep
 from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.identification.signals.flight_signals import stride
 from maidenflight.identification.signals.motor_response import MotorResponse
+from maidenflight.identification.unknowns import INERTIA
 from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, check, component, replace
 from maidenflight.simulator.randomization import Ensemble, ensemble
-
-TRIM = ("torque_bias_x", "torque_bias_y", "torque_bias_z")
-"""Constant torques: how the battery sits and the propellers are mounted, which people change
-between flights."""
-BETWEEN_FLIGHTS = (*TRIM, HOVERING)
-"""What differs from flight to flight: a log of the day tells it."""
-_IN_A_TRIM = (HOVERING, *TRIM)
-"""The same in the order of `trims.with_standard_errors`."""
 
 WITHIN_A_DAY = {HOVERING: 0.87, "torque_bias_x": 0.7, "torque_bias_y": 0.7, "torque_bias_z": 0.55}
 """Standard deviation between flights of a day, as a share of that between all flights: of flights
@@ -50,14 +44,14 @@ def flight_to_flight_sd(
         Those that differ; nothing where there are too few flights (`trims.ENOUGH_FLIGHTS`).
     """
     logs = by_log(flights).values()
-    if len(logs) < ENOUGH_FLIGHTS or not estimates.keys() & set(BETWEEN_FLIGHTS):
+    if len(logs) < ENOUGH_FLIGHTS or not estimates.keys() & set(BALANCED):
         return {}
     deviations = between_flights([trim(pieces, drone) for pieces in logs])
     if deviations is None:
         return {}
     return {
         name: replace_(estimates[name], between_sd=float(deviation))
-        for name, deviation in zip(_IN_A_TRIM, deviations, strict=True)
+        for name, deviation in zip(BALANCED, deviations, strict=True)
         if name in estimates
     }
 
@@ -84,7 +78,7 @@ def drone_of_the_day(
     Raises:
         InputError: no constant torque was identified, or no flight is long enough to tell one.
     """
-    if not set(TRIM) & set(estimates):
+    if not set(BY_MOMENT) & set(estimates):
         raise InputError(_DAY_EFFECTS.format(source=source))
     # Pieces of one flight have its trim: they are no flights of their own.
     rows = [trim(pieces, drone) for pieces in by_log(flights).values()]
@@ -95,7 +89,7 @@ def drone_of_the_day(
             f"{2 * SEGMENT_S:g} s or more with the motors' commands."
         )
     text, values = dict(estimates), {}
-    for column, name in enumerate(_IN_A_TRIM):
+    for column, name in enumerate(BALANCED):
         old = estimates.get(name)
         if old is None or not old.between_sd > 0.0:
             continue
@@ -134,8 +128,8 @@ def trim_ensemble(
     Raises:
         InputError: no constant torque was identified.
     """
-    names = [name for name in BETWEEN_FLIGHTS if name in estimates]
-    if not set(TRIM) & set(names):
+    names = [name for name in (*BY_MOMENT, HOVERING) if name in estimates]
+    if not set(BY_MOMENT) & set(names):
         raise InputError(_DAY_EFFECTS.format(source=source))
     deviations = np.array([max(estimates[name].between_sd, 1e-12) for name in names])
     values = np.array([component(drone, name) for name in names], np.float64)
@@ -158,7 +152,7 @@ LEAST: Mapping[str, float] = {
 }
 """What is looked at, and the differences of logarithms below which flights of one drone differ: a
 battery pack, propellers or a trim make up to 5 % of thrust; a real drone's inertia and lag are seen
-far less exactly."""
+far less exactly. Changes notes alone (paper/identification/constants.py)."""
 MIN_DIFFERENCE = 6.0
 """Distance of two groups of flights over the standard deviation within, from which on they are
 called apart. The best cut of flights of one kind, normally distributed, has 2.7."""
@@ -223,9 +217,8 @@ def _by_segment(target: OneStep, drone: Parameters) -> dict[str, Float[np.ndarra
     """Logarithms of parameters by segment of flight."""
     with np.errstate(divide="ignore", invalid="ignore"):
         values = {"thrust_to_weight": np.log(np.maximum(target.hovering(drone), 1e-3))}
-        axes = ("inertia_x", "inertia_y")
-        _, scores, curvatures = target.derivatives(drone, axes)
-        for axis, name in enumerate(axes):
+        _, scores, curvatures = target.derivatives(drone, INERTIA)
+        for axis, name in enumerate(INERTIA):
             size = float(drone.inertia[axis])
             step = -scores[:, axis] / curvatures[:, axis, axis] / size
             values[name] = np.log1p(np.clip(step, -0.9, 9.0))

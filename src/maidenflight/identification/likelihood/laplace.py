@@ -113,126 +113,161 @@ def posterior(
         at_least_laplace: no variance is below Laplace's own, the inverse of the curvature.
     """
     box, unit, size = fit.box, fit.optimum, len(fit.box.names)
-    names = (*box.names, *others.samples)
-    slope = np.concatenate([box.slope(unit), others.slope])
+    about = _about(fit, others)
+    measured = {name: some for name, some in measured_delays.items() if name in box.names}
+    free = _free(about, measured, doubt, generator)
+    known = _known_moves(about, free.indices, measured, others, generator)
+    spread = about.spread.copy()
+    if free.hover is not None:
+        spread[free.hover] = free.hover_spread
+    spread[[index for index in known if index < size]] = 0.0
+    sizes = spread / about.slope[:size] / np.sqrt(NEXT_FLIGHT)
+    doubt = doubt + about.alike * np.outer(sizes, sizes)
+    moves = _moves(about, free, known, doubt, generator, at_least_laplace=at_least_laplace)
+    if HOVERING in box.names:
+        index = box.names.index(HOVERING)
+        moves[:, index] += other_days(fit.drone, RESAMPLES, generator) / about.slope[index]
+    # A latency or drag of zero is no search bound but where nature ends.
+    bounded = (unit > 1 - AT_BOUND) | ((unit < AT_BOUND) & (np.array(box.lower) != 0.0))
+    error = np.where(bounded, np.inf, np.std(moves, axis=0) * about.slope[:size])
+    spread, error = (dict(zip(box.names, sizes.tolist(), strict=True)) for sizes in (spread, error))
+    return Posterior(box, np.clip(unit + moves, 0.0, 1.0), spread, error, others.samples)
+
+
+class _About(NamedTuple):
+    """The likelihood about a fit of d parameters, by them and k others: n in all."""
+
+    fit: Fit
+    names: tuple[str, ...]
+    slope: Float[np.ndarray, "n"]
+    """SI units to a unit of the scales on which it is quadratic; those of the next two."""
+    scores: Float[np.ndarray, "S n"]
+    curvature: Float[np.ndarray, "n n"]
+    spread: Float[np.ndarray, "d"]
+    """Standard deviation between segments, SI units."""
+    alike: Float[np.ndarray, "d d"]
+    """Its correlations."""
+
+
+def _about(fit: Fit, others: Others) -> _About:
+    names, size = (*fit.box.names, *others.samples), len(fit.box.names)
+    slope = np.concatenate([fit.box.slope(fit.optimum), others.slope])
     _, scores, curvatures = fit.model.derivatives(fit.drone, names)
     vary = len(names) if others.vary else size
     spread, alike = between_segments(
         scores[:, :vary] * fit.model.rows, curvatures[:, :vary, :vary] * fit.model.rows
     )
-    spread = spread[:size]
-    measured = {name: some for name, some in measured_delays.items() if name in box.names}
-    hover = _balance(fit, names, slope, doubt, generator)
-    if hover.column is not None:
-        spread[hover.column] = hover.spread
-    indices = [index for index in range(len(names)) if index != hover.column]
-    along = hover.along @ _fixed_equivalent_lag(
-        [names[index] for index in indices], fit, measured, slope[indices]
-    )
     curvature = curvatures.sum(axis=0) * np.outer(slope, slope)
-    is_known = np.array([names[index] in {*measured, *others.samples} for index in indices], bool)
-    moves = np.zeros((RESAMPLES, len(indices)))
-    for number, index in enumerate(indices):
+    return _About(fit, names, slope, scores * slope, curvature, spread[:size], alike[:size, :size])
+
+
+class _Free(NamedTuple):
+    """Parameters that move by themselves, and how others follow."""
+
+    indices: list[int]
+    """Of m of the n parameters: all, or all but the thrust-to-weight ratio."""
+    along: Float[np.ndarray, "n m"]
+    """How all parameters move with these."""
+    hover: int | None
+    """Index of that ratio where mean forces tell it; None where a likelihood does."""
+    noise: Float[np.ndarray, "N 1"]
+    """What the ratio may be off by itself, in the unit cube."""
+    hover_spread: float
+    """Its standard deviation between segments, SI units."""
+
+
+def _free(
+    about: _About,
+    measured_delays: Mapping[str, Float[np.ndarray, "N"]],
+    doubt: Float[np.ndarray, "d d"],
+    generator: np.random.Generator,
+) -> _Free:
+    """Returns how thrust keeps the balance, and the lag speeding up the equivalent one.
+
+    The lag that is seen is that of speeding up and slowing down. With another ratio of them it
+    stays the same, and that of speeding up does not.
+    """
+    fit, names, slope = about.fit, about.names, about.slope
+    along, hover, spread = np.eye(len(names)), None, 0.0
+    noise, means = np.zeros((RESAMPLES, 1)), fit.model.means
+    indices = list(range(len(names)))
+    if means is not None and HOVERING in fit.box.names:
+        hover = fit.box.names.index(HOVERING)
+        del indices[hover]
+        along = np.delete(along, hover, axis=1)
+        climbs = means.climbs(fit.drone, names) * slope
+        along[hover] = -np.delete(climbs, hover) / climbs[hover]
+        spread = float(np.std(means.hovering(fit.drone)))
+        error = spread * np.sqrt(1 / fit.model.segments + 1 / NEXT_FLIGHT)
+        error = np.hypot(error / slope[hover], np.sqrt(doubt[hover, hover]))
+        noise = generator.normal(0.0, error, (RESAMPLES, 1))
+    if LAG in measured_delays and SLOWING_DOWN in names:
+        lag, ratio = names.index(LAG), names.index(SLOWING_DOWN)
+        steps = np.eye(len(indices))
+        steps[indices.index(lag), indices.index(ratio)] = (
+            slope_by_ratio(fit.drone) * slope[ratio] / slope[lag]
+        )
+        along = along @ steps
+    return _Free(indices, along, hover, noise, spread)
+
+
+def _known_moves(
+    about: _About,
+    indices: Sequence[int],
+    measured_delays: Mapping[str, Float[np.ndarray, "N"]],
+    others: Others,
+    generator: np.random.Generator,
+) -> dict[int, Float[np.ndarray, "N"]]:
+    """Moves of those parameters that have samples of their own, by index, about the drone's."""
+    fit, size = about.fit, len(about.fit.box.names)
+    moves = {}
+    for index in indices:
+        name = about.names[index]
         if index >= size:
-            moves[:, number] = others.moves[:, index - size]
-        elif is_known[number]:
-            moves[:, number] = _with_measured_delays(fit, index, measured, generator)
-            spread[index] = 0.0
+            moves[index] = others.moves[:, index - size]
+        elif name in measured_delays:
+            samples = measured_delays[name] * (
+                float(component(fit.drone, name)) / max(np.median(measured_delays[name]), 1e-9)
+            )
+            if len(samples) != RESAMPLES:
+                samples = generator.choice(samples, RESAMPLES)
+            unit = fit.box.unit(np.tile(samples[:, None], (1, size)))
+            moves[index] = unit[:, index] - fit.optimum[index]
+    return moves
+
+
+def _moves(
+    about: _About,
+    free: _Free,
+    known: Mapping[int, Float[np.ndarray, "N"]],
+    doubt: Float[np.ndarray, "d d"],
+    generator: np.random.Generator,
+    *,
+    at_least_laplace: bool,
+) -> Float[np.ndarray, "N d"]:
+    """Moves of the fit's parameters from its optimum, in the unit cube."""
+    moves = np.zeros((RESAMPLES, len(free.indices)))
+    is_known = np.array([index in known for index in free.indices], bool)
+    if known:
+        moves[:, is_known] = np.stack(list(known.values()), axis=1)
     if not is_known.all():
-        own = [index for index, known in zip(indices, is_known, strict=True) if not known]
-        reduced = along.T @ curvature @ along
+        own = [index for index in free.indices if index not in known]
+        reduced = free.along.T @ about.curvature @ free.along
         inner = reduced[np.ix_(~is_known, ~is_known)]
-        covariance = sandwich(((scores * slope) @ along)[:, ~is_known], inner)
+        covariance = sandwich((about.scores @ free.along)[:, ~is_known], inner)
         if at_least_laplace:
-            least = np.diag(inverse(inner)) / fit.model.rows
+            least = np.diag(inverse(inner)) / about.fit.model.rows
             covariance += np.diag(np.maximum(least - np.diag(covariance), 0.0))
-        sizes = (spread / slope[:size])[own] / np.sqrt(NEXT_FLIGHT)
-        covariance += alike[np.ix_(own, own)] * np.outer(sizes, sizes) + doubt[np.ix_(own, own)]
-        free = generator.multivariate_normal(
+        covariance += doubt[np.ix_(own, own)]
+        by_chance = generator.multivariate_normal(
             np.zeros(len(own)), covariance, RESAMPLES, method="eigh"
         )
         # The rest of the optimum follows what is known of the others, and of hovering.
         pull = moves[:, is_known] @ reduced[np.ix_(is_known, ~is_known)]
-        if hover.column is not None:
-            pull += hover.noise * (along.T @ curvature[:, hover.column])[~is_known]
-        moves[:, ~is_known] += free - pull @ inverse(inner)
-    moves = (moves @ along.T)[:, :size]
-    if hover.column is not None:
-        moves[:, hover.column] += hover.noise[:, 0]
-    if HOVERING in box.names:
-        index = box.names.index(HOVERING)
-        moves[:, index] += other_days(fit.drone, RESAMPLES, generator) / slope[index]
-    # A latency or drag of zero is no search bound but where nature ends.
-    bounded = (unit > 1 - AT_BOUND) | ((unit < AT_BOUND) & (np.array(box.lower) != 0.0))
-    error = np.where(bounded, np.inf, np.std(moves, axis=0) * slope[:size])
-    spread, error = (dict(zip(box.names, sizes.tolist(), strict=True)) for sizes in (spread, error))
-    return Posterior(box, np.clip(unit + moves, 0.0, 1.0), spread, error, others.samples)
-
-
-class _Hover(NamedTuple):
-    """The balance of mean forces, by which thrust follows the other parameters."""
-
-    column: int | None
-    """Of the thrust-to-weight ratio among n parameters; None where a likelihood tells it."""
-    along: Float[np.ndarray, "n m"]
-    """How all parameters move with the m others."""
-    noise: Float[np.ndarray, "N 1"]
-    """What the ratio may be off by itself, in the unit cube."""
-    spread: float
-    """Its standard deviation between segments, SI units."""
-
-
-def _balance(
-    fit: Fit,
-    names: Sequence[str],
-    slope: Float[np.ndarray, "n"],
-    doubt: Float[np.ndarray, "d d"],
-    generator: np.random.Generator,
-) -> _Hover:
-    """Returns how thrust keeps the balance; all move by themselves without mean errors."""
-    box, means = fit.box, fit.model.means
-    if means is None or HOVERING not in box.names:
-        return _Hover(None, np.eye(len(names)), np.zeros((RESAMPLES, 1)), 0.0)
-    index = box.names.index(HOVERING)
-    along = np.delete(np.eye(len(names)), index, axis=1)
-    climbs = means.climbs(fit.drone, names) * slope
-    along[index] = -np.delete(climbs, index) / climbs[index]
-    spread = float(np.std(means.hovering(fit.drone)))
-    error = spread * np.sqrt(1 / fit.model.segments + 1 / NEXT_FLIGHT)
-    error = np.hypot(error / slope[index], np.sqrt(doubt[index, index]))
-    return _Hover(index, along, generator.normal(0.0, error, (RESAMPLES, 1)), spread)
-
-
-def _fixed_equivalent_lag(
-    names: Sequence[str],
-    fit: Fit,
-    measured_delays: Mapping[str, Float[np.ndarray, "N"]],
-    slope: Float[np.ndarray, "n"],
-) -> Float[np.ndarray, "n n"]:
-    """How parameters move in the unit cube where the ratio of slowing down moves.
-
-    The lag that is seen is the equivalent one of speeding up and slowing down. With another ratio
-    it stays the same, and that of speeding up does not.
-    """
-    unit_steps = np.eye(len(names))
-    if LAG in measured_delays and LAG in names and SLOWING_DOWN in names:
-        lag, ratio = names.index(LAG), names.index(SLOWING_DOWN)
-        unit_steps[lag, ratio] = slope_by_ratio(fit.drone) * slope[ratio] / slope[lag]
-    return unit_steps
-
-
-def _with_measured_delays(
-    fit: Fit,
-    number: int,
-    measured_delays: Mapping[str, Float[np.ndarray, "N"]],
-    generator: np.random.Generator,
-) -> Float[np.ndarray, "N"]:
-    """Moves in the unit cube of a parameter that is seen, about the drone's, as many as samples."""
-    box, name = fit.box, fit.box.names[number]
-    samples = measured_delays[name] * (
-        float(component(fit.drone, name)) / max(np.median(measured_delays[name]), 1e-9)
-    )
-    if len(samples) != RESAMPLES:
-        samples = generator.choice(samples, RESAMPLES)
-    unit = box.unit(np.tile(samples[:, None], (1, len(box.names))))
-    return unit[:, number] - fit.optimum[number]
+        if free.hover is not None:
+            pull += free.noise * (free.along.T @ about.curvature[:, free.hover])[~is_known]
+        moves[:, ~is_known] = by_chance - pull @ inverse(inner)
+    moves = (moves @ free.along.T)[:, : len(about.fit.box.names)]
+    if free.hover is not None:
+        moves[:, free.hover] += free.noise[:, 0]
+    return moves

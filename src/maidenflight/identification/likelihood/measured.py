@@ -4,16 +4,19 @@ Measured rotor speeds show the motors' lag both ways, their latency and, with th
 inertia. Without them commands and gyro show the equivalent lag, and inertia over thrust.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
 
+from maidenflight.flights.log import Flight
 from maidenflight.identification.likelihood.speed_errors import motors_of_speeds
 from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.identification.outcome.problem import Problem
-from maidenflight.identification.signals.lag import LAG, SLOWING_DOWN, speeding_up
+from maidenflight.identification.outcome.progress import MOTOR_LAG
+from maidenflight.identification.signals.lag import DELAYS, LAG, SLOWING_DOWN, speeding_up
 from maidenflight.identification.signals.motor_response import (
     MotorResponse,
     estimate_motor_response,
@@ -65,22 +68,23 @@ class Measured:
         return {name: values[chosen] for name, values in samples.items()}
 
 
-def measure(problem: Problem, on_flight: Callable[[int, int], None] | None = None) -> Measured:
-    """Returns what signals show by themselves; nothing where a policy flew at the log's rate.
+def measure(problem: Problem) -> Measured:
+    """Returns what signals show by themselves, if the motors' lag and latency are requested.
 
-    The likelihood of one row ahead models those flights exactly, and shows the motors better.
-
-    Args:
-        problem: flights of one rate.
-        on_flight: called with (flights looked at, flights).
+    Nothing where a policy flew at the log's rate: the likelihood of one row ahead models those
+    flights exactly, and shows the motors better.
     """
-    flights = problem.flights
-    if all(flight.zero_order_hold and flight.accelerometer is None for flight in flights):
+    flights, report = problem.flights, partial(problem.reporter.stage, MOTOR_LAG)
+    are_requested = problem.over is None or set(DELAYS) <= set(problem.over)
+    if not are_requested or all(
+        flight.zero_order_hold and flight.accelerometer is None for flight in flights
+    ):
         return Measured()
-    motors = motors_of_speeds(problem)
+    report(0, 0)
+    motors = motors_of_speeds(flights, problem.start, problem.generator, problem.reporter.evaluated)
     if motors is None:
         generator = problem.generator.spawn(1)[0]
-        motors = estimate_motor_response(flights, generator, problem.start, on_flight)
+        motors = estimate_motor_response(flights, generator, problem.start, report)
     inertia: Samples = {}
     if problem.over is None:
         generator = problem.generator.spawn(1)[0]
@@ -89,10 +93,11 @@ def measure(problem: Problem, on_flight: Callable[[int, int], None] | None = Non
 
 
 def inertia_of_loop(
-    problem: Problem,
-    motors: MotorResponse | None,
-    known: Mapping[str, Float[np.ndarray, "N"]],
+    flights: Sequence[Flight],
+    motors: MotorResponse,
+    known: Samples,
     drone: Parameters,
+    generator: np.random.Generator,
 ) -> dict[str, Float[np.ndarray, "N"]]:
     """Returns samples of inertia by the gain of the loop, where it tells that clearly.
 
@@ -100,23 +105,24 @@ def inertia_of_loop(
     it, the loop is worse (paper/notes/identification.md).
 
     Args:
-        problem: none with parameters of the user's choice.
-        motors: what logs show of the motors.
+        flights: of which a loop shows the inertia at one of the commands.
+        motors: what they show of the motors.
         known: samples of other parameters, such as the thrust-to-weight ratio.
         drone: its ratio is used where that is not known.
+        generator: random numbers.
     """
-    if motors is None or problem.over is not None or not motors.is_identifiable:
+    if not motors.is_identifiable:
         return {}
     thrust = known.get(HOVERING, np.full(RESAMPLES, float(drone.thrust_to_weight)))
     # A command turns the drone by the slope of the thrust's curve, of which each sample has that at
     # one of the flight's commands: it is not known at which one a loop shows.
     linear = known.get("thrust_linear", float(drone.thrust_linear))
-    commands = np.concatenate([flight.command.mean(axis=1) for flight in problem.flights])
-    chosen = problem.generator.choice(commands.clip(0.01), RESAMPLES)
+    commands = np.concatenate([flight.command.mean(axis=1) for flight in flights])
+    chosen = generator.choice(commands.clip(0.01), RESAMPLES)
     slope = 1.0 - float(drone.thrust_offset) + linear * (0.5 / np.sqrt(chosen) - 1.0)
     thrust = thrust * np.maximum(slope, 0.1)
     inertia = {
-        name: problem.generator.choice(samples, RESAMPLES) * thrust
+        name: generator.choice(samples, RESAMPLES) * thrust
         for name, samples in motors.inertia_per_thrust.items()
     }
     return {name: samples for name, samples in inertia.items() if is_clear(samples)}

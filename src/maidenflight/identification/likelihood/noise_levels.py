@@ -25,12 +25,14 @@ velocity, attitude, roll and pitch rate."""
 WALKS = ("position_walk", "height_walk", "velocity_walk", "turn_drift")
 """Of an estimate: random walks, and what turns move."""
 _WINDOW = 0.5
-"""Time over which a position is compared with the tilt [s]."""
+"""Time over which a position is compared with the tilt [s]: moves no estimate but that of noise
+(paper/identification/constants.py)."""
 _OF_WALK = 3 / 70
 """Variance that a parabola leaves of a random walk, of its strength squared times its duration:
 by definition of a Wiener process 1/2 less 1/3, 1/10, 1/42, its parts along Legendre polynomials."""
 _CONTRADICTED = 1 / 3
-"""Share of a walk of position that tilt must contradict, or there is none."""
+"""Share of a walk of position that tilt must contradict, or there is none: likewise
+(paper/identification/constants.py)."""
 
 
 def noise_levels(

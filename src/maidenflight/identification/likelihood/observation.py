@@ -22,9 +22,11 @@ from maidenflight.identification.uncertainty import Evidence, of_scores
 from maidenflight.parameters import Parameters
 
 BY_MOMENT = ("torque_bias_x", "torque_bias_y", "torque_bias_z")
-"""Parameters that the mean errors tell, not the likelihood."""
+"""Constant torques, how battery and propellers sit, which people change between flights: mean
+errors tell them, not the likelihood."""
 BALANCED = (HOVERING, *BY_MOMENT)
-"""What a `Balance` finds."""
+"""What a `Balance` finds, in the order of `trims.with_standard_errors`; it differs from flight to
+flight, and a log of the day tells it."""
 DRAG = ("drag_x", "drag_y", "drag_z")
 """Parameters that noise of the velocity passes for; see `of_noise`."""
 FLAPPING = ("flapping_moment_x", "flapping_moment_y")

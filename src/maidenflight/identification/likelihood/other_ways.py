@@ -32,6 +32,7 @@ from maidenflight.identification.signals.flight_signals import is_zero_order_hol
 from maidenflight.identification.signals.lag import DELAYS, SLOWING_DOWN
 from maidenflight.identification.signals.motor_response import DELAY_ERROR
 from maidenflight.identification.uncertainty import inverse
+from maidenflight.identification.unknowns import INERTIA
 
 WHITE, OWN_LAG, SPARSER = "white noise", "its own lag", "every second row"
 """Other ways of fitting."""
@@ -54,7 +55,7 @@ _LACKING = (
 """What a drone may lack: the curve of its thrust, the lag of its sensors, and its air."""
 _CONTRADICTED = 10.0
 """Log-likelihood gain of all rows [nats] by what is lacking, beyond which flights contradict a
-drone; chance has it once in a thousand times."""
+drone; chance has it once in 360 times. Source: Wilks 1938, chi-square of the six of `_LACKING`."""
 _LIKE = 0.03
 """Least standard error of a drone that flights contradict, a share: of drones in crazyflow, whose
 thrust and motors follow other laws, lag and inertia come out 1 to 5 % off; of a ratio of lags it
@@ -123,7 +124,7 @@ def what_is_lacking(fit_result: Fit) -> float:
 def ways_of_sensor(flights: Sequence[Flight], model: SensorErrors, names: Sequence[str]) -> Ways:
     """Returns other ways of fitting a sensor."""
     fit_result: dict[str, tuple[SensorErrors, Sequence[str]]] = {WHITE: (model.white(), names)}
-    if {"inertia_x", "inertia_y"} <= set(names):
+    if set(INERTIA) <= set(names):
         fit_result[OWN_LAG] = model, (*names, *DELAYS)
     if not is_zero_order_hold(flights):
         sparse = [thinned(flight, 2) for flight in flights]
@@ -151,7 +152,7 @@ def doubt_of_sensor(
             difference = np.where(about_z, 2.0 * difference, difference)
         if way == WHITE and OWN_LAG in others:
             most = _ANSWERS * np.abs(box.values(unit)) / slope
-            level = np.array([name in ("inertia_x", "inertia_y") for name in names])
+            level = np.array([name in INERTIA for name in names])
             difference = np.where(level, np.clip(difference, -most, most), difference)
         covariance += np.outer(difference, difference)
     return (

@@ -1,6 +1,6 @@
 """Choice of the parameters to identify, by the likelihood of held-out flights."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,9 +12,10 @@ from maidenflight.identification.drone_file import GroupGain
 from maidenflight.identification.likelihood import one_step
 from maidenflight.identification.likelihood.observation import BY_MOMENT, ObservationModel
 from maidenflight.identification.signals.flight_signals import is_zero_order_hold, stride
+from maidenflight.identification.unknowns import INERTIA, PAPER_BOUNDS
 from maidenflight.parameters import Parameters
 
-FIRST = ("thrust_to_weight", "motor_time_constant", "latency")
+FIRST = tuple(PAPER_BOUNDS)
 """The paper's three, which every model has."""
 ALWAYS = (*FIRST, *BY_MOMENT)
 """What every model of logs with a state has. Mean errors tell the trims, and the likelihood cannot
@@ -22,7 +23,7 @@ judge them: it takes what lasts for noise."""
 GROUPS: dict[str, tuple[str, ...]] = {
     "motor_coasting": ("motor_coasting",),
     "spin_down_ratio": ("spin_down_ratio",),
-    "inertia": ("inertia_x", "inertia_y"),
+    "inertia": INERTIA,
     "torque_to_thrust": ("torque_to_thrust",),
     "rotor_momentum": ("rotor_momentum",),
     "flapping_moment": ("flapping_moment_x", "flapping_moment_y"),
@@ -38,7 +39,8 @@ OF_HELD_COMMANDS: dict[str, tuple[str, ...]] = {
     "inertia_z": ("inertia_z",),
 }
 """Groups besides, where each command acts until the next row and no signal shows the lag: a curved
-thrust and gyroscopic coupling pass for inertia otherwise. They have no plausible range."""
+thrust and gyroscopic coupling pass for inertia otherwise. They have no plausible range, and what
+coupling says of the inertia about z is not taken (`about_z`)."""
 WITH_KNOWN_LAG: dict[str, tuple[str, ...]] = {
     **{name: parts for name, parts in GROUPS.items() if name not in ("motor_coasting", "drag")},
     "drag": ("drag_x", "drag_y", "drag_z"),
@@ -83,11 +85,17 @@ def groups(flights: Sequence[Flight], has_measured_lag: bool) -> dict[str, tuple
             # Noise of a faster loop, which samples fold, passes for inertia: NanoDrone's is then
             # 2.5 times as large.
             del parameter_groups["inertia"]
-    remaining = {
-        group: tuple(name for name in names if name not in still)
-        for group, names in parameter_groups.items()
+    return leave_out(parameter_groups, still)
+
+
+def leave_out(
+    groups: Mapping[str, Sequence[str]], names: Collection[str]
+) -> dict[str, tuple[str, ...]]:
+    """Returns groups without some parameters, and without those that lose all."""
+    left = {
+        group: tuple(name for name in parts if name not in names) for group, parts in groups.items()
     }
-    return {group: names for group, names in remaining.items() if names}
+    return {group: parts for group, parts in left.items() if parts}
 
 
 class Parts(NamedTuple):

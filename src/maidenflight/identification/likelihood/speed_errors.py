@@ -6,7 +6,7 @@ each segment of flight: motors are unequal, and the battery sags. Nor is the spe
 asks for always a multiple of sqrt(u), so that it is found first, as a polynomial of each segment.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Self
 
@@ -18,7 +18,6 @@ from maidenflight.flights.log import Flight
 from maidenflight.identification.likelihood.fit import fit
 from maidenflight.identification.likelihood.sensor_errors import EVALUATIONS, SensorErrors
 from maidenflight.identification.likelihood.sensor_signals import Rotors, Sensor
-from maidenflight.identification.outcome.problem import Problem
 from maidenflight.identification.signals.flight_signals import (
     delay_command,
     is_zero_order_hold,
@@ -36,6 +35,7 @@ from maidenflight.identification.signals.motor_response import (
     usual_latency,
 )
 from maidenflight.identification.uncertainty import DELAY, RESAMPLES, of_samples
+from maidenflight.identification.unknowns import physical_bounds, search_box
 from maidenflight.parameters import Parameters, component
 from maidenflight.parameters import replace as with_values
 from maidenflight.simulator.physics.dynamics import equivalent_lag
@@ -126,29 +126,37 @@ class SpeedErrors(SensorErrors):
         return 1.0 - error / max(whole, 1e-12)
 
 
-def motors_of_speeds(problem: Problem) -> MotorResponse | None:
+def motors_of_speeds(
+    flights: Sequence[Flight],
+    drone: Parameters,
+    generator: np.random.Generator,
+    on_evaluation: Callable[[], None] = lambda: None,
+) -> MotorResponse | None:
     """Returns what measured speeds show of the motors; None where they do not follow commands.
 
     Args:
-        problem: its flights with rotor speeds count.
+        flights: those with rotor speeds count.
+        drone: what flew; its motors do not matter.
+        generator: random numbers.
+        on_evaluation: called after each.
     """
     flights = [
         flight
-        for flight in problem.flights
+        for flight in flights
         if flight.rotor_speed is not None and flight.duration >= SHORTEST
     ]
     if not flights:
         return None
-    start = with_values(problem.start, **{key: np.float32(value) for key, value in _START.items()})
-    problem = replace(problem, start=start, flights=flights, bounds={})
+    start = with_values(drone, **{key: np.float32(value) for key, value in _START.items()})
+    box = search_box(NAMES, physical_bounds(start))
     model = SpeedErrors.of(flights)
     # The noise of a faster loop's commands passes for a law where rows are far apart.
     has_law = is_zero_order_hold(flights) or flights[0].period <= QUICK
     fits = _FITS if has_law else (EVALUATIONS,)
-    optimum = fit(problem, fits[0], [model], NAMES, start, {})
+    optimum = fit(box, fits[0], [model], start, {}, on_evaluation)
     for evaluations in fits[1:]:
         model = model.linearize_commands(optimum.drone)
-        optimum = fit(problem, evaluations, [model], NAMES, optimum.drone, {})
+        optimum = fit(box, evaluations, [model], optimum.drone, {}, on_evaluation)
     explained = model.explained(optimum.drone)
     if explained < _EXPLAINED:
         return None
@@ -160,8 +168,7 @@ def motors_of_speeds(problem: Problem) -> MotorResponse | None:
         least = np.hypot(least, flights[0].period * _SAMPLED)
     joined = [random_effects(*columns) for columns in zip(values.T, variances.T, strict=True)]
     means, errors = np.array(joined).T
-    generator = problem.generator.spawn(1)[0]
-    noise = generator.standard_normal((RESAMPLES, 3))
+    noise = generator.spawn(1)[0].standard_normal((RESAMPLES, 3))
     log_lag, log_ratio, latency = (means + np.hypot(errors, least) * noise).T
     lag, latency = np.exp(log_lag), np.maximum(latency, 0.0)
     return MotorResponse(

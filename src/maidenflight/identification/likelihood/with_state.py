@@ -17,12 +17,11 @@ from maidenflight.identification.likelihood.compiling import start_compiling
 from maidenflight.identification.likelihood.estimator import (
     Answer,
     Found,
-    Models,
     Question,
     answer_question,
     join,
 )
-from maidenflight.identification.likelihood.fit import balance, box_of
+from maidenflight.identification.likelihood.fit import balance
 from maidenflight.identification.likelihood.flight_differences import (
     differences,
     flight_to_flight_sd,
@@ -52,7 +51,7 @@ from maidenflight.identification.outcome.plausible import (
     prior_ranges,
 )
 from maidenflight.identification.outcome.problem import Problem, require_identifiable
-from maidenflight.identification.outcome.progress import EXPECTING, MOTOR_LAG
+from maidenflight.identification.outcome.progress import EXPECTING
 from maidenflight.identification.signals.flight_signals import stride, undo_filter_delay
 from maidenflight.identification.signals.lag import DELAYS, LAG
 from maidenflight.identification.signals.motor_response import is_clear
@@ -67,11 +66,11 @@ def find(problem: Problem, settings: Likelihood) -> Found:
         InputError: too little flight, or a parameter that cannot be searched.
     """
     if problem.over is not None:
-        box_of(problem, problem.over)
+        problem.box(problem.over)
     model = one_step_objective(problem.flights, settings)
     # To look at the motors takes one core.
     threads = start_compiling(problem.flights[0], settings.lead_in)
-    signals = _by_signals(problem)
+    signals = measure(problem)
     motors = signals.motors
     problem.reporter.stage(EXPECTING, 0, 1)
     for thread in threads:
@@ -103,7 +102,7 @@ def find(problem: Problem, settings: Likelihood) -> Found:
         _evidence(model, answer, signals),
         # A likelihood of one row ahead may fall by the thrust and torques that carry and trim the
         # flights, where rows sample a faster loop: the start has them too.
-        start_value=model(balance(model, problem.start, box_of(problem, BALANCED))),
+        start_value=model(balance(model, problem.start, problem.box(BALANCED))),
         windows=int(model.rows) // (LENGTH - ORDER),
         notes=(
             *note_doubts(noise, flights),
@@ -151,7 +150,7 @@ def expected_intervals(problem: Problem, settings: Likelihood) -> dict[str, Expe
     Raises:
         InputError: too little flight, or a parameter that cannot be searched.
     """
-    signals = _by_signals(problem)
+    signals = measure(problem)
     if signals.motors:
         problem = replace_(problem, flights=list(map(undo_filter_delay, problem.flights)))
     model = one_step_objective(problem.flights, settings)
@@ -174,7 +173,7 @@ def _expected_intervals(
             tuple(dict.fromkeys([*selection.ALWAYS, *measured, *itertools.chain(*some.values())]))
             for some in (every, _groups(problem, measured))
         )
-    priors = prior_ranges(problem.start, box_of(problem, names).limits)
+    priors = prior_ranges(problem.start, problem.box(names).limits)
     fit_result = information.expected_intervals(
         *(model, problem.start if drone is None else drone, names, priors),
         measured,
@@ -197,11 +196,7 @@ def _expected_intervals(
 def _groups(problem: Problem, measured: Collection[str]) -> Mapping[str, Sequence[str]]:
     """Parameters that may be chosen."""
     every = selection.groups(problem.flights, has_measured_lag=LAG in measured)
-    left = {
-        group: tuple(name for name in names if name not in measured)
-        for group, names in every.items()
-    }
-    return {group: names for group, names in left.items() if names}
+    return selection.leave_out(every, measured)
 
 
 def _too_wide(
@@ -249,34 +244,18 @@ def _question(
     names = tuple(name for name in request if name not in unidentifiable)
     if problem.over is not None:
         require_identifiable(names, unidentifiable)
-    left = {
-        group: tuple(name for name in names if name not in unidentifiable)
-        for group, names in _groups(problem, measured).items()
-    }
     return Question(
-        Models(_pilot(problem.flights, settings, model), model),
+        model,
         names,
         problem.start,
+        _pilot(problem.flights, settings, model),
         _parts(problem.flights, settings) if problem.over is None else None,
-        {group: names for group, names in left.items() if names},
+        selection.leave_out(_groups(problem, measured), unidentifiable),
         measured,
         partial(Others.from_ranges, unidentifiable, generator=problem.generator),
         partial(other_ways.ways_of_states, problem.flights, settings),
         partial(other_ways.doubt_of_states, measured=LAG in measured),
     )
-
-
-def _by_signals(problem: Problem) -> Measured:
-    """What signals show by themselves, if the motors' lag and latency are requested."""
-    names = selection.FIRST if problem.over is None else problem.over
-    if not set(DELAYS) <= set(names):
-        return Measured()
-
-    def report_stage(done: int, of: int) -> None:
-        problem.reporter.stage(MOTOR_LAG, done, of)
-
-    report_stage(0, 0)
-    return measure(problem, report_stage)
 
 
 def _evidence(model: OneStep, answer: Answer, signals: Measured) -> list[Evidence]:

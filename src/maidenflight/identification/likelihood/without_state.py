@@ -18,12 +18,10 @@ from maidenflight.identification.likelihood import other_ways
 from maidenflight.identification.likelihood.estimator import (
     Answer,
     Found,
-    Models,
     Question,
     answer_question,
     join,
 )
-from maidenflight.identification.likelihood.fit import box_of
 from maidenflight.identification.likelihood.laplace import Others
 from maidenflight.identification.likelihood.measured import (
     Measured,
@@ -41,14 +39,15 @@ from maidenflight.identification.likelihood.sensor_errors import (
 from maidenflight.identification.methods import Likelihood
 from maidenflight.identification.outcome.plausible import (
     HOVERING,
+    VARIANCE_SHARE,
     Ranges,
     is_identifiable,
     prior_ranges,
-    unchanged,
 )
 from maidenflight.identification.outcome.problem import Problem
 from maidenflight.identification.signals.lag import DELAYS, LAG, SLOWING_DOWN
 from maidenflight.identification.signals.thrust_law import note_unexplained, thrust_law
+from maidenflight.identification.unknowns import INERTIA
 from maidenflight.parameters import Parameters, component, replace
 
 FORCE = ("thrust_to_weight", "thrust_linear", *DELAYS, "drag_z")
@@ -57,7 +56,6 @@ FORCE_GROUPS: dict[str, tuple[str, ...]] = {"slowing_down": ("motor_coasting", "
 """What is added if it predicts held-out flight better. Together, since each passes for much of the
 other, and the inertia then found is a fifth off. The thrust of a rotor that stands is not
 among it: it is zero, and a motor that coasts passes for it."""
-INERTIA = ("inertia_x", "inertia_y")
 TORQUE = (
     *INERTIA,
     "torque_to_thrust",
@@ -98,14 +96,14 @@ def find(problem: Problem, settings: Likelihood) -> Found:
     Raises:
         InputError: too little flight, or a parameter that these sensors do not show.
     """
-    _require_signals(problem.over)
+    by_force, by_torque = _names_by_sensor(problem.over)
     law = thrust_law(problem.flights, float(problem.start.motor_time_constant))
     flights, bounds = law.read(problem.flights), {**BOUNDS, **problem.bounds}
     problem = replace_(problem, flights=flights, bounds=bounds)
     settings = replace_(settings, evaluations=min(settings.evaluations, EVALUATIONS))
     signals = measure(problem)
-    force = _force(problem, settings, signals, law.limit)
-    torque = _torque(problem, settings, force, law.limit, signals)
+    force = _force(problem, settings, by_force, signals, law.limit)
+    torque = _torque(problem, settings, by_torque, force, signals, law.limit)
     answers = tuple(answer for answer in (force, torque) if answer is not None)
     unidentifiable = {
         name: ends for answer in answers for name, ends in answer.unidentifiable.items()
@@ -128,9 +126,12 @@ def find(problem: Problem, settings: Likelihood) -> Found:
     )
 
 
-def _require_signals(over: Sequence[str] | None) -> None:
+def _names_by_sensor(
+    over: Sequence[str] | None,
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Parameters to estimate from the accelerometer and from the gyro."""
     if over is None:
-        return
+        return FORCE, TORQUE
     insensitive_names = [name for name in over if name not in (*OF_ACCELEROMETER, *OF_GYRO)]
     if insensitive_names:
         raise InputError(
@@ -142,38 +143,38 @@ def _require_signals(over: Sequence[str] | None) -> None:
             "inertia_z and torque_to_thrust: yaw shows only their ratio. Name one, or none, where "
             "inertia_z follows inertia_x and inertia_y."
         )
-
-
-def _names_of(
-    problem: Problem, first: tuple[str, ...], sensor_names: tuple[str, ...]
-) -> tuple[str, ...]:
-    """Parameters to estimate from a sensor."""
-    return (
-        first
-        if problem.over is None
-        else tuple(name for name in problem.over if name in sensor_names)
+    by_force, by_torque = (
+        tuple(name for name in over if name in names) for names in (OF_ACCELEROMETER, OF_GYRO)
     )
+    return by_force, by_torque
 
 
 def _force(
-    problem: Problem, settings: Likelihood, signals: Measured, limit: float
+    problem: Problem,
+    settings: Likelihood,
+    names: tuple[str, ...],
+    signals: Measured,
+    limit: float,
 ) -> Answer | None:
     """Fits what the accelerometer shows better than it was known before."""
-    if not _names_of(problem, FORCE, OF_ACCELEROMETER):
+    if not names:
         return None
     model = AccelerometerErrors.of(problem.flights, _force_priors(problem), limit)
-    answer = _force_given_lag(problem, settings, model, signals)
+    answer = _force_given_lag(problem, settings, names, model, signals)
     removed_ranges, others = _unchanged(problem, answer)
     answer = _without(problem, settings, model, answer, removed_ranges)
     return replace_(answer, unidentifiable={**answer.unidentifiable, **others})
 
 
 def _force_given_lag(
-    problem: Problem, settings: Likelihood, model: AccelerometerErrors, signals: Measured
+    problem: Problem,
+    settings: Likelihood,
+    names: tuple[str, ...],
+    model: AccelerometerErrors,
+    signals: Measured,
 ) -> Answer:
     """Fits what the accelerometer shows, given the lag of measured speeds or the gyro."""
-    names, start = _names_of(problem, FORCE, OF_ACCELEROMETER), problem.start
-    groups = FORCE_GROUPS if problem.over is None else {}
+    groups, start = FORCE_GROUPS if problem.over is None else {}, problem.start
     motors = signals.motors
     known = motors if motors and motors.is_identifiable and set(DELAYS) < set(names) else None
     if known is None or known.spin_down_ratio is None:
@@ -242,7 +243,7 @@ def _ask_sensor(
 ) -> Answer:
     """What a sensor tells of some parameters, given samples of others."""
     question = Question(
-        Models(model, model),
+        model,
         names,
         start,
         parts=model.parts() if groups else None,
@@ -259,7 +260,7 @@ def _plausible(
     problem: Problem, names: tuple[str, ...], priors: Mapping[str, tuple[float, float]]
 ) -> dict[str, tuple[float, float]]:
     """Plausible range of each parameter: of a prior the uniform one of the same variance."""
-    limits = box_of(problem, names).limits
+    limits = problem.box(names).limits
     answer = prior_ranges(problem.start, limits)
     for name in answer.keys() & priors.keys():
         (mean, deviation), (low, high) = priors[name], limits[name]
@@ -281,12 +282,19 @@ def _unchanged(problem: Problem, force: Answer) -> tuple[Ranges, Ranges]:
     )
     if not names:
         return {}, {}
-    samples = {name: force.samples[name] for name in names}
-    added = {name: 1.0 for group in FORCE_GROUPS.values() for name in group}
+    added = {name for group in FORCE_GROUPS.values() for name in group}
     plausible = _plausible(problem, names, _force_priors(problem))
-    ranges = unchanged(samples, plausible, added)
-    left_out = {name: plausible[name] for name in names if name in ranges and name not in DELAYS}
-    return left_out, {name: ends for name, ends in ranges.items() if name in DELAYS}
+    left_out, delays = {}, {}
+    for name in names:
+        share = 1.0 if name in added else VARIANCE_SHARE
+        if is_identifiable(float(np.std(force.samples[name])), plausible[name], share):
+            continue
+        if name in DELAYS:
+            low, high = np.quantile(force.samples[name], [0.025, 0.975])
+            delays[name] = float(low), float(high)
+        else:
+            left_out[name] = plausible[name]
+    return left_out, delays
 
 
 def _force_priors(problem: Problem) -> dict[str, tuple[float, float]]:
@@ -312,12 +320,12 @@ def _lag_is_identifiable(answer: Answer, plausible: Ranges) -> bool:
 def _torque(
     problem: Problem,
     settings: Likelihood,
+    names: tuple[str, ...],
     force: Answer | None,
-    limit: float,
     signals: Measured,
+    limit: float,
 ) -> Answer | None:
     """What the gyro tells, given what the accelerometer tells."""
-    names = _names_of(problem, TORQUE, OF_GYRO)
     if not names:
         return None
     known, drone = ({}, problem.start) if force is None else (force.samples, force.best.drone)
@@ -340,8 +348,10 @@ def _torque(
     if narrower:
         answer, removed_ranges = ask(narrower)
     # Measured speeds pass over what the loop would tell.
-    needs_loop = bool(removed_ranges) and not signals.inertia
-    loop = inertia_of_loop(problem, signals.motors, known, drone) if needs_loop else {}
+    needs_loop = bool(removed_ranges) and not signals.inertia and problem.over is None
+    loop = {}
+    if needs_loop and signals.motors is not None:
+        loop = inertia_of_loop(problem.flights, signals.motors, known, drone, problem.generator)
     if inertia := {name: samples for name, samples in loop.items() if name in removed_ranges}:
         answer, removed_ranges = ask(inertia)
     return answer.without(removed_ranges, problem.start, problem.generator)

@@ -2,6 +2,11 @@
 
 Torques about z turn the drone by their share of that inertia, which no flight shows by itself. It
 is taken in the start's ratio to those about x and y, as well as that ratio is known of any drone.
+
+Gyroscopic coupling does not show it either, although flights without noise seem to. While a drone
+yaws its rotors' momentum precesses with roll and pitch, a torque as large that the model lacks.
+
+Source: Bouabdallah 2007, Design and control of quadrotors, sec. 2.4 (gyroscopic torque of rotors).
 """
 
 from collections.abc import Collection, Mapping
@@ -11,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.identification.uncertainty import RESAMPLES
+from maidenflight.identification.unknowns import INERTIA
 from maidenflight.parameters import Parameters, component, replace
 
 ABOUT_Z = ("torque_to_thrust", "rotor_momentum", "torque_bias_z")
@@ -59,39 +65,46 @@ def with_inertia_z(
 
     Args:
         start: whose ratio of inertia is taken.
-        drone: what was found with the start's inertia about z.
+        drone: what was found with the start's inertia about z, or one that coupling seemed to show.
         draws: its posterior, `RESAMPLES` by parameter.
         spread: between segments of flight.
         unidentifiable: parameters that keep the start's value.
         generator: random numbers.
     """
     identified = draws.keys() - set(unidentifiable)
-    names = [name for name in ABOUT_Z if name in identified]
-    level = ("inertia_x", "inertia_y")
-    if not names or "inertia_z" in draws:
+    is_fitted = "inertia_z" in identified
+    # Yaw told the fitted inertia as a share of the torque, be that the start's.
+    names = [
+        name for name in ABOUT_Z if name in identified or (is_fitted and name == "torque_to_thrust")
+    ]
+    if not is_fitted and (not names or "inertia_z" in draws):
         return AboutZ(drone, dict(draws), dict(spread), ())
-    if identified.isdisjoint(level):
+    if not is_fitted and identified.isdisjoint(INERTIA):
         note = "yaw shows its torques only as shares of inertia_z, which is the start's"
         return AboutZ(drone, dict(draws), dict(spread), (note,))
     first, here = (
-        np.array([float(component(parameters, name)) for name in level])
+        np.array([float(component(parameters, name)) for name in INERTIA])
         for parameters in (start, drone)
     )
     samples = np.array(
         [
             draws.get(name, np.full(RESAMPLES, value))
-            for name, value in zip(level, here, strict=True)
+            for name, value in zip(INERTIA, here, strict=True)
         ]
     )
     doubt = np.exp(RATIO_SD * generator.standard_normal(RESAMPLES))
     factor, best = samples.sum(axis=0) / first.sum() * doubt, float(here.sum() / first.sum())
     about_z = float(component(start, "inertia_z"))
-    draws = dict(draws) | {name: factor * draws[name] for name in names}
+    fitted = float(component(drone, "inertia_z")) / about_z
+    share = draws["inertia_z"] / about_z if is_fitted else fitted
+    draws = dict(draws) | {
+        name: factor / share * draws.get(name, float(component(drone, name))) for name in names
+    }
     draws["inertia_z"] = about_z * factor
-    spread = dict(spread) | {name: best * spread.get(name, 0.0) for name in names}
-    level_spread = np.linalg.norm([spread.get(name, 0.0) for name in level])
+    spread = dict(spread) | {name: best / fitted * spread.get(name, 0.0) for name in names}
+    level_spread = np.linalg.norm([spread.get(name, 0.0) for name in INERTIA])
     spread["inertia_z"] = about_z * float(level_spread / first.sum())
-    changes = {name: np.float32(best * float(component(drone, name))) for name in names}
+    changes = {name: np.float32(best / fitted * float(component(drone, name))) for name in names}
     changes["inertia_z"] = np.float32(best * about_z)
     note = (
         f"yaw shows its torques only as shares of inertia_z, which is taken as "

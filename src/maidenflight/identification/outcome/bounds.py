@@ -77,32 +77,28 @@ def at_bounds(estimates: Mapping[str, Estimate], by_law: bool = False) -> dict[s
         estimates: by name.
         by_law: whether a battery law is known to have given the flights' thrust.
     """
-    names_at = {}
-    for name, estimate in estimates.items():
-        bound = bound_reached(name, estimate)
-        if bound is not None:
-            names_at[name] = (
-                f"{name} = {estimate.value:.4g} lies at its search bound "
-                f"{_format_bound(name, bound)}, "
-                f"and its interval is too narrow; {_cure(name, bound, estimates, by_law)}"
-            )
-    return names_at
+    return {
+        name: f"{name} = {estimate.value:.4g} lies at its search bound "
+        f"{_format_bound(name, bound)}, and its interval is too narrow; "
+        f"{_cure(name, bound, estimates, by_law)}"
+        for name, estimate in estimates.items()
+        if (bound := bound_reached(name, estimate)) is not None
+    }
 
 
 def cut_off(estimates: Mapping[str, Estimate], by_law: bool = False) -> dict[str, str]:
     """Returns the same of estimates of which only the interval reaches a search bound."""
     names_at = {}
     for name, estimate in estimates.items():
-        if estimate.bounds is None:
+        if estimate.bounds is None or bound_reached(name, estimate) is not None:
             continue
-        ends = (reached(name, end, estimate.bounds) for end in estimate.interval)
-        bounds = [bound for bound in ends if bound is not None]
-        if bounds and bound_reached(name, estimate) is None:
-            names_at[name] = (
-                f"the interval of {name} is cut off at its search bound "
-                f"{_format_bound(name, bounds[0])}; "
-                f"{_cure(name, bounds[0], estimates, by_law)}"
-            )
+        for end in estimate.interval:
+            if (bound := reached(name, end, estimate.bounds)) is not None:
+                names_at.setdefault(
+                    name,
+                    f"the interval of {name} is cut off at its search bound "
+                    f"{_format_bound(name, bound)}; {_cure(name, bound, estimates, by_law)}",
+                )
     return names_at
 
 

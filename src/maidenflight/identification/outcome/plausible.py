@@ -13,7 +13,7 @@ HOVERING = "thrust_to_weight"
 """The parameter that is found by its moment: mean thrust carries the weight and what accelerates
 the drone. A likelihood of one row ahead hardly weighs what lasts."""
 NEXT_FLIGHT = 6
-"""Segments of the flight that intervals are to hold: 30 s."""
+"""Segments of the flight that intervals are to hold, by definition of them: 30 s."""
 OTHER_DAY = 0.015
 """Standard deviation of thrust from day to day, a share: that of the air's density over 4.5 K or 15
 hPa, without battery and propellers. Three sets of flights of one Crazyflie differ by 3 % in what
@@ -67,25 +67,6 @@ def is_identifiable(
         share: of the prior's variance, below which that of the flights must lie.
     """
     return bool(deviation**2 < share * (prior[1] - prior[0]) ** 2 / UNIFORM)
-
-
-def unchanged(
-    samples: Mapping[str, Float[np.ndarray, "N"]], priors: Ranges, shares: Mapping[str, float]
-) -> dict[str, tuple[float, float]]:
-    """Returns the 95 % ranges of parameters of which flights say no more than was plausible before.
-
-    Args:
-        samples: of the posterior, by parameter.
-        priors: plausible range by parameter; others are not judged.
-        shares: of the prior's variance, for parameters with another one than `VARIANCE_SHARE`.
-    """
-    ranges = {}
-    for name in samples.keys() & priors.keys():
-        deviation = float(np.std(samples[name]))
-        if not is_identifiable(deviation, priors[name], shares.get(name, VARIANCE_SHARE)):
-            low, high = np.quantile(samples[name], [0.025, 0.975])
-            ranges[name] = float(low), float(high)
-    return ranges
 
 
 def other_days(

@@ -17,7 +17,13 @@ from maidenflight.identification.drone_file import Source
 from maidenflight.identification.outcome.estimates import source_of
 from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.identification.outcome.progress import Progress, Reporter
-from maidenflight.identification.unknowns import check_gyration, thrust_bound
+from maidenflight.identification.unknowns import (
+    Box,
+    check_gyration,
+    physical_bounds,
+    search_box,
+    thrust_bound,
+)
 from maidenflight.parameters import Parameters, crazyflie
 
 LONGEST_PERIOD = 0.025
@@ -53,6 +59,14 @@ class Problem:
         return all(
             flight.by_battery_law and np.isfinite(flight.battery).any() for flight in self.flights
         )
+
+    def box(self, names: Sequence[str]) -> Box:
+        """Returns the search box of some parameters.
+
+        Raises:
+            InputError: one of them cannot be searched.
+        """
+        return search_box(names, {**physical_bounds(self.start), **self.bounds})
 
     @classmethod
     def of(

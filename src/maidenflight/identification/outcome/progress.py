@@ -21,7 +21,8 @@ SHARES = {
     FITTING: 5.0,
     INTERVALS: 2.0,
 }
-"""How long each stage takes beside the others: four minutes of flight with an accelerometer."""
+"""How long each stage takes beside the others, measured on four minutes of flight with an
+accelerometer: moves the progress bar alone."""
 _COUNTED = {MOTOR_LAG: "flights", CHOICE: "groups"}
 
 

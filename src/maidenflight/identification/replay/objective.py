@@ -24,15 +24,13 @@ from maidenflight.identification.replay.open_loop import (
     wrapped,
 )
 from maidenflight.identification.search.gauss_newton import NormalEquations
+from maidenflight.identification.search.gradient import FAR
 from maidenflight.parameters import Parameters, component, replace
 from maidenflight.simulator.physics import latency
 
 WEIGHTS = np.array([100.0] * 3 + [10.0] * 3 + [1.0] * 6, np.float32)
 """Diagonal of W: position [1/m], velocity [s/m], attitude [1/rad], body rates [s/rad]. The paper
 gives no values; these are the authors' code's."""
-_FEW = 64
-"""Windows differentiated side by side, at the same cost each, so that few windows can be taken
-for."""
 _SMOOTHING = 0.5
 """Width over which the kink of an absolute value is rounded, as a share of what is usual in a
 window."""
@@ -154,7 +152,7 @@ class Objective:
         segment_count = -(-self.size // every)
         loss, *derivatives = (
             part.sum(axis=0, dtype=np.float64) / segment_count
-            for part in on_all_cores(sums, -(-segment_count // _FEW))
+            for part in on_all_cores(sums, -(-segment_count // FAR))
         )
         return NormalEquations(float(loss), *derivatives)
 
@@ -257,7 +255,7 @@ def _normal_equations(
         )
 
     def fill(number: Array, sums: tuple[Array, ...]) -> tuple[Array, ...]:
-        indices = (number * _FEW + jnp.arange(_FEW)) * every
+        indices = (number * FAR + jnp.arange(FAR)) * every
         chunk = jax.tree.map(lambda array: array[indices // CHUNK, indices % CHUNK], windows)
         counts = jnp.where(indices < count, 1.0, 0.0)
         return jax.tree.map(
@@ -266,7 +264,7 @@ def _normal_equations(
             jax.vmap(window_sums)(chunk),
         )
 
-    chunks = -(-windows.segment.size // _FEW)
+    chunks = -(-windows.segment.size // FAR)
     empty = (
         jnp.zeros(chunks),
         jnp.zeros((chunks, d)),

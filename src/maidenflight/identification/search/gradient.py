@@ -29,7 +29,8 @@ from maidenflight.identification.search.gauss_newton import (
 from maidenflight.identification.unknowns import Box
 
 FAR = 64
-"""Windows, about, of the first steps from a random start."""
+"""Windows, about, of the first steps from a random start: as many as are differentiated side by
+side, so that so few cost one program."""
 MIDDLE = 5
 """Of the next steps each fifth window is used; these overlap by little or nothing."""
 _FAR_STEPS, _MIDDLE_STEPS = 20, 8

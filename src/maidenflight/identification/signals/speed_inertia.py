@@ -34,6 +34,7 @@ from maidenflight.identification.signals.spectra import (
     bands,
     transform,
 )
+from maidenflight.identification.unknowns import INERTIA
 from maidenflight.parameters import Parameters, levers
 
 DELAYS = 5e-4 * np.arange(-10, 51)
@@ -75,7 +76,7 @@ def inertia_of_speeds(
     logs = by_log(flight for flight in flights if flight.rotor_speed is not None).values()
     logs = [parts for parts in logs if max(part.duration for part in parts) >= SHORTEST]
     inertia = {}
-    for axis, name in enumerate(("inertia_x", "inertia_y")):
+    for axis, name in enumerate(INERTIA):
         estimates = [estimate for parts in logs if (estimate := _log_inertia(parts, drone, axis))]
         if not estimates:
             continue
