@@ -287,7 +287,7 @@ MOST = {
     "closure of identify": 80,
     "closure of train": 55,
     "closure of export": 30,
-    "log to drone.toml: stops": 742,
+    "log to drone.toml: stops": 740,
     "log to drone.toml: modules": 114,
     "log to drone.toml: names": 976,
     "drone to policy: stops": 387,
@@ -302,9 +302,9 @@ MOST = {
     "study to table: stops": 75,
     "study to table: modules": 14,
     "study to table: names": 122,
-    "constants": 739,
-    "constants without a source": 495,
-    "lines": 62_513,
+    "constants": 738,
+    "constants without a source": 488,
+    "lines": 62_560,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""
