@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from made_flights import calm
 from maidenflight.disturbances import fitting, horizons
 from maidenflight.disturbances.fitting import DisturbanceModel, filter_flights, start_processes
-from maidenflight.disturbances.kalman import gains
+from maidenflight.disturbances.kalman import gains, scale_variance
 from maidenflight.disturbances.motion import advance, hover, regulator
 from maidenflight.disturbances.rows import STRETCH, hover_speed, stretches
 from maidenflight.errors import InputError
@@ -197,6 +197,20 @@ def test_doubt_grows_with_time_and_with_disturbances():
     assert np.all(np.diff(small.variance[:, 6:9], axis=0) > 0.0)
     assert np.all(large.variance[:, 6:9] > small.variance[:, 6:9])
     assert np.all(np.linalg.eigvalsh(small.covariance) > -1e-12)
+
+
+def test_bands_scale_with_their_core_and_gains_do_not():
+    processes = start_processes()
+    half = processes._replace(core=processes.core * np.array([1.0, 0.5, 1.0, 1.0]))
+    compute = jax.jit(lambda processes: gains(DRONE, processes, PERIOD, 5))
+    with jax.enable_x64(True):
+        every, same = compute(processes), compute(half)
+        unrest = jnp.full((2, 5), 3.0)
+        scaled = [scale_variance(every, unrest, now) for now in (processes, half)]
+        bands, narrow = map(np.asarray, scaled)
+    assert np.array_equal(every.filtering, same.filtering)
+    assert np.allclose(narrow[..., 3:6], 0.5 * bands[..., 3:6])
+    assert np.array_equal(np.delete(narrow, np.s_[3:6], -1), np.delete(bands, np.s_[3:6], -1))
 
 
 @pytest.mark.slow

@@ -290,9 +290,9 @@ MOST = {
     "log to drone.toml: stops": 742,
     "log to drone.toml: modules": 114,
     "log to drone.toml: names": 976,
-    "drone to policy: stops": 387,
+    "drone to policy: stops": 389,
     "drone to policy: modules": 79,
-    "drone to policy: names": 564,
+    "drone to policy: names": 568,
     "policy to flight: stops": 273,
     "policy to flight: modules": 57,
     "policy to flight: names": 416,
@@ -302,9 +302,9 @@ MOST = {
     "study to table: stops": 75,
     "study to table: modules": 14,
     "study to table: names": 122,
-    "constants": 739,
-    "constants without a source": 495,
-    "lines": 62_513,
+    "constants": 738,
+    "constants without a source": 494,
+    "lines": 62_565,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

@@ -265,7 +265,9 @@ def test_yaw_costs_by_default_where_a_policy_turns_itself_but_not_in_the_papers_
     Train(drone="crazyflie", policies=1, hidden=(8,), **given).run(tmp_path)
     settings = policy_file.read_policy(tmp_path / "policy_1.json").record["settings"]
     assert settings["yaw_penalty"] == expected
-    assert tasks == ["circle" if expected == 0.0 else f"circle, yaw penalty {expected:g}"]
+    turned = ", turned 3.14159" if given.get("control") == "attitude_rate" else ""
+    name = f"circle, yaw penalty {expected:g}{turned}"
+    assert tasks == ["circle" if expected == 0.0 else name]
 
 
 def test_by_default_what_falls_is_trained_on_from_where_it_is(

@@ -23,7 +23,7 @@ from maidenflight.disturbances.kalman import (
     predict_rows,
     scale_variance,
 )
-from maidenflight.disturbances.motion import Processes
+from maidenflight.disturbances.motion import MEASURED, Processes
 from maidenflight.disturbances.rows import (
     Rows,
     Stretches,
@@ -42,9 +42,9 @@ HORIZONS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5)
 """At which they are judged [s]: about as many of each size of error."""
 _STRETCHES, _WINDOWS, _ITERATIONS = 16, 600, 60
 """Of flights, evenly; more take longer and tell hardly more."""
-_BELIEF = 1e-3
-"""Weight of a squared change of a logarithm from its start, in nats a number: of what flights do
-not tell."""
+_UNKNOWN_BY = 1.0
+"""Standard deviation of a logarithm about its start: what flights do not tell may be e times more
+or less."""
 
 
 class DisturbanceModel(NamedTuple):
@@ -87,6 +87,7 @@ def start_processes() -> Processes:
         rate_error=thrice(0.03),
         regulator_error=thrice(3.0),
         tails=np.full(4, 2.0),
+        core=np.full(4, 0.6),
         unrest_time=np.array(0.5),
         unrest_power=np.full((4, 2), 0.25),
     )
@@ -166,7 +167,10 @@ def _maximise(
     judged = np.unique(np.clip(np.round(np.array(HORIZONS) / parts.period), 1, length)) - 1
     begin = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), start)
     origin = ravel_pytree((_begin_body(begin), _log_processes()))[0]
-    fixed = parts.rows, starts, begin, origin, parts.period
+    # Windows overlap; as many as do not tell something of their own.
+    told = MEASURED * max(1, int(parts.is_own.sum()) // length)
+    prior = origin, 0.5 / _UNKNOWN_BY**2 / told
+    fixed = parts.rows, starts, begin, prior, parts.period
     count = 0
 
     def evaluate(numbers: np.ndarray) -> tuple[float, np.ndarray]:
@@ -197,19 +201,20 @@ def _loss(
     rows: Rows,
     starts: tuple[Array, Array],
     begin: Parameters,
-    origin: Float[Array, "n"],
+    prior: tuple[Float[Array, "n"], float],
     period: float,
     length: int,
     judged: tuple[int, ...],
 ) -> Float[Array, ""]:
-    model, ahead = _models(numbers, begin), np.array(judged)
+    (origin, weight), ahead = prior, np.array(judged)
+    model = _models(numbers, begin)
     every, speeds = gains(*model, period, length), delay_speeds(rows, model[1], period)
     filtered = filter_rows(rows, model, speeds, every, period)
     first, unrest = jax.tree.map(lambda leaf: leaf[starts], filtered)
     errors = predict_rows(rows, model, speeds, first, starts, every.ahead, period)
     scale = scale_variance(every, unrest, model[1])[ahead]
     surprise = -log_density(errors[ahead], scale, 2.0 + model[1].tails[QUANTITY][None, None])
-    return surprise.mean() + _BELIEF * jnp.sum((numbers - origin) ** 2)
+    return surprise.mean() + weight * jnp.sum((numbers - origin) ** 2)
 
 
 def _models(numbers: Float[Array, "n"], begin: Parameters) -> tuple[Parameters, Processes]:

@@ -178,14 +178,15 @@ def scale_variance(
     Args:
         every: of `gains`.
         unrest: of `filter_rows`, at each window's start.
-        processes: uses `unrest_power`.
+        processes: uses `unrest_power` and `core`.
     """
     logs, powers = jnp.log(jnp.maximum(unrest, 1e-3)), processes.unrest_power[None]
     loud = jnp.mean(logs[:, 3:], axis=1, keepdims=True)
     quiet, growing = jnp.exp(powers[..., 0] * logs[:, :4]), jnp.exp(powers[..., 1] * loud)
     now = jnp.minimum(every.variance[:1], every.variance)[:, None]
     later = every.variance[:, None] - now
-    return now * quiet[None, :, QUANTITY] + later * growing[None, :, QUANTITY]
+    variance = now * quiet[None, :, QUANTITY] + later * growing[None, :, QUANTITY]
+    return processes.core[QUANTITY][None, None] * variance
 
 
 def predict_rows(

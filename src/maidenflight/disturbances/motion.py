@@ -79,6 +79,9 @@ class Processes(NamedTuple):
     tails: Float[Any, "4"]
     """Degrees of freedom, beyond two, of Student's t of predictions' errors: position, velocity,
     attitude, body rates."""
+    core: Float[Any, "4"]
+    """Squared scale of Student's t over the variance that the filter and unrest tell, which tails
+    make larger than that of most errors."""
     unrest_time: Float[Any, ""]
     """Over which it is averaged how much more than expected rows before surprise [s]."""
     unrest_power: Float[Any, "4 2"]

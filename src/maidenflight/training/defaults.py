@@ -15,6 +15,7 @@ from maidenflight.simulator.physics import battery, dynamics
 from maidenflight.simulator.physics.battery import COUNTS
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.tasks import tasks
+from maidenflight.simulator.tasks.tasks import Task
 from maidenflight.training import distillation
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.distillation import Distillation
@@ -112,6 +113,23 @@ def choose_yaw_penalty(structure: str, method: str) -> float:
         method: a name in `names.METHODS`.
     """
     return YAW_PENALTY if structure == "attitude_rate" and not method.endswith("paper") else 0.0
+
+
+def choose_task(task: Task, structure: str, yaw_penalty: float) -> Task:
+    """Returns a task as policies train on it, with what yaw costs.
+
+    Episodes of attitude rate start facing anywhere: policies that had only started ahead fell once
+    they had turned by 130 deg (paper/notes/training.md#attitude-rate-by-default).
+
+    Args:
+        task: the task.
+        structure: a control structure, in `names.CONTROLS`.
+        yaw_penalty: see `tasks.with_yaw_penalty`.
+    """
+    if not yaw_penalty:
+        return task
+    turned = np.pi if structure == "attitude_rate" else 0.0
+    return tasks.with_yaw_penalty(task, yaw_penalty, turned)
 
 
 def choose_method(spec: PolicySpec, initial: bool) -> str:

@@ -375,16 +375,16 @@ class Train(Verb):
 
         from maidenflight.deployment.check import check_export
         from maidenflight.experiments import drones
-        from maidenflight.simulator.tasks.tasks import find_task, with_yaw_penalty
-        from maidenflight.training.checkpoint import Checkpoint
+        from maidenflight.simulator.tasks.tasks import find_task
+        from maidenflight.training import checkpoint, defaults
         from maidenflight.training.train import train
 
         watch.begin(updates)
-        file, controller, task = self.drone_file, self.controller, find_task(self.task)
+        file, controller = self.drone_file, self.controller
         if self.target is not None:
             check_export(self.target, controller.interface, self.spec, file.parameters)
         return train(
-            with_yaw_penalty(task, self._yaw_penalty) if self._yaw_penalty else task,
+            defaults.choose_task(find_task(self.task), self._control, self._yaw_penalty),
             controller,
             drones.distribution_of(file, self._randomization, controller),
             split_key(self.key, self.policies),
@@ -392,7 +392,7 @@ class Train(Verb):
             policy=self.spec if self.start is None else self.start.policy,
             on_progress=watch.on_progress,
             on_update=watch.on_update,
-            checkpoint=Checkpoint(saved, not self.resume and members is None, members),
+            checkpoint=checkpoint.Checkpoint(saved, not self.resume and members is None, members),
         )
 
     def discard_state(self, output: Path) -> None:

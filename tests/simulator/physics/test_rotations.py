@@ -16,6 +16,7 @@ from_attitude = jax.jit(rotations.from_attitude)
 derivative = jax.jit(rotations.quaternion_derivative)
 normalise = jax.jit(rotations.normalise)
 body_z = jax.jit(rotations.body_z)
+turn_heading = jax.jit(rotations.turn_heading)
 arctan2 = jax.jit(rotations.arctan2)
 turning = jax.jit(jax.grad(rotations.arctan2, argnums=(0, 1)))
 
@@ -51,6 +52,13 @@ def test_both_signs_of_a_quaternion_are_the_same_attitude(attitude):
     quaternion = from_attitude(attitude)
     np.testing.assert_allclose(to_matrix(-quaternion), to_matrix(quaternion), atol=1e-7)
     np.testing.assert_allclose(to_attitude(-quaternion), to_attitude(quaternion), atol=1e-6)
+
+
+@given(attitudes, angle)
+def test_a_turned_heading_is_a_rotation_about_the_worlds_z_axis_before_the_attitude(attitude, turn):
+    ours = to_matrix(turn_heading(from_attitude(attitude), np.float32(turn)))
+    about_z = Rotation.from_euler("z", turn)
+    np.testing.assert_allclose(ours, (about_z * scipy_rotation(attitude)).as_matrix(), atol=2e-6)
 
 
 @given(attitudes)

@@ -351,6 +351,22 @@ def test_the_same_task_is_the_same_object_so_that_nothing_compiles_twice():
     assert len({hash(task) for task in (CIRCLE, HOVER, TAKE_OFF, TRACKING)}) == 4
 
 
+def test_episodes_start_facing_anywhere_if_they_are_to_and_else_as_without():
+    starts = [
+        jax.vmap(task.reset, (None, 0))(PAPER, jax.random.split(jax.random.key(3), 200))[0]
+        for task in (CIRCLE, tasks.with_yaw_penalty(CIRCLE, 0.1, np.pi))
+    ]
+    without, turned = (jax.vmap(rotations.to_attitude)(start.quaternion) for start in starts)
+    yaw = np.asarray(turned[:, 2] - without[:, 2] + np.pi) % (2 * np.pi) - np.pi
+    assert yaw.min() < -2.5
+    assert yaw.max() > 2.5
+    # Of 200, 100 are expected, with a standard deviation of 7.
+    assert 70 < np.sum(np.abs(yaw) < np.pi / 8) < 130
+    np.testing.assert_allclose(turned[:, :2], without[:, :2], atol=1e-5)
+    for name in ("position", "velocity", "body_rates", "rotor_speed"):
+        assert (getattr(starts[0], name) == getattr(starts[1], name)).all()
+
+
 @pytest.mark.parametrize("yaw", [-2.0, 0.0, 0.7])
 @pytest.mark.parametrize("task", [CIRCLE, HOVER])
 def test_a_task_with_a_price_on_turning_away_pays_so_much_less_and_is_one_object(task, yaw):

@@ -99,6 +99,21 @@ def from_attitude(attitude: Float[Array, "3"]) -> Float[Array, "4"]:
     )
 
 
+def turn_heading(quaternion: Float[Array, "4"], angle: Float[Array, ""]) -> Float[Array, "4"]:
+    """Returns the attitude turned about the world's z axis by an angle [rad]."""
+    x, y, z, w = quaternion
+    sine, cosine = jnp.sin(angle / 2), jnp.cos(angle / 2)
+    return like(
+        quaternion,
+        [
+            cosine * x - sine * y,
+            cosine * y + sine * x,
+            cosine * z + sine * w,
+            cosine * w - sine * z,
+        ],
+    )
+
+
 def quaternion_derivative(
     quaternion: Float[Array, "4"], body_rates: Float[Array, "3"]
 ) -> Float[Array, "4"]:

@@ -134,7 +134,7 @@ def _reset_near(
 
 
 @cache
-def with_yaw_penalty(task: Task, yaw_penalty: float) -> Task:
+def with_yaw_penalty(task: Task, yaw_penalty: float, most_turned: float = 0.0) -> Task:
     """Returns the task with a cost of yaw.
 
     The paper's rewards do not depend on yaw, and its episodes last 5 s. Constant torques and the
@@ -143,7 +143,14 @@ def with_yaw_penalty(task: Task, yaw_penalty: float) -> Task:
     Args:
         task: the task; its failures stay the same.
         yaw_penalty: cost of a radian of yaw, per control period.
+        most_turned: episodes start turned by up to this [rad], half of them by up to an eighth.
     """
+
+    def reset(parameters: Parameters, key: Array) -> tuple[State, Float[Array, ""]]:
+        state, start = task.reset(parameters, key)
+        _, (share,) = sensors.draw_noise(jax.random.fold_in(key, 1), 0, 1)
+        quaternion = rotations.turn_heading(state.quaternion, most_turned * share**3)
+        return state._replace(quaternion=quaternion), start
 
     def reward(
         state: State,
@@ -156,7 +163,10 @@ def with_yaw_penalty(task: Task, yaw_penalty: float) -> Task:
         )
 
     # A name of its own, so that training is not resumed with another penalty.
-    return task._replace(name=f"{task.name}, yaw penalty {yaw_penalty:g}", reward=reward)
+    name = f"{task.name}, yaw penalty {yaw_penalty:g}"
+    if not most_turned:
+        return task._replace(name=name, reward=reward)
+    return task._replace(name=f"{name}, turned {most_turned:g}", reset=reset, reward=reward)
 
 
 @cached_by_arguments
