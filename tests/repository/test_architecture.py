@@ -304,7 +304,7 @@ MOST = {
     "study to table: names": 122,
     "constants": 738,
     "constants without a source": 494,
-    "lines": 62_565,
+    "lines": 62_562,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

@@ -122,7 +122,7 @@ def rate_loop(
     both = np.zeros((4, 4))
     both[:3, :3], both[:3, 3] = rates, drive
     whole, rest = divmod(float(drone.latency) + later, PERIOD)
-    # All at once, which is thirty times as fast where a matrix wakes several cores.
+    # All at once: each call may wake several cores for sixteen numbers.
     moved = scipy.linalg.expm(np.multiply.outer([PERIOD, PERIOD - rest, rest], both))
     step, since, _ = moved[:, :3, :3]
     _, newer, before = moved[:, :3, 3]
