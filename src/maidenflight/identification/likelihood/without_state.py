@@ -160,13 +160,13 @@ def _force(
     if not names:
         return None
     model = AccelerometerErrors.of(problem.flights, _force_priors(problem), limit)
-    answer = _force_given_lag(problem, settings, names, model, signals)
+    answer = _force_at_lag(problem, settings, names, model, signals)
     removed_ranges, others = _unchanged(problem, answer)
     answer = _without(problem, settings, model, answer, removed_ranges)
     return replace_(answer, unidentifiable={**answer.unidentifiable, **others})
 
 
-def _force_given_lag(
+def _force_at_lag(
     problem: Problem,
     settings: Likelihood,
     names: tuple[str, ...],
