@@ -16,6 +16,9 @@ os.environ.setdefault(
 )
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 
+# Matrices are small, and waking a second core for each costs a hundred times what it computes.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 # Tests read lines as pipes have them, whatever terminal they are begun in.
 os.environ.pop("COLUMNS", None)
 

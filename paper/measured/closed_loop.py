@@ -47,7 +47,8 @@ from maidenflight.flights.reading import read_flights
 from maidenflight.flights.trims import rotors
 from maidenflight.flights.windows import windows
 from maidenflight.identification.likelihood import one_step
-from maidenflight.identification.likelihood.flight_differences import BETWEEN_FLIGHTS
+from maidenflight.identification.likelihood.observation import BY_MOMENT
+from maidenflight.identification.outcome.plausible import HOVERING
 from maidenflight.identification.signals.flight_signals import stride
 from maidenflight.names import TRIMS
 from maidenflight.parameters import Parameters, replace
@@ -107,7 +108,7 @@ def identify_drones(authors: Path, folder: Path, policies: Mapping[str, Policy])
     if not dynamics.exists():
         Identify(logs=flights / "pwm", commands="zero-order-hold").run(dynamics)
     if not varied.exists():
-        Identify(logs=flights, start=str(dynamics), over=tuple(BETWEEN_FLIGHTS)).run(varied)
+        Identify(logs=flights, start=str(dynamics), over=(*BY_MOMENT, HOVERING)).run(varied)
     if not matched.exists():
         how = {"start": str(varied), "conditions": CONDITIONS}
         Match(logs=flights, policies=(str(chosen),), **how).run(matched)

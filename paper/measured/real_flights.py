@@ -30,7 +30,8 @@ from maidenflight.flights.reading import read_flights
 from maidenflight.flights.windows import windows
 from maidenflight.identification.identify import identify
 from maidenflight.identification.likelihood import one_step
-from maidenflight.identification.likelihood.flight_differences import TRIM, trim_ensemble
+from maidenflight.identification.likelihood.flight_differences import trim_ensemble
+from maidenflight.identification.likelihood.observation import BY_MOMENT
 from maidenflight.identification.likelihood.one_step import OneStep
 from maidenflight.identification.likelihood.selection import FIRST
 from maidenflight.identification.methods import Likelihood, Replay
@@ -114,7 +115,7 @@ def multi_step_likelihood(
 
 def real_controller(identification: Identification) -> Parameters:
     """The drones that `maidenflight predict` flies, with other trims in each flight."""
-    if not set(TRIM) & set(identification.estimates):
+    if not set(BY_MOMENT) & set(identification.estimates):
         return identification.parameters
     return trim_ensemble(identification.parameters, identification.estimates, "flights").drones
 

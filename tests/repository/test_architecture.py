@@ -304,7 +304,7 @@ MOST = {
     "study to table: names": 122,
     "constants": 737,
     "constants without a source": 487,
-    "lines": 62_612,
+    "lines": 62_609,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

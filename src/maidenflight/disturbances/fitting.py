@@ -168,8 +168,8 @@ def _maximise(
     begin = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), start)
     origin = ravel_pytree((_begin_body(begin), _log_processes()))[0]
     # Windows overlap; as many as do not tell something of their own.
-    told = MEASURED * max(1, int(parts.is_own.sum()) // length)
-    prior = origin, 0.5 / _UNKNOWN_BY**2 / told
+    independent = MEASURED * max(1, int(parts.is_own.sum()) // length)
+    prior = origin, 0.5 / _UNKNOWN_BY**2 / independent
     fixed = parts.rows, starts, begin, prior, parts.period
     count = 0
 

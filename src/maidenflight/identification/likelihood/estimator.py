@@ -293,9 +293,9 @@ def _choose(
     models = [parts.sample, parts.training]
 
     def roughly(names: Sequence[str], first: Parameters) -> Parameters:
-        box, told = problem.box(names), problem.reporter.evaluated
+        box, count = problem.box(names), problem.reporter.evaluated
         samples, close = question.samples, selection.ROUGH
-        return fit(box, evaluations, models, first, samples, told, close=close).drone
+        return fit(box, evaluations, models, first, samples, count, close=close).drone
 
     return selection.choose(
         parts,
@@ -317,14 +317,14 @@ def _trials(
 ) -> tuple[list[Fit], int]:
     """The end of each trial, and which is best."""
     box, most, reporter = problem.box(names), settings.evaluations, problem.reporter
-    model, samples, told = question.model, question.samples, reporter.evaluated
+    model, samples, count = question.model, question.samples, reporter.evaluated
     models = [question.pilot or model, model]
     fit_result = list[Fit]()
     for trial in range(settings.trials):
         reporter.stage(FITTING, trial, settings.trials)
         fit_result.append(
-            fit(box, most, models, question.start, samples, told, generator=problem.generator)
+            fit(box, most, models, question.start, samples, count, generator=problem.generator)
             if trial
-            else fit(box, most, [model], first, samples, told)
+            else fit(box, most, [model], first, samples, count)
         )
     return fit_result, int(np.argmin([fit.value for fit in fit_result]))
