@@ -272,10 +272,12 @@ def test_an_extension_of_one_policy_leaves_the_other_and_is_resumed(tmp_path: Pa
     with pytest.raises(KeyboardInterrupt):
         extended("killed", [1], interrupt)
     assert_same(extended("killed"), policies)
-    both, ended = extended("both"), learn()
+    both, ended = extended("both", [0, 1]), learn()
     assert_same(policies[0], ended[0])
     for one, other in zip(jax.tree.leaves(policies[1]), jax.tree.leaves(both[1]), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-4)
+    # What it scored before was perhaps by another task, so that it is none of those it was then.
+    assert not np.array_equal(*(some[1].network[0][0] for some in (policies, ended)))
 
 
 def test_another_number_of_updates_or_another_weight_compiles_nothing_anew(trained: Any) -> None:

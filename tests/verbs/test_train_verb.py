@@ -20,6 +20,7 @@ from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.physics import dynamics
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.tasks.look_ahead import LookAhead
+from maidenflight.simulator.tasks.tasks import find_task
 from maidenflight.terminal import Bar
 from maidenflight.training import defaults
 from maidenflight.training.evaluation import Evaluation
@@ -265,9 +266,7 @@ def test_yaw_costs_by_default_where_a_policy_turns_itself_but_not_in_the_papers_
     Train(drone="crazyflie", policies=1, hidden=(8,), **given).run(tmp_path)
     settings = policy_file.read_policy(tmp_path / "policy_1.json").record["settings"]
     assert settings["yaw_penalty"] == expected
-    turned = ", turned 3.14159" if given.get("control") == "attitude_rate" else ""
-    name = f"circle, yaw penalty {expected:g}{turned}"
-    assert tasks == ["circle" if expected == 0.0 else name]
+    assert tasks == ["circle" if expected == 0.0 else f"circle, yaw penalty {expected:g}"]
 
 
 def test_by_default_what_falls_is_trained_on_from_where_it_is(
@@ -275,10 +274,14 @@ def test_by_default_what_falls_is_trained_on_from_where_it_is(
 ) -> None:
     """The second of two policies of attitude rate falls after 600 updates, not after 1,500."""
     asked: list[tuple[int, Any, bool]] = []
+    starts: list[Any] = []
 
-    def training(_: Any, controller: Controller, *given: Any, **named: Any) -> tuple[Policy, ...]:
+    def training(
+        task: Any, controller: Controller, *given: Any, **named: Any
+    ) -> tuple[Policy, ...]:
         updates, saved = given[2].updates, named["checkpoint"]
         asked.append((updates, saved.members, saved.restart))
+        starts.append(task.reset)
         known = jnp.array([saved.members is None, True])
         score = jnp.where(known, 0.5, jnp.nan)
         named["on_progress"](Progress(updates, 1, Evaluation(*[score] * 4)))
@@ -291,6 +294,8 @@ def test_by_default_what_falls_is_trained_on_from_where_it_is(
     command = Train(drone="crazyflie", policies=2, control="attitude_rate", hidden=(8,))
     result = command.run(tmp_path)
     assert asked == [(600, None, True), (1500, [1], False)]
+    usual = find_task("circle").reset
+    assert [start is usual for start in starts] == [True, False], "what fell starts turned"
     assert result.content["flies"] == [True, True]
     files = [policy_file.read_policy(tmp_path / f"policy_{n}.json") for n in (1, 2)]
     assert [file.record["settings"]["updates"] for file in files] == [600, 1500]

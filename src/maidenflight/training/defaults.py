@@ -115,20 +115,21 @@ def choose_yaw_penalty(structure: str, method: str) -> float:
     return YAW_PENALTY if structure == "attitude_rate" and not method.endswith("paper") else 0.0
 
 
-def choose_task(task: Task, structure: str, yaw_penalty: float) -> Task:
+def choose_task(task: Task, structure: str, yaw_penalty: float, *, fell: bool) -> Task:
     """Returns a task as policies train on it, with what yaw costs.
 
-    Episodes of attitude rate start facing anywhere: policies that had only started ahead fell once
-    they had turned by 130 deg (paper/notes/training.md#attitude-rate-by-default).
+    Attitude-rate policies that fell train on from facing anywhere: they had turned by 130 deg,
+    whence none had started (paper/notes/training.md#attitude-rate-by-default).
 
     Args:
         task: the task.
         structure: a control structure, in `names.CONTROLS`.
         yaw_penalty: see `tasks.with_yaw_penalty`.
+        fell: whether the policies fell in the flights at the end of training.
     """
     if not yaw_penalty:
         return task
-    turned = np.pi if structure == "attitude_rate" else 0.0
+    turned = np.pi if fell and structure == "attitude_rate" else 0.0
     return tasks.with_yaw_penalty(task, yaw_penalty, turned)
 
 

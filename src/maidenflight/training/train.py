@@ -126,7 +126,8 @@ def train(
             ends with the same policies as without the interruption, unless `Checkpoint.restart`.
             If it is of a training that has ended and `settings.updates` is larger than its number,
             training is extended: its further updates have the learning rates that they have in a
-            training of that many. `Checkpoint.members` may name the policies that are.
+            training of that many. `Checkpoint.members` may name the policies that are, by a task
+            that may start elsewhere: their scores before no longer count.
 
     Returns:
         For each key, in order, the policy at its best evaluation (`Evaluation.beats`). Time grows
@@ -150,7 +151,7 @@ def train(
         path, before, settings.updates, settings.evaluations, int(state.scored), from_zero
     )
     if stages != before:
-        state = state._replace(going=_going(store, len(keys)))
+        state = _extended(state, store)
     ends = checkpoints.ends(stages, settings.evaluations, from_zero)
     if to_come := len(ends) - len(state.scores.survival):
         more = np.full((to_come, len(keys)), np.float32(np.nan))
@@ -266,10 +267,17 @@ def _init_once(
     return init(env, settings, drones, keys)
 
 
-def _going(checkpoint: Checkpoint | None, count: int) -> np.ndarray:
-    """Which of so many policies a stage trains."""
-    members = None if checkpoint is None else checkpoint.members
-    return np.isin(np.arange(count), list(range(count) if members is None else members))
+def _extended(state: _State, checkpoint: Checkpoint | None) -> _State:
+    """The state of training before a further stage: named policies' earlier scores no longer count.
+
+    Their task may be another.
+    """
+    count = len(state.going)
+    if checkpoint is None or checkpoint.members is None:
+        return state._replace(going=np.ones(count, bool))
+    going = np.isin(np.arange(count), checkpoint.members)
+    forgotten = (np.where(going, np.float32(-np.inf), best) for best in state.best_score)
+    return state._replace(going=going, best_score=Evaluation(*forgotten))
 
 
 def _updates_of_all(scores: Evaluation, ends: Sequence[int]) -> int:

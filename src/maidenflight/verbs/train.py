@@ -380,11 +380,11 @@ class Train(Verb):
         from maidenflight.training.train import train
 
         watch.begin(updates)
-        file, controller = self.drone_file, self.controller
+        file, controller, fell = self.drone_file, self.controller, members is not None
         if self.target is not None:
             check_export(self.target, controller.interface, self.spec, file.parameters)
         return train(
-            defaults.choose_task(find_task(self.task), self._control, self._yaw_penalty),
+            defaults.choose_task(find_task(self.task), self._control, self._yaw_penalty, fell=fell),
             controller,
             drones.distribution_of(file, self._randomization, controller),
             split_key(self.key, self.policies),
@@ -392,7 +392,7 @@ class Train(Verb):
             policy=self.spec if self.start is None else self.start.policy,
             on_progress=watch.on_progress,
             on_update=watch.on_update,
-            checkpoint=checkpoint.Checkpoint(saved, not self.resume and members is None, members),
+            checkpoint=checkpoint.Checkpoint(saved, not self.resume and not fell, members),
         )
 
     def discard_state(self, output: Path) -> None:

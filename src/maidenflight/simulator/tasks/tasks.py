@@ -162,11 +162,11 @@ def with_yaw_penalty(task: Task, yaw_penalty: float, most_turned: float = 0.0) -
             rotations.heading(state.quaternion)
         )
 
-    # A name of its own, so that training is not resumed with another penalty.
+    # A name of its own, so that training is not resumed with another penalty. Where episodes start
+    # is no part of it, so that a training may go on with others.
     name = f"{task.name}, yaw penalty {yaw_penalty:g}"
-    if not most_turned:
-        return task._replace(name=name, reward=reward)
-    return task._replace(name=f"{name}, turned {most_turned:g}", reset=reset, reward=reward)
+    starts = {"reset": reset} if most_turned else {}
+    return task._replace(name=name, reward=reward, **starts)
 
 
 @cached_by_arguments
