@@ -35,7 +35,7 @@ from maidenflight.flights import flight_csv, log
 from maidenflight.flights.log import Flight
 from maidenflight.flights.trims import rotors
 from maidenflight.identification.drone_file import DroneFile
-from maidenflight.identification.likelihood.estimator import Models, Question, answer_question
+from maidenflight.identification.likelihood.estimator import Question, answer_question
 from maidenflight.identification.outcome.problem import Problem
 from maidenflight.parameters import noiseless
 from maidenflight.policy import Policy, untrained_policy
@@ -521,7 +521,7 @@ def test_an_observation_model_is_one_class_that_the_estimator_fits() -> None:
         flights.append(dataclasses.replace(flight, rotor_speed=speeds))
     problem, model = Problem.of(flights), names["RotorSpeedErrors"].of(flights)
     lags = ("motor_time_constant", "spin_down_ratio", "motor_coasting", "latency")
-    question = Question(Models(model, model), lags, problem.start)
+    question = Question(model, lags, problem.start)
     posterior = answer_question(problem, mf.Likelihood(), question)
     assert set(posterior.samples) == set(lags)
     for name, error in {
