@@ -126,8 +126,7 @@ def train(
             ends with the same policies as without the interruption, unless `Checkpoint.restart`.
             If it is of a training that has ended and `settings.updates` is larger than its number,
             training is extended: its further updates have the learning rates that they have in a
-            training of that many. `Checkpoint.members` may name the policies that are, by a task
-            that may start elsewhere: their scores before no longer count.
+            training of that many. `Checkpoint.members` may name those whose scores then begin anew.
 
     Returns:
         For each key, in order, the policy at its best evaluation (`Evaluation.beats`). Time grows
