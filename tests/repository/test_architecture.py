@@ -290,9 +290,9 @@ MOST = {
     "log to drone.toml: stops": 740,
     "log to drone.toml: modules": 114,
     "log to drone.toml: names": 976,
-    "drone to policy: stops": 389,
+    "drone to policy: stops": 390,
     "drone to policy: modules": 79,
-    "drone to policy: names": 569,
+    "drone to policy: names": 571,
     "policy to flight: stops": 273,
     "policy to flight: modules": 57,
     "policy to flight: names": 416,
@@ -304,7 +304,7 @@ MOST = {
     "study to table: names": 122,
     "constants": 737,
     "constants without a source": 487,
-    "lines": 62_617,
+    "lines": 62_608,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

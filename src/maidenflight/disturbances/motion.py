@@ -182,7 +182,7 @@ def move(motion: Motion, error: Float[Array, "27"]) -> Motion:
     return Motion(
         motion.position + rotation @ error[:3],
         motion.velocity + rotation @ error[3:6],
-        _product(motion.quaternion, _turn(error[6:9])),
+        rotations.product(motion.quaternion, _turn(error[6:9])),
         motion.body_rates + error[9:12],
         Slow(
             *(value + by for value, by in zip(motion.slow, error[12:].reshape(5, 3), strict=True))
@@ -205,7 +205,7 @@ def difference(motion: Motion, other: Motion) -> Float[Array, "12"]:
         [
             back @ (other.position - motion.position),
             back @ (other.velocity - motion.velocity),
-            rotation_vector(_product(conjugate, other.quaternion)),
+            rotation_vector(rotations.product(conjugate, other.quaternion)),
             other.body_rates - motion.body_rates,
         ]
     )
@@ -229,11 +229,6 @@ def rotation_vector(quaternion: Float[Array, "4"]) -> Float[Array, "3"]:
 def _turn(vector: Float[Array, "3"]) -> Float[Array, "4"]:
     angle = jnp.sqrt(vector @ vector + 1e-24)
     return jnp.concatenate([vector * (jnp.sin(angle / 2) / angle), jnp.cos(angle / 2)[None]])
-
-
-def _product(first: Float[Array, "4"], other: Float[Array, "4"]) -> Float[Array, "4"]:
-    vector = first[3] * other[:3] + other[3] * first[:3] + jnp.cross(first[:3], other[:3])
-    return jnp.concatenate([vector, (first[3] * other[3] - first[:3] @ other[:3])[None]])
 
 
 def linearise(

@@ -99,19 +99,16 @@ def from_attitude(attitude: Float[Array, "3"]) -> Float[Array, "4"]:
     )
 
 
+def product(first: Float[Array, "4"], other: Float[Array, "4"]) -> Float[Array, "4"]:
+    """Returns the quaternion of two rotations, the other in the axes that the first has turned."""
+    vector = first[3] * other[:3] + other[3] * first[:3] + jnp.cross(first[:3], other[:3])
+    return jnp.concatenate([vector, (first[3] * other[3] - first[:3] @ other[:3])[None]])
+
+
 def turn_heading(quaternion: Float[Array, "4"], angle: Float[Array, ""]) -> Float[Array, "4"]:
     """Returns the attitude turned about the world's z axis by an angle [rad]."""
-    x, y, z, w = quaternion
-    sine, cosine = jnp.sin(angle / 2), jnp.cos(angle / 2)
-    return like(
-        quaternion,
-        [
-            cosine * x - sine * y,
-            cosine * y + sine * x,
-            cosine * z + sine * w,
-            cosine * w - sine * z,
-        ],
-    )
+    none = jnp.zeros_like(angle)
+    return product(from_attitude(jnp.stack([none, none, angle])), quaternion)
 
 
 def quaternion_derivative(
