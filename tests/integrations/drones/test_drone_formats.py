@@ -63,8 +63,6 @@ BEYOND = {
     # Drag at the rotors' places brakes yaw, too.
     ("sdf", "all effects", "a step of yaw"): 0.12,
     ("rotorpy", "all effects", "a step of yaw"): 0.12,
-    # Momentum of unequal rotors precesses, where ours only reacts to its change.
-    ("crazyflow", "all effects", "a step of roll"): 0.03,
 }
 """What programs simulate and our model does not, as the pages say."""
 

@@ -266,20 +266,22 @@ class GyroErrors(SensorErrors):
     def predicted(self, drone: Parameters, rotors: Rotors) -> Float[np.ndarray, "M S 3"]:
         """Returns the torques over the inertia, means over a step.
 
-        Source: Gronauer et al. 2022, eq:torque, eq:motor-torque and eq:angular-acceleration.
+        Source: Gronauer et al. 2022, eq:torque, eq:motor-torque and eq:angular-acceleration;
+        `dynamics.further_torque` for the rotors' momentum.
         """
         thrust, arms, rates = _thrust(drone, rotors), levers(drone), self.signals.body_rates
         turned = arms * [1.0, 1.0, float(drone.torque_to_thrust)]
         inertia, bias = np.asarray(drone.inertia, float), np.asarray(drone.torque_bias, float)
         lift = thrust.sum(axis=-1) / float(drone.gravity)
-        parts = []
+        momentum = float(drone.rotor_momentum) * arms[:, 2]
+        precession, parts = rotors.mean @ momentum, []
         for axis, second, other in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
             torque = bias[axis] * lift + float(drone.mass) * (thrust @ turned[:, axis])
             if axis == 2:
-                spin_up = rotors.change @ arms[:, axis] / self.signals.step
-                torque += float(drone.rotor_momentum) * spin_up
+                torque += rotors.change @ momentum / self.signals.step
             else:
                 torque -= float(drone.rotational_damping) * rates[..., axis]
+                torque += (precession, -precession)[axis] * rates[..., 1 - axis]
             torque -= (inertia[other] - inertia[second]) * rates[..., second] * rates[..., other]
             parts.append(torque / inertia[axis])
         return np.stack(parts, axis=-1)

@@ -91,10 +91,11 @@ def further_torque(
 ) -> Axes:
     """Returns the torque on the body [N m] about x, y and z that the paper's model lacks.
 
-    It is zero for the paper's Crazyflie. Four parts: the rotors' moment against the flight's
+    It is zero for the paper's Crazyflie. Five parts: the rotors' moment against the flight's
     direction, (c_x v_y, -c_y v_x) (flapping blades, and rotors above the centre of mass); damping
     of roll and pitch rates; the reaction to rotors that spin up, with the signs of their drag
-    torque; and the trim of an off-centre battery or unequal motors, which grows with the thrust.
+    torque; their precession -omega x h, whose momentum h has the opposite signs; and the trim of
+    an off-centre battery or unequal motors, which grows with the thrust.
 
     Args:
         state: the drone.
@@ -104,9 +105,10 @@ def further_torque(
             `torque_bias`.
 
     Source: Hoffmann et al. 2007, Quadrotor helicopter flight dynamics and control, eq. 7-10
-    (flapping); Bouabdallah 2007, sec. 2.4 (rotor inertia). Both show in the authors' flights of a
-    Crazyflie, and so does the trim: 0.92 to 1.24 of it grow with the thrust in their attitude-rate
-    flights, whose motors often stand still. In logs of three others c_y is 1.1 to 1.6 times c_x.
+    (flapping); Bouabdallah 2007, sec. 2.4 (both torques of rotor inertia). Flapping, the reaction
+    and the trim show in the authors' flights of a Crazyflie: 0.92 to 1.24 of the trim grow with the
+    thrust in their attitude-rate flights, whose motors often stand still. In logs of three others
+    c_y is 1.1 to 1.6 times c_x.
     """
     (vx, vy, vz), (p, q, _), (bias_x, bias_y, bias_z) = (
         _through_air(state, parameters),
@@ -118,11 +120,13 @@ def further_torque(
     lift = (f1 + f2 + f3 + f4) / jnp.maximum(parameters.mass * parameters.gravity, 1e-9)
     x, y, _ = rotations.axes(state.quaternion)
     forward, left = x[0] * vx + x[1] * vy + x[2] * vz, y[0] * vx + y[1] * vy + y[2] * vz
-    reaction = parameters.rotor_momentum * _over_rotors(spin_up, parameters.rotor_direction)
+    momentum, signs = parameters.rotor_momentum, parameters.rotor_direction
+    reaction = momentum * _over_rotors(spin_up, signs)
+    precession = momentum * _over_rotors(state.rotor_speed, signs)
     (rolling, pitching), damping = parameters.flapping_moment, parameters.rotational_damping
     return (
-        rolling * left - damping * p + lift * bias_x,
-        -pitching * forward - damping * q + lift * bias_y,
+        rolling * left - damping * p + precession * q + lift * bias_x,
+        -pitching * forward - damping * q - precession * p + lift * bias_y,
         reaction + lift * bias_z,
     )
 
