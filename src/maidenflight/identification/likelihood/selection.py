@@ -39,8 +39,8 @@ OF_HELD_COMMANDS: dict[str, tuple[str, ...]] = {
     "inertia_z": ("inertia_z",),
 }
 """Groups besides, where each command acts until the next row and no signal shows the lag: a curved
-thrust and gyroscopic coupling pass for inertia otherwise. They have no plausible range, and what
-coupling says of the inertia about z is not taken (`about_z`)."""
+thrust and gyroscopic coupling pass for inertia otherwise. They have no plausible range, and an
+inertia about z found so is taken as yaw's share (`about_z`)."""
 WITH_KNOWN_LAG: dict[str, tuple[str, ...]] = {
     **{name: parts for name, parts in GROUPS.items() if name not in ("motor_coasting", "drag")},
     "drag": ("drag_x", "drag_y", "drag_z"),

@@ -3,10 +3,8 @@
 Torques about z turn the drone by their share of that inertia, which no flight shows by itself. It
 is taken in the start's ratio to those about x and y, as well as that ratio is known of any drone.
 
-Gyroscopic coupling does not show it either, although flights without noise seem to. While a drone
-yaws its rotors' momentum precesses with roll and pitch, a torque as large that the model lacks.
-
-Source: Bouabdallah 2007, Design and control of quadrotors, sec. 2.4 (gyroscopic torque of rotors).
+Gyroscopic coupling of roll and pitch shows it in flights without noise alone, and beside yaw, whose
+torques are then the start's: what is found so is their share, too.
 """
 
 from collections.abc import Collection, Mapping
@@ -65,7 +63,7 @@ def with_inertia_z(
 
     Args:
         start: whose ratio of inertia is taken.
-        drone: what was found with the start's inertia about z, or one that coupling seemed to show.
+        drone: what was found with the start's inertia about z, or one fitted beside the start's torque.
         draws: its posterior, `RESAMPLES` by parameter.
         spread: between segments of flight.
         unidentifiable: parameters that keep the start's value.
