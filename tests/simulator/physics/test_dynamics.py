@@ -372,8 +372,8 @@ def angular_momentum(state):
     """In the world, of the body and of rotors 1 and 3, which turn as r counts, 2 and 4, which do
     not."""
     body = np.asarray(PAPER.inertia, np.float64) * float64(state.body_rates)
-    rotors = 3e-5 * float64(state.rotor_speed) @ [1, -1, 1, -1]
-    return Rotation.from_quat(state.quaternion).apply(body + [0, 0, rotors])
+    rotors = np.array([0.0, 0.0, 3e-5 * float64(state.rotor_speed) @ [1, -1, 1, -1]])
+    return Rotation.from_quat(state.quaternion).apply(body + rotors)
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)

@@ -63,7 +63,7 @@ def with_inertia_z(
 
     Args:
         start: whose ratio of inertia is taken.
-        drone: what was found with the start's inertia about z, or one fitted beside the start's torque.
+        drone: what was found with the start's inertia about z, or a fitted one.
         draws: its posterior, `RESAMPLES` by parameter.
         spread: between segments of flight.
         unidentifiable: parameters that keep the start's value.
