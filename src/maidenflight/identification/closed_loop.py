@@ -69,8 +69,6 @@ LARGE = 1.5
 WIDTH, FARTHEST, NEAR = 0.25, 0.75, 0.05
 """Of a difference quotient, of a Gauss-Newton step at most, and of the step that ends the search
 [standard deviations of the prior]."""
-LEAST_DAMPING = 0.1
-"""Share of a step below which none is taken."""
 
 
 @dataclass(frozen=True)
@@ -267,7 +265,7 @@ def _fitted(
         move = -np.linalg.solve(hessian, scores.sum(axis=0) + steps)
         move *= min(1.0, FARTHEST / np.abs(move).max())
         evaluations += count
-        while damping > LEAST_DAMPING:
+        while damping * np.abs(move).max() > NEAR:
             trial = steps + damping * move
             there = difference(trial)
             evaluations += 1
@@ -277,7 +275,7 @@ def _fitted(
             damping /= 2.0
         if on_step is not None:
             on_step(number + 1, most, cost / now.size)
-        if damping <= LEAST_DAMPING or np.abs(move).max() < NEAR:
+        if damping * np.abs(move).max() <= NEAR:
             break
     # Policies are the independent units: a sandwich over them (White 1982).
     inverse = np.linalg.inv(hessian)

@@ -36,8 +36,6 @@ from maidenflight.simulator.tasks.failures import TIME_LIMIT, Guard
 
 _LOST = Guard(tilt=float(np.radians(80.0)), position_error=1.5)
 """Excursion beyond which the regulator does not hold a drone on its path."""
-_STEP_S = 0.001
-"""Physics step [s]; commands last a multiple of it."""
 _GYRO_HZ = float(1 / (np.sqrt(2) * np.pi * GYRO_DELAY))
 """Cut-off of the gyro's filter, of second order as in the Crazyflie's sensors_bmi088_bmp3xx.c
 [Hz]. One of first order that is as late blurs the reaction to rotors that spin up: their momentum
@@ -110,7 +108,7 @@ def fly_paths(
         drone,
         gyro_time_constant=np.float32(lag),
         estimator_delay=late,
-        time_step=np.float32(_STEP_S),
+        time_step=np.float32(0.5 / RATE),
     )
     steps = max(map(len, flights)) * every
     thrust = float(design.thrust_to_weight / drone.thrust_to_weight)

@@ -23,7 +23,7 @@ from jaxtyping import Float, Int
 
 from maidenflight.flights.log import GYRO_DELAY, Flight, by_log
 from maidenflight.identification.signals.flight_signals import is_zero_order_hold
-from maidenflight.identification.signals.loop_spectra import LagByDelay, lag_by_delay
+from maidenflight.identification.signals.loop_spectra import REACH, LagByDelay, lag_by_delay
 from maidenflight.identification.signals.spectra import Spectra, spectra
 from maidenflight.identification.uncertainty import RESAMPLES, Evidence
 from maidenflight.parameters import Parameters, levers
@@ -53,11 +53,10 @@ _COHERENT = 0.5
 NanoBench's and the authors' logs at 100 Hz all stretches have 0.63 and more, of NanoDrone's, whose
 clocks drift, 0.13 to 0.4."""
 LIKE, OWN = 0.05, 0.03
-"""Least errors of the joined lag and of a stretch's, shares: no motor is quite of first order."""
+"""Least errors of the joined lag and of a stretch's, shares: no motor is quite of first order.
+Three drones' are 5 % off at most (paper/notes/identification.md#measured-rotor-speeds)."""
 _NARROWER = 0.7
 """Share of the usual interval's width that a latency's must be below to be told."""
-_CLEARLY = 10.0
-"""Most by which one stretch may vote against a latency [nats]."""
 _FEW = 4
 """Loops that are looked at before, a share of a second each; chosen."""
 _GYRO = {"gyro x": "inertia_x", "gyro y": "inertia_y"}
@@ -361,7 +360,7 @@ def _joined(stretches: Sequence[_Stretch], before: Float[np.ndarray, "D"]) -> _J
     the latency are taken to the power of one over the root of their number.
     """
     profiles = [stretch.profile for stretch in stretches]
-    loss = np.minimum([profile.loss for profile in profiles], _CLEARLY).sum(axis=0)
+    loss = np.minimum([profile.loss for profile in profiles], REACH).sum(axis=0)
     weight = np.log(before) - loss / np.sqrt(len(stretches))
     weight = np.exp(weight - weight.max())
     mean, error = np.zeros((2, len(LATENCIES)))
