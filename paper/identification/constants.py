@@ -62,7 +62,18 @@ MEASURED = (
     "better_tune",
 )
 """Drones of the truth board, of which the first log is read."""
-MOST_S, POLICIES = 40.0, 8
+SATURATED = "real/minimal/x1_full_throttle_saturates.bbl"
+"""Log of motors whose thrust stops following its curve."""
+AUTHORS = {
+    "thrust_to_weight": 1.52,
+    "motor_time_constant": 0.057,
+    "latency": 0.007,
+    "motor_coasting": 0.126,
+    "rotor_momentum": 9.4e-5,
+    "spin_down_ratio": 0.72,
+}
+"""The drone that flew policies, as identified (paper/notes/identification.md#real-flights)."""
+MOST_S, POLICIES = 20.0, 8
 """Of a real log [s], and policies whose loops are matched."""
 FLIGHTS, DURATION, FULL_SPEED = 3, 10.0, 2500.0
 """Flights of a drone, how long each is [s], and speed of rotors at full thrust [rad/s]."""
@@ -194,20 +205,26 @@ def fly(log: str) -> Any:
 
 def read(log: str, folder: Path, data: Path) -> Any:
     """Returns the flights of a log, which are read or flown once."""
-    path, board = folder / f"{log}.pickle", importlib.import_module("truth_board")
+    from maidenflight.flights.reading import read_flights
+
+    path, board = folder / f"{Path(log).stem}.pickle", importlib.import_module("truth_board")
     if not path.exists():
         flights = fly(log) if log in LOGS else []
         if log in MEASURED:
             file = next(iter(sorted(data.glob(board.DRONES[log].files[0]))))
             first = replace(board.DRONES[log], files=(str(file.relative_to(data)),))
             flights = board.read_drone_flights(first, data)
+        elif log == SATURATED:
+            flights = list(read_flights(data / log, drone="racer_5_inch"))
         path.write_bytes(pickle.dumps(flights))
     flights, used = pickle.loads(path.read_bytes()), []
+    if log not in MEASURED:
+        return flights
     for flight in flights:
         left = MOST_S - sum(other.duration for other in used)
         part = flight.part(0, min(len(flight), round(left / flight.period)))
-        hides = log in MEASURED and board.DRONES[log].hide
-        used += [replace(part, rotor_speed=None) if hides else part] if left > 1.0 else []
+        hidden = replace(part, rotor_speed=None) if board.DRONES[log].hide else part
+        used += [hidden] if left > 1.0 else []
     return used
 
 
@@ -228,9 +245,9 @@ def identify(log: str, folder: Path, data: Path) -> Mapping[str, tuple[float, ..
 
 def hear(log: str, folder: Path, data: Path) -> Mapping[str, tuple[float, ...]]:
     """Returns what signals of real logs say by themselves: lags, inertia, laws of thrust."""
+    from maidenflight.identification.signals import thrust_law
     from maidenflight.identification.signals.motor_response import estimate_motor_response
     from maidenflight.identification.signals.speed_inertia import inertia_of_speeds
-    from maidenflight.identification.signals.thrust_law import thrust_law
     from maidenflight.identification.uncertainty import of_samples
     from maidenflight.parameters import crazyflie
 
@@ -240,11 +257,16 @@ def hear(log: str, folder: Path, data: Path) -> Mapping[str, tuple[float, ...]]:
         motors = estimate_motor_response(flights, generator, drone)
         by_speeds = inertia_of_speeds(flights, drone, 500, generator)
         samples |= {f"{name}, {key} by speeds": one for key, one in by_speeds.items()}
-        if motors:
+        if motors and motors.is_identifiable:
             samples |= {f"{name}, lag": motors.lag + motors.latency}
             samples |= {f"{name}, {key}": one for key, one in motors.inertia_per_thrust.items()}
-        limit = min(thrust_law(flights, 0.04).limit, 2.0)
-        results[f"{name}, limit"] = limit, limit - 1.0, limit + 1.0
+    for name in ("better_tune", SATURATED):
+        flights = read(name, folder, data)
+        law = thrust_law.thrust_law(flights, 0.04)
+        steps = thrust_law._by_step(law.read(flights), 0.04)
+        middle, curve = np.median(steps[:, 0]), thrust_law._curve(steps[steps[:, 3] <= law.limit])
+        force = float(curve @ [middle, middle**2])
+        results[f"{name}, force"] = force, 0.95 * force, 1.05 * force
     return results | as_numbers({each.parameter: each for each in of_samples("", samples)})
 
 
@@ -271,6 +293,7 @@ def match(log: str, folder: Path, data: Path) -> Mapping[str, tuple[float, ...]]
     from maidenflight.identification.closed_loop import ClosedLoop
     from maidenflight.identification.closed_loop import match as match_loops
     from maidenflight.parameters import crazyflie
+    from maidenflight.parameters import replace as changed
 
     sys.path.append(str(Path(__file__).parents[1] / "measured"))
     published, _ = importlib.import_module("predict_flights").read_published(data / "authors")
@@ -279,7 +302,8 @@ def match(log: str, folder: Path, data: Path) -> Mapping[str, tuple[float, ...]]
     loops, key = ClosedLoop(flights=8, steps=3), jax.random.key(0)
     own = flights_of_policies(flights, policies)
     some = {name: own[name] for name in list(own)[:POLICIES]}
-    found = match_loops(some, policies, crazyflie(), key, loops, every=flights).estimates
+    start = changed(crazyflie(), **AUTHORS)
+    found = match_loops(some, policies, start, key, loops, every=flights).estimates
     count = float(sum(map(len, own.values())))
     return {
         name: (value, value - 1.96 * error, value + 1.96 * error)

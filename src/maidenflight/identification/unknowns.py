@@ -123,6 +123,9 @@ _KINDS: Mapping[str, Unknown] = {
         is_torque=True,
     ),
 }
+"""By parameter or its field. Plausible ranges hold what real flights show
+(paper/notes/identification.md#real-flights, #nanobench) and what virtual drones have
+(simulator/realities/virtual_drone.py), and searches end beyond; factors of a start are chosen."""
 UNKNOWNS: Mapping[str, Unknown] = {
     name: _KINDS.get(name) or _KINDS[field]
     for name, (field, _) in COMPONENTS.items()

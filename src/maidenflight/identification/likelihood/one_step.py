@@ -58,7 +58,8 @@ than any sensor's (BMI088: 0.014 deg/s/sqrt(Hz), 0.003 rad/s behind a filter of 
 simulator have none; an autoregression then foretells what a wrong drone leaves, to the last digit,
 and neither the optimum nor the gain of a parameter means anything."""
 _MOST_NOISE = 0.9
-"""Share of a curvature that noise of the velocity may have."""
+"""Share of a curvature that noise of the velocity may have; harmless within a factor of 1.4
+(paper/identification/constants.py)."""
 CHUNK = 32
 """Windows differentiated side by side, which fit a core's cache; harmless
 (paper/identification/constants.py)."""

@@ -49,7 +49,8 @@ WITH_KNOWN_LAG: dict[str, tuple[str, ...]] = {
 """Groups where a log shows the motors' lag by itself, so that no damping can pass for it."""
 MOVING = 0.1
 """Root mean square of the velocity [m/s] below which drag and flapping are not looked for: the
-estimate's noise, some 0.015 m/s, returns to its mean and passes for drag."""
+estimate's noise, some 0.015 m/s, returns to its mean and passes for drag. Harmless within a factor
+of 1.4 (paper/identification/constants.py)."""
 HELD_OUT = 3
 """Every third flight is held out; if there are fewer flights, every third segment."""
 SIGNIFICANT = 2.0

@@ -39,19 +39,19 @@ _ANSWER, _ANSWER_DEVIATION = 0.002, 0.002
 _STEP = 0.2
 """Change of the logarithm of the lag by which the curvature is measured."""
 _STARTS = (0.03, 0.07)
-"""Lags from which an optimum is looked for [s]."""
+"""Lags from which an optimum is looked for [s]. It and when a search ends are harmless within a
+factor of 1.4 (paper/identification/constants.py)."""
 _SEARCH = {"gtol": 2e-2, "maxiter": 40}
-"""When a search for an optimum ends [nats a unit of the parameters]."""
+"""When a search for an optimum ends [nats a unit of the parameters]; measured with `_STARTS`."""
 _NODES = 1e-3 * np.array([0.0, 2.0, 4.0, 5.0, 6.0, 7.0, 8.5, 10.0, 12.0, 14.0, 16.0, 19.0, 24.0])
 """Delays over the least one that are tried [s]."""
-_FIRST = (4, 8)
-"""Nodes at which optima are looked for."""
 _GROWTH = 0.04
 """Damping ratio below zero down to which an oscillation may be a limit cycle; with 0 good fits are
 refused (paper/notes/identification.md#attempts)."""
 REACH = 10.0
 """Loss over the least one beyond which further delays are not tried, and most by which one stretch
-may vote against a latency [nats]."""
+may vote against a latency [nats]: chance has it once in 130,000 times. Source: Wilks 1938,
+chi-square of one parameter."""
 
 
 class LagByDelay(NamedTuple):
@@ -222,7 +222,7 @@ def lag_by_delay(spectra: Spectra, delays: Float[np.ndarray, "D"]) -> LagByDelay
     if min(spectra.drive.min(), spectra.motion.min()) <= 0.0:
         return None
     nodes, starts = delays[0] + _NODES, []
-    for index in _FIRST:
+    for index in (len(nodes) // 3, 2 * len(nodes) // 3):
         model = _Model(spectra, float(nodes[index]))
         for lag in _STARTS:
             value, x = model.minimize(model.start(lag))

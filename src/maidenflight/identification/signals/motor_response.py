@@ -42,21 +42,24 @@ slowly answer 0.2 ms before one of their equivalent lag (paper/notes/identificat
 _UNKNOWN_FILTER = GYRO_DELAY / np.sqrt(3.0)
 """Standard error of a gyro's delay that no log tells [s]: from none to twice a Crazyflie's."""
 _UNUSUAL = 0.03
-"""Share of drones of which nothing of the kind is known."""
+"""Share of drones of which nothing of the kind is known: with 0.021 an end of an inertia moves by
+0.23 of half its interval, with 0.042 by 0.15 (paper/identification/constants.py)."""
 SHORTEST, _LONGEST, _MOST = 3.0, 10.0, 16
 """Length of a stretch at least and at most [s], and stretches beyond which they are longer."""
 _CLEAR, QUICK = 5.0, 0.0051
 """How much stronger than what their samples fold commands must be, in rows beyond that period [s]:
-quicker ones fold from above 180 Hz, behind the filters of any rate controller."""
+quicker ones fold from above 180 Hz, behind the filters of any rate controller. Harmless within a
+factor of 1.4 (paper/identification/constants.py)."""
 _COHERENT = 0.5
 """Coherence of sampled commands and angular acceleration below which they are hardly one loop's: of
 NanoBench's and the authors' logs at 100 Hz all stretches have 0.63 and more, of NanoDrone's, whose
-clocks drift, 0.13 to 0.4."""
+clocks drift, 0.13 to 0.4; measured with `QUICK`."""
 LIKE, OWN = 0.05, 0.03
 """Least errors of the joined lag and of a stretch's, shares: no motor is quite of first order.
 Three drones' are 5 % off at most (paper/notes/identification.md#measured-rotor-speeds)."""
 _NARROWER = 0.7
-"""Share of the usual interval's width that a latency's must be below to be told."""
+"""Share of the usual interval's width that a latency's must be below to be told; measured with
+`QUICK`."""
 _FEW = 4
 """Loops that are looked at before, a share of a second each; chosen."""
 _GYRO = {"gyro x": "inertia_x", "gyro y": "inertia_y"}

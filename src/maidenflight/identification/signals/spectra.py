@@ -11,7 +11,8 @@ WINDOW = 4.0
 LOWEST, HIGHEST = 1.5, 15.0
 """Frequencies that count [Hz]: below, position and speed are controlled; above is vibration."""
 SLOW = 6.0
-"""Frequency up to which a command that is sampled must be clear of what its samples fold [Hz]."""
+"""Frequency up to which a command that is sampled must be clear of what its samples fold [Hz];
+harmless within a factor of 1.4 (paper/identification/constants.py)."""
 BANDS = 8
 """Parts of these frequencies in which set-points and disturbances have sizes of their own."""
 

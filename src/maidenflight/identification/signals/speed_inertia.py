@@ -40,7 +40,8 @@ from maidenflight.parameters import Parameters, levers
 
 DELAYS = 5e-4 * np.arange(-10, 51)
 """Delays of body rates behind the speeds that are tried, for each file anew [s]: streams that a
-computer joined differ by 13 ms in their clocks (IDSIA's NanoDrone)."""
+computer joined differ by 13 ms in their clocks (IDSIA's NanoDrone). Harmless within a factor of 1.4
+(paper/identification/constants.py)."""
 _TORQUE = 0.07
 """Standard error of the rotors' torque, a share: planted drones that are thrown leave 9 % and more
 (paper/notes/identification.md)."""
