@@ -245,6 +245,7 @@ def identify(log: str, folder: Path, data: Path) -> Mapping[str, tuple[float, ..
 
 def hear(log: str, folder: Path, data: Path) -> Mapping[str, tuple[float, ...]]:
     """Returns what signals of real logs say by themselves: lags, inertia, laws of thrust."""
+    from maidenflight.identification.outcome.battery_laws import law_chances
     from maidenflight.identification.signals import thrust_law
     from maidenflight.identification.signals.motor_response import estimate_motor_response
     from maidenflight.identification.signals.speed_inertia import inertia_of_speeds
@@ -260,6 +261,9 @@ def hear(log: str, folder: Path, data: Path) -> Mapping[str, tuple[float, ...]]:
         if motors and motors.is_identifiable:
             samples |= {f"{name}, lag": motors.lag + motors.latency}
             samples |= {f"{name}, {key}": one for key, one in motors.inertia_per_thrust.items()}
+        if chances := law_chances(flights):
+            thrust = sum(chance.probability * chance.thrust for chance in chances)
+            results[f"{name}, thrust by laws"] = thrust, 0.95 * thrust, 1.05 * thrust
     for name in ("better_tune", SATURATED):
         flights = read(name, folder, data)
         law = thrust_law.thrust_law(flights, 0.04)

@@ -25,9 +25,8 @@ from maidenflight.flights.log import Flight
 from maidenflight.flying import engine
 from maidenflight.flying.rows import Rows
 from maidenflight.identification.behaviour import (
-    BEGIN_S,
     BEHAVIOUR,
-    END_S,
+    EDGE_S,
     LONGEST_S,
     SHORTEST_S,
     attitude_delay,
@@ -179,7 +178,7 @@ def match(
     logged = {name: mean for name, mean in means.items() if mean is not None}
     if not logged:
         raise InputError(
-            f"no policy flew for {BEGIN_S + SHORTEST_S + END_S:g} s in these logs, of which "
+            f"no policy flew for {SHORTEST_S + 2 * EDGE_S:g} s in these logs, of which "
             f"{len(flight)} of {len(policies)} policies have any. Give logs with the policies that "
             "flew them."
         )
@@ -311,7 +310,7 @@ def _simulation(
     together = stacked(policies)
     controller = controller_for(policies[0].interface)
     period = 1.0 / policies[0].interface.rate
-    rows = round((BEGIN_S + LONGEST_S + END_S) / period)
+    rows = round((LONGEST_S + 2 * EDGE_S) / period)
     nominal = control.in_fitting_steps(tree.map(lambda leaf: leaf[0], drones), controller)
     oldest = float(np.max(drones.estimator_delay))
     env = Environment.matching(

@@ -35,6 +35,14 @@ def test_at_the_optimum_no_manoeuvre_gains_more_than_those_that_are_flown(seed, 
     np.testing.assert_allclose(gains[flown], gains.max(), rtol=0.05)
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_a_fortieth_of_the_steps_suffices(seed, monkeypatch):
+    some, before = parts(seed, many=35, size=14), 12.0 * np.eye(14)
+    monkeypatch.setattr(optimal_design, "MOST_STEPS", optimal_design.MOST_STEPS // 40)
+    seconds = optimal_design.optimal(some, before, TOTAL, range(2 + 2 * seed))
+    assert optimal_design.excess(some, before, seconds, range(2 + 2 * seed)) <= optimal_design.CLOSE
+
+
 @settings(max_examples=30)
 @given(st.integers(0, 1000), st.sampled_from(SUBSETS))
 def test_no_other_seconds_do_better(seed, of):

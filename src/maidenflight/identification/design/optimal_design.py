@@ -20,7 +20,8 @@ import numpy as np
 from jaxtyping import Float
 
 MOST_STEPS = 20_000
-"""Steps of the multiplicative algorithm."""
+"""Steps of the multiplicative algorithm at most: designs as large as a plan's need a fortieth
+(tests/identification/design/test_optimal_design.py)."""
 CLOSE = 1e-3
 """Excess of the best manoeuvre's rate of gain over the mean, as a share, at which it ends: the loss
 is convex, so that it is within this of the least, in nats a parameter of interest (see source)."""

@@ -28,7 +28,8 @@ from maidenflight.identification.unknowns import UNKNOWNS
 _BLOCKS, _MOST = 20.0, 5.0
 """Blocks of half a second to an independent one, since laws miss by what lasts as long as a
 battery; and most of them, since no law is exact: of five NanoBench flights whose thrust names the
-law, thrust per command is steadier by another one in three."""
+law, thrust per command is steadier by another one in three. Harmless within a factor of 1.4
+(paper/identification/constants.py)."""
 
 
 class LawChance(NamedTuple):

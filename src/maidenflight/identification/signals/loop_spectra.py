@@ -34,8 +34,8 @@ _POWERS = (0, -1, -2, 1)
 """Powers of s by which a controller acts on the rate."""
 _CENTRE = 2 * np.pi * np.sqrt(LOWEST * HIGHEST)
 """Frequency at which the weights of all powers are in like units [rad/s]."""
-_ANSWER, _ANSWER_DEVIATION = 0.002, 0.002
-"""Delay from a measurement to the answer of an on-board controller [s]."""
+_ANSWER = 0.002
+"""Delay from a measurement to the answer of an on-board controller, and its deviation [s]."""
 _STEP = 0.2
 """Change of the logarithm of the lag by which the curvature is measured."""
 _STARTS = (0.03, 0.07)
@@ -44,7 +44,8 @@ factor of 1.4 (paper/identification/constants.py)."""
 _SEARCH = {"gtol": 2e-2, "maxiter": 40}
 """When a search for an optimum ends [nats a unit of the parameters]; measured with `_STARTS`."""
 _NODES = 1e-3 * np.array([0.0, 2.0, 4.0, 5.0, 6.0, 7.0, 8.5, 10.0, 12.0, 14.0, 16.0, 19.0, 24.0])
-"""Delays over the least one that are tried [s]."""
+"""Delays over the least one that are tried [s]: 0.7 times as far apart no end moves by more than a
+tenth of half an interval, 1.4 times by 0.54 (paper/identification/constants.py)."""
 _GROWTH = 0.04
 """Damping ratio below zero down to which an oscillation may be a limit cycle; with 0 good fits are
 refused (paper/notes/identification.md#attempts)."""
@@ -127,7 +128,7 @@ class _Model:
             drive + 2 * _shared(answer.conj(), cross) + _power(answer) * motion
         )
         loop = 1 + response * answer
-        penalty = (x[-1] - 1) * _ANSWER / _ANSWER_DEVIATION
+        penalty = x[-1] - 1
         jacobian = twice * float(np.log(np.abs(loop) + 1e-12).sum())
         value += float(self.lines @ np.log(setpoint)) - jacobian + 0.5 * penalty**2
         by_answer = (cross.conj() + answer * motion) * (twice / setpoint)[spectra.band]
@@ -137,7 +138,7 @@ class _Model:
         by_weight = (delayed_basis @ by_answer.conj()).real
         controller_slopes = [
             *(2 * self.unit * x[2:-1] * by_weight),
-            np.vdot(by_answer, self.answered * answer).real + penalty / _ANSWER_DEVIATION * _ANSWER,
+            np.vdot(by_answer, self.answered * answer).real + penalty,
         ]
         by_lag = np.vdot(by_response, response * slower * s).real * -lag
         return value, np.array([by_lag, np.vdot(by_response, response).real, *controller_slopes])

@@ -29,9 +29,11 @@ from maidenflight.identification.uncertainty import RESAMPLES, Evidence
 from maidenflight.parameters import Parameters, levers
 
 LATENCIES = 1e-3 * np.arange(-4.0, 20.01, 0.25)
-"""Latencies that are tried [s]; below zero are differences of time stamps."""
+"""Latencies that are tried [s]; below zero are differences of time stamps. 0.7 and 1.4 times as
+far, ends of inertia move by 0.5 and 0.4 of half an interval (paper/identification/constants.py)."""
 LAG_BOUNDS = (0.01, 0.25)
-"""Lags that these signals show [s]."""
+"""Lags that these signals show [s]: 0.7 and 1.4 times as long no lag moves, but from 14 ms on that
+of `better_tune`, which is shorter, passes for clear (paper/identification/constants.py)."""
 USUAL, USUAL_DEVIATION = 0.002, 0.0014
 """Latency of commands on board and its standard deviation [s]: within a period of loop and of ESC,
 2 ms +- 1 ms, and as much again for the gyro's own filter (`other_ways.FILTER`)."""
@@ -45,7 +47,9 @@ _UNUSUAL = 0.03
 """Share of drones of which nothing of the kind is known: with 0.021 an end of an inertia moves by
 0.23 of half its interval, with 0.042 by 0.15 (paper/identification/constants.py)."""
 SHORTEST, _LONGEST, _MOST = 3.0, 10.0, 16
-"""Length of a stretch at least and at most [s], and stretches beyond which they are longer."""
+"""Length of a stretch at least and at most [s], and stretches beyond which they are longer. In one
+of 20 s for two of 10 s NanoBench's inertia moves by 2.2 of half its interval
+(paper/identification/constants.py; against measured speeds `truth_board.py --lag`)."""
 _CLEAR, QUICK = 5.0, 0.0051
 """How much stronger than what their samples fold commands must be, in rows beyond that period [s]:
 quicker ones fold from above 180 Hz, behind the filters of any rate controller. Harmless within a
