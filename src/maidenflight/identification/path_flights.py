@@ -121,9 +121,13 @@ def fly_paths(
     for allowed in _ALLOWED_COMMANDS:
         gain = np.float32(_gain(design, rate, allowed))
         rows = jax.tree.map(np.asarray, _fly(world, drone, design, gain, together, keys))
+        pieces = (
+            Rows(*(values[index, : len(flight) * every] for values in rows))
+            for index, flight in enumerate(flights)
+        )
         simulated = [
             SimulatedFlight(own, rate, True, world.supply, virtual.name, drone=drone)
-            for own in _parts(rows, [len(flight) * every for flight in flights])
+            for own in pieces
         ]
         if all(flight.rows.end(_LOST).reason == TIME_LIMIT for flight in simulated):
             return [
@@ -131,13 +135,6 @@ def fly_paths(
                 for flight, log, own_key in zip(simulated, flights, keys, strict=True)
             ]
     return None
-
-
-def _parts(rows: Rows, lengths: Sequence[int]) -> list[Rows]:
-    """Returns the first rows of each flight."""
-    return [
-        Rows(*(values[index, :length] for values in rows)) for index, length in enumerate(lengths)
-    ]
 
 
 def _with_signals(simulated: SimulatedFlight, original: Flight, every: int, key: Array) -> Flight:

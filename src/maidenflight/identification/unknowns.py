@@ -64,6 +64,7 @@ _QUICK = "turn quickly about x and y, at 250 Hz or more"
 _FAST = "fly faster than 1 m/s along x and y"
 _CUT = "cut the throttle now and then"
 _YAW = "yaw to and fro"
+_HOVER = "hover for half a minute"
 _THROTTLE = "climb and sink with a fifth to four fifths of the throttle"
 _KINDS: Mapping[str, Unknown] = {
     "thrust_to_weight": Unknown(
@@ -100,18 +101,10 @@ _KINDS: Mapping[str, Unknown] = {
         Ends(0.0, 0.05, "torque"), Ends(0.0, 0.01, "torque"), _QUICK, is_torque=True, step=1e-6
     ),
     "torque_bias": Unknown(
-        Ends(-0.2, 0.2, "torque"),
-        Ends(-0.05, 0.05, "torque"),
-        "hover for half a minute",
-        is_torque=True,
-        step=1e-6,
+        Ends(-0.2, 0.2, "torque"), Ends(-0.05, 0.05, "torque"), _HOVER, is_torque=True, step=1e-6
     ),
     "torque_bias_z": Unknown(
-        Ends(-0.2, 0.2, "torque"),
-        Ends(-0.014, 0.014, "torque"),
-        "hover for half a minute",
-        is_torque=True,
-        step=1e-6,
+        Ends(-0.2, 0.2, "torque"), Ends(-0.014, 0.014, "torque"), _HOVER, is_torque=True, step=1e-6
     ),
     "drag": Unknown(Ends(0.0, 3.0), Ends(0.0, 0.5), _FAST),
     "drag_z": Unknown(Ends(0.0, 3.0), Ends(0.0, 0.5), "climb and sink", step=1e-2),
@@ -241,11 +234,7 @@ def search_box(over: Sequence[str], bounds: Mapping[str, tuple[float, float]]) -
             )
     if not over or len(set(over)) != len(over):
         raise InputError("name each parameter to identify once, and at least one.")
-    return Box(
-        tuple(over),
-        tuple(bounds[name][0] for name in over),
-        tuple(bounds[name][1] for name in over),
-    )
+    return Box(tuple(over), *zip(*(bounds[name] for name in over), strict=True))
 
 
 def thrust_bound(thrust_to_weight: float) -> float:
@@ -275,14 +264,10 @@ PUBLISHED_INERTIA: Mapping[str, tuple[float, float, float]] = {
 """Published inertia about x, y and z [kg m2], by its source."""
 
 
-def _ratio_sd() -> float:
-    """Returns the robust standard deviation of the logarithm of I_z / (I_x + I_y) of drones."""
-    ratios = np.log([z / (x + y) for x, y, z in PUBLISHED_INERTIA.values()])
-    return 1.4826 * float(np.median(np.abs(ratios - np.median(ratios))))
-
-
-RATIO_SD = _ratio_sd()
-"""Standard error of the start's ratio, a share."""
+_LOG_RATIOS = np.log([z / (x + y) for x, y, z in PUBLISHED_INERTIA.values()])
+RATIO_SD = 1.4826 * float(np.median(np.abs(_LOG_RATIOS - np.median(_LOG_RATIOS))))
+"""Standard error of the start's I_z / (I_x + I_y), a share: by definition of the median deviation,
+the robust standard deviation of its logarithm."""
 GYRATION = (0.15, 1.3)
 """Radius of gyration about x or y by the rotors' distance; chosen: a third of the least and over
 twice the largest of named drones, 0.43 to 0.55 (parameters/named.py)."""

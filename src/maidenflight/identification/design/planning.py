@@ -365,10 +365,6 @@ def _information(
     return sums * (objective.rows / lengths)[:, None, None] * np.outer(widths, widths)
 
 
-def _half(ends: tuple[float, float]) -> float:
-    return (ends[1] - ends[0]) / 2
-
-
 def _expecting(
     drone: VirtualDrone,
     proposal: FlightPlan,
@@ -388,7 +384,7 @@ def _expecting(
     wanted = [name for name in of[0] if request.interest is None or name in request.interest]
     expected_widths = {
         name: ExpectedWidths(
-            *map(_half, (of[0][name].interval, of[1][name].interval, of[0][name].prior))
+            *(np.ptp([of[0][name].interval, of[1][name].interval, of[0][name].prior], axis=1) / 2)
         )
         for name in wanted
     }

@@ -39,7 +39,8 @@ from maidenflight.identification.unknowns import UNKNOWNS
 from maidenflight.parameters import Parameters, component, levers, replace
 
 EVALUATIONS = 20
-"""Of a sensor's likelihood at most."""
+"""Of a sensor's likelihood at most; harmless within a factor of 1.4
+(paper/identification/constants.py)."""
 _MEMORY = 0.25
 """Time that the noise model of a sensor's signal looks back [s]."""
 

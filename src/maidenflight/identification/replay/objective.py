@@ -106,11 +106,8 @@ class Objective:
         parameters = jax.tree.map(jnp.asarray, replace(parameters, time_step=self._time_step))
 
         def losses(first: int, end: int) -> tuple[Array]:
-            return (
-                _losses(self._windows, parameters, *self._settings, first, end, self.steps)[
-                    first:end
-                ],
-            )
+            every = _losses(self._windows, parameters, *self._settings, first, end, self.steps)
+            return (every[first:end],)
 
         return on_all_cores(losses, len(self._windows.segment))[0].reshape(-1)[: self.size]
 

@@ -108,9 +108,8 @@ def _searched(problem: Problem, settings: Replay, box: Box, objective: Objective
                 loss, equations, objective.size, kinks, most, problem.generator, evaluated
             )
         else:
-            from maidenflight.identification.search import (
-                bayesian,  # scikit-learn, only where needed
-            )
+            # scikit-learn, only where needed.
+            from maidenflight.identification.search import bayesian
 
             run = bayesian.minimise(loss, len(box.names), most, problem.generator, evaluated)
         runs.append(run)

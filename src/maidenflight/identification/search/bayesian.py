@@ -49,9 +49,8 @@ def minimise(
     """
     first = min(_FIRST, evaluations)
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore", UserWarning
-        )  # ten is no power of two; balance does not matter here
+        # Ten is no power of two; balance does not matter here.
+        warnings.simplefilter("ignore", UserWarning)
         points = scipy.stats.qmc.Sobol(dimensions, rng=generator).random(first)
     values = []
     for point in points:

@@ -53,11 +53,8 @@ def kinks(box: Box, period: float) -> list[Float[np.ndarray, "k"]]:
     """
     descent = []
     for name, low, high in zip(box.names, box.lower, box.upper, strict=True):
-        rows = (
-            np.arange(np.ceil(low / period), np.floor(high / period) + 1)
-            if name == "latency"
-            else np.empty(0)
-        )
+        every = np.arange(np.ceil(low / period), np.floor(high / period) + 1)
+        rows = every if name == "latency" else np.empty(0)
         descent.append((rows * period - low) / (high - low))
     return descent
 

@@ -35,7 +35,9 @@ _POWERS = (0, -1, -2, 1)
 _CENTRE = 2 * np.pi * np.sqrt(LOWEST * HIGHEST)
 """Frequency at which the weights of all powers are in like units [rad/s]."""
 _ANSWER = 0.002
-"""Delay from a measurement to the answer of an on-board controller, and its deviation [s]."""
+"""Delay from a measurement to the answer of an on-board controller, and its deviation [s]: with 2.8
+ms an end of INDIflight's inertia moves by 0.23 of half its interval
+(paper/identification/constants.py)."""
 _STEP = 0.2
 """Change of the logarithm of the lag by which the curvature is measured."""
 _STARTS = (0.03, 0.07)
@@ -264,13 +266,13 @@ def _approach(
     x: Float[np.ndarray, "d"],
     inside: float,
     outside: float,
-    near: float,
+    step: float,
 ) -> None:
-    """Looks for optima up to the delay from which on no loop can fly, by halves until near [s].
+    """Looks for optima up to the delay from which on no loop can fly, by halves to a step [s].
 
     A rate loop near its limit tells the delay by that: the next node may lie 2 ms beyond it.
     """
-    while abs(outside - inside) > near:
+    while abs(outside - inside) > step:
         middle = (inside + outside) / 2
         optimum = best(middle, x, True)
         inside, outside = (inside, middle) if optimum is None else (middle, outside)
