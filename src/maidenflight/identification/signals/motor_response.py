@@ -45,7 +45,7 @@ _UNKNOWN_FILTER = GYRO_DELAY / np.sqrt(3.0)
 """Standard error of a gyro's delay that no log tells [s]: from none to twice a Crazyflie's."""
 _UNUSUAL = 0.03
 """Share of drones of which nothing of the kind is known: with 0.021 an end of an inertia moves by
-0.23 of half its interval, with 0.042 by 0.15 (paper/identification/constants.py)."""
+0.23 of half its interval, with 0.042 by less (paper/identification/constants.py)."""
 SHORTEST, _LONGEST, _MOST = 3.0, 10.0, 16
 """Length of a stretch at least and at most [s], and stretches beyond which they are longer. In one
 of 20 s for two of 10 s NanoBench's inertia moves by 2.2 of half its interval
