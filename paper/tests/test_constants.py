@@ -44,6 +44,12 @@ def test_a_changed_module_uses_what_it_was_changed_to(
     assert MARGIN in constants.USED
 
 
+def test_logs_are_of_drones_whose_truth_is_known_and_each_trial_has_a_name(constants: Any):
+    assert set(constants.MEASURED) <= set(script("truth_board").DRONES)
+    names = [*constants.LOGS, *constants.MEASURED, *constants.OTHERS]
+    assert len(set(names)) == len(names)
+
+
 def test_what_moves_is_in_half_intervals_and_what_is_lost_is_infinite(constants: Any):
     before = {"estimates": {"a": (1.0, 0.0, 2.0), "b": (5.0, 4.0, 6.0)}}
     after = {"estimates": {"a": (1.05, 0.0, 2.0), "b": (5.0, 4.5, 6.0)}}

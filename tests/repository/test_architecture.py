@@ -110,12 +110,12 @@ def test_files_and_functions_are_short_and_take_few_arguments():
 PARTS = [
     "uncertainty unknowns",
     "posterior",
-    "drone_file methods behaviour path_flights",
+    "drone_file methods behaviour",
     "identity",
     "signals",
     "search",
     "outcome",
-    "replay",
+    "replay path_flights",
     "likelihood",
     "identify closed_loop held_out start truth calibration",
     "design",
@@ -302,9 +302,9 @@ MOST = {
     "study to table: stops": 75,
     "study to table: modules": 14,
     "study to table: names": 122,
-    "constants": 737,
-    "constants without a source": 487,
-    "lines": 62_608,
+    "constants": 722,
+    "constants without a source": 407,
+    "lines": 62_607,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

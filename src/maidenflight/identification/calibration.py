@@ -29,7 +29,7 @@ from maidenflight.parameters import check, replace
 TOTAL = "lag + latency"
 """Both delays together, which flights tell better than either."""
 BINS = 5
-"""Of a rank histogram: few, since re-identifications are."""
+"""Of a rank histogram. Source: R's package SBC, `guess_rank_hist_bins`, for fewer than 60 ranks."""
 BAND = 0.99
 """Share of uniform ranks' counts of a bin that lie in the band (Talts et al. 2018)."""
 Identify = Callable[[Sequence[Flight], Array], Identification]

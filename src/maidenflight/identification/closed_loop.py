@@ -25,9 +25,8 @@ from maidenflight.flights.log import Flight
 from maidenflight.flying import engine
 from maidenflight.flying.rows import Rows
 from maidenflight.identification.behaviour import (
-    BEGIN_S,
     BEHAVIOUR,
-    END_S,
+    EDGE_S,
     LONGEST_S,
     SHORTEST_S,
     attitude_delay,
@@ -69,8 +68,6 @@ LARGE = 1.5
 WIDTH, FARTHEST, NEAR = 0.25, 0.75, 0.05
 """Of a difference quotient, of a Gauss-Newton step at most, and of the step that ends the search
 [standard deviations of the prior]."""
-LEAST_DAMPING = 0.1
-"""Share of a step below which none is taken."""
 
 
 @dataclass(frozen=True)
@@ -181,7 +178,7 @@ def match(
     logged = {name: mean for name, mean in means.items() if mean is not None}
     if not logged:
         raise InputError(
-            f"no policy flew for {BEGIN_S + SHORTEST_S + END_S:g} s in these logs, of which "
+            f"no policy flew for {SHORTEST_S + 2 * EDGE_S:g} s in these logs, of which "
             f"{len(flight)} of {len(policies)} policies have any. Give logs with the policies that "
             "flew them."
         )
@@ -267,7 +264,7 @@ def _fitted(
         move = -np.linalg.solve(hessian, scores.sum(axis=0) + steps)
         move *= min(1.0, FARTHEST / np.abs(move).max())
         evaluations += count
-        while damping > LEAST_DAMPING:
+        while damping * np.abs(move).max() > NEAR:
             trial = steps + damping * move
             there = difference(trial)
             evaluations += 1
@@ -277,7 +274,7 @@ def _fitted(
             damping /= 2.0
         if on_step is not None:
             on_step(number + 1, most, cost / now.size)
-        if damping <= LEAST_DAMPING or np.abs(move).max() < NEAR:
+        if damping * np.abs(move).max() <= NEAR:
             break
     # Policies are the independent units: a sandwich over them (White 1982).
     inverse = np.linalg.inv(hessian)
@@ -313,7 +310,7 @@ def _simulation(
     together = stacked(policies)
     controller = controller_for(policies[0].interface)
     period = 1.0 / policies[0].interface.rate
-    rows = round((BEGIN_S + LONGEST_S + END_S) / period)
+    rows = round((LONGEST_S + 2 * EDGE_S) / period)
     nominal = control.in_fitting_steps(tree.map(lambda leaf: leaf[0], drones), controller)
     oldest = float(np.max(drones.estimator_delay))
     env = Environment.matching(

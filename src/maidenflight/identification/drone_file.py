@@ -43,7 +43,8 @@ OBJECTIVES = ("likelihood", "replay", CLOSED_LOOP)
 COMMANDS = (ZERO_ORDER_HOLD, SUBSAMPLED, "mixed")
 """What the commands of an identification's logs stood for."""
 SAVED = 200
-"""Samples of the posterior that a file holds."""
+"""Samples of the posterior that a file holds, whose standard deviation is then within 5 %: by
+definition of it, 1 / sqrt(2 N) of a normal sample."""
 _ENDS = "valley", "bounds", "plausible"
 _CURE = "Identify again."
 """What to do where a file is damaged."""

@@ -24,6 +24,7 @@ from maidenflight.flying.engine import simulate
 from maidenflight.flying.firmware_pilot import RATE
 from maidenflight.flying.recording import flight_log
 from maidenflight.flying.rows import Rows, SimulatedFlight
+from maidenflight.identification.signals.spectra import HIGHEST
 from maidenflight.parameters import Parameters, replace
 from maidenflight.simulator.controllers import control
 from maidenflight.simulator.environment import Environment
@@ -35,15 +36,12 @@ from maidenflight.simulator.tasks import tasks
 from maidenflight.simulator.tasks.failures import TIME_LIMIT, Guard
 
 _LOST = Guard(tilt=float(np.radians(80.0)), position_error=1.5)
-"""Excursion beyond which the regulator does not hold a drone on its path."""
-_STEP_S = 0.001
-"""Physics step [s]; commands last a multiple of it."""
+"""Excursion beyond which the regulator does not hold a drone on its path; harmless within a factor
+of 1.4 (paper/identification/constants.py)."""
 _GYRO_HZ = float(1 / (np.sqrt(2) * np.pi * GYRO_DELAY))
 """Cut-off of the gyro's filter, of second order as in the Crazyflie's sensors_bmi088_bmp3xx.c
 [Hz]. One of first order that is as late blurs the reaction to rotors that spin up: their momentum
 was then identified 11 % too small, and its intervals held the truth in 19 of 44 drones."""
-_SMOOTH_HZ = 20.0
-"""Above this a logged state is noise."""
 _ALLOWED = np.repeat([0.1, 0.3, 0.1, 1.0, 0.2], [3, 3, 3, 3, 4])
 """Deviations that cost alike: position [m], velocity [m/s], attitude [rad], body rates [rad/s] and
 rotor speeds [-]; ours."""
@@ -110,7 +108,7 @@ def fly_paths(
         drone,
         gyro_time_constant=np.float32(lag),
         estimator_delay=late,
-        time_step=np.float32(_STEP_S),
+        time_step=np.float32(0.5 / RATE),
     )
     steps = max(map(len, flights)) * every
     thrust = float(design.thrust_to_weight / drone.thrust_to_weight)
@@ -123,9 +121,13 @@ def fly_paths(
     for allowed in _ALLOWED_COMMANDS:
         gain = np.float32(_gain(design, rate, allowed))
         rows = jax.tree.map(np.asarray, _fly(world, drone, design, gain, together, keys))
+        pieces = (
+            Rows(*(values[index, : len(flight) * every] for values in rows))
+            for index, flight in enumerate(flights)
+        )
         simulated = [
             SimulatedFlight(own, rate, True, world.supply, virtual.name, drone=drone)
-            for own in _parts(rows, [len(flight) * every for flight in flights])
+            for own in pieces
         ]
         if all(flight.rows.end(_LOST).reason == TIME_LIMIT for flight in simulated):
             return [
@@ -133,13 +135,6 @@ def fly_paths(
                 for flight, log, own_key in zip(simulated, flights, keys, strict=True)
             ]
     return None
-
-
-def _parts(rows: Rows, lengths: Sequence[int]) -> list[Rows]:
-    """Returns the first rows of each flight."""
-    return [
-        Rows(*(values[index, :length] for values in rows)) for index, length in enumerate(lengths)
-    ]
 
 
 def _with_signals(simulated: SimulatedFlight, original: Flight, every: int, key: Array) -> Flight:
@@ -166,8 +161,9 @@ def _path(flight: Flight, design: Parameters, rate: int, steps: int, thrust: flo
     """Returns what a log says at each command; its last state lasts."""
     parts = [flight.position, flight.velocity, np.unwrap(flight.attitude, axis=0)]
     state = np.concatenate([*parts, flight.body_rates], axis=1).astype(float)
-    if 1 / flight.period > 4 * _SMOOTH_HZ:
-        smooth = scipy.signal.butter(2, _SMOOTH_HZ, fs=1 / flight.period, output="sos")
+    # Above what counts a logged state is noise.
+    if 1 / flight.period > 4 * HIGHEST:
+        smooth = scipy.signal.butter(2, HIGHEST, fs=1 / flight.period, output="sos")
         state = scipy.signal.sosfiltfilt(smooth, state, axis=0)
     # As the regulator's own model of the motors.
     decay = np.exp(-flight.period / float(design.motor_time_constant))

@@ -64,6 +64,7 @@ _QUICK = "turn quickly about x and y, at 250 Hz or more"
 _FAST = "fly faster than 1 m/s along x and y"
 _CUT = "cut the throttle now and then"
 _YAW = "yaw to and fro"
+_HOVER = "hover for half a minute"
 _THROTTLE = "climb and sink with a fifth to four fifths of the throttle"
 _KINDS: Mapping[str, Unknown] = {
     "thrust_to_weight": Unknown(
@@ -100,18 +101,10 @@ _KINDS: Mapping[str, Unknown] = {
         Ends(0.0, 0.05, "torque"), Ends(0.0, 0.01, "torque"), _QUICK, is_torque=True, step=1e-6
     ),
     "torque_bias": Unknown(
-        Ends(-0.2, 0.2, "torque"),
-        Ends(-0.05, 0.05, "torque"),
-        "hover for half a minute",
-        is_torque=True,
-        step=1e-6,
+        Ends(-0.2, 0.2, "torque"), Ends(-0.05, 0.05, "torque"), _HOVER, is_torque=True, step=1e-6
     ),
     "torque_bias_z": Unknown(
-        Ends(-0.2, 0.2, "torque"),
-        Ends(-0.014, 0.014, "torque"),
-        "hover for half a minute",
-        is_torque=True,
-        step=1e-6,
+        Ends(-0.2, 0.2, "torque"), Ends(-0.014, 0.014, "torque"), _HOVER, is_torque=True, step=1e-6
     ),
     "drag": Unknown(Ends(0.0, 3.0), Ends(0.0, 0.5), _FAST),
     "drag_z": Unknown(Ends(0.0, 3.0), Ends(0.0, 0.5), "climb and sink", step=1e-2),
@@ -123,6 +116,9 @@ _KINDS: Mapping[str, Unknown] = {
         is_torque=True,
     ),
 }
+"""By parameter or its field. Plausible ranges hold what real flights show
+(paper/notes/identification.md#real-flights, #nanobench) and what virtual drones have
+(simulator/realities/virtual_drone.py), and searches end beyond; factors of a start are chosen."""
 UNKNOWNS: Mapping[str, Unknown] = {
     name: _KINDS.get(name) or _KINDS[field]
     for name, (field, _) in COMPONENTS.items()
@@ -238,11 +234,7 @@ def search_box(over: Sequence[str], bounds: Mapping[str, tuple[float, float]]) -
             )
     if not over or len(set(over)) != len(over):
         raise InputError("name each parameter to identify once, and at least one.")
-    return Box(
-        tuple(over),
-        tuple(bounds[name][0] for name in over),
-        tuple(bounds[name][1] for name in over),
-    )
+    return Box(tuple(over), *zip(*(bounds[name] for name in over), strict=True))
 
 
 def thrust_bound(thrust_to_weight: float) -> float:
@@ -261,12 +253,24 @@ def physical_bounds(start: Parameters) -> dict[str, tuple[float, float]]:
     return bounds | {"thrust_to_weight": (bounds["thrust_to_weight"][0], hovers)}
 
 
+PUBLISHED_INERTIA: Mapping[str, tuple[float, float, float]] = {
+    "Crazyflie 2.0 (Foerster 2015)": (1.657e-5, 1.666e-5, 2.926e-5),
+    "Crazyflie 2.1 (Gronauer et al. 2022)": (1.33e-5, 1.33e-5, 2.64e-5),
+    "Crazyflie Brushless (Graefe et al. 2026)": (3.3e-5, 3.6e-5, 5.9e-5),
+    "3-inch (INDIflight, arXiv 2406.11723)": (7.206e-4, 7.757e-4, 8.860e-4),
+    "X500 v2 (PX4's Gazebo model)": (0.0216, 0.0216, 0.0400),
+    "Crazyflie 2.1 (SimpleFlight, arXiv 2412.11764)": (1.4e-5, 1.4e-5, 2.17e-5),
+}
+"""Published inertia about x, y and z [kg m2], by its source."""
+
+
+_LOG_RATIOS = np.log([z / (x + y) for x, y, z in PUBLISHED_INERTIA.values()])
+RATIO_SD = 1.4826 * float(np.median(np.abs(_LOG_RATIOS - np.median(_LOG_RATIOS))))
+"""Standard error of the start's I_z / (I_x + I_y), a share: by definition of the median deviation,
+the robust standard deviation of its logarithm."""
 GYRATION = (0.15, 1.3)
-"""Radius of gyration about x or y by the rotors' distance; 0.43 to 0.60 of real quadrotors."""
-_USUAL_SHARE = 0.2
-"""Inertia about x by mass and squared distance of the rotors; 0.14 to 0.28 of six real ones."""
-TRIANGLE = 1.2
-"""Inertia about z by the sum of those about x and y, which no body exceeds, but estimates may."""
+"""Radius of gyration about x or y by the rotors' distance; chosen: a third of the least and over
+twice the largest of named drones, 0.43 to 0.55 (parameters/named.py)."""
 
 
 def check_body(drone: Parameters, source: str) -> None:
@@ -283,7 +287,8 @@ def check_body(drone: Parameters, source: str) -> None:
     """
     check_gyration(drone, source)
     inertia = np.asarray(drone.inertia, float)
-    if inertia[2] > TRIANGLE * (inertia[0] + inertia[1]):
+    # No body exceeds 1, but estimates may.
+    if inertia[2] > np.exp(1.96 * RATIO_SD) * (inertia[0] + inertia[1]):
         raise InputError(
             f"{source}: inertia_z {inertia[2]:.3g} kg m2 is larger than inertia_x and inertia_y "
             f"together ({inertia[0] + inertia[1]:.3g}), which no body has. Mend one."
@@ -308,6 +313,6 @@ def check_gyration(drone: Parameters, source: str) -> None:
             f"{source}: mass {1e3 * mass:.3g} g, inertia {inertia[0]:.3g}, {inertia[1]:.3g} kg m2 "
             f"and rotors {1e3 * arm:.3g} mm from the centre are not of one drone: the radius of "
             f"gyration is {radius.max() / arm:.2g} times the rotors' distance; expected {low:g} to "
-            f"{high:g}, which is about {_USUAL_SHARE * mass * arm**2:.2g} kg m2 here. Compare the "
-            "units: kg, kg m2 (1 kg cm2 is 1e-4), m."
+            f"{high:g}, which is {mass * (low * arm) ** 2:.2g} to {mass * (high * arm) ** 2:.2g} "
+            "kg m2 here. Compare the units: kg, kg m2 (1 kg cm2 is 1e-4), m."
         )

@@ -20,7 +20,8 @@ import numpy as np
 from jaxtyping import Float
 
 MOST_STEPS = 20_000
-"""Steps of the multiplicative algorithm."""
+"""Steps of the multiplicative algorithm at most: designs as large as a plan's need a fortieth
+(tests/identification/design/test_optimal_design.py)."""
 CLOSE = 1e-3
 """Excess of the best manoeuvre's rate of gain over the mean, as a share, at which it ends: the loss
 is convex, so that it is within this of the least, in nats a parameter of interest (see source)."""
@@ -102,7 +103,7 @@ def optimal(
 
 
 def rounded(
-    seconds: Float[np.ndarray, "m"], chunk: float, rest: float, total: float, most: int
+    seconds: Float[np.ndarray, "m"], chunk: float, rest: float, total: float
 ) -> Float[np.ndarray, "m"]:
     """Returns whole chunks of the manoeuvres that last longest, each with a rest, in a time.
 
@@ -111,13 +112,12 @@ def rounded(
         chunk: [s].
         rest: after each manoeuvre [s].
         total: what chunks and rests together do not exceed [s]; at least a chunk and a rest.
-        most: manoeuvres at most.
 
     Source: Pukelsheim and Rieder 1992, Efficient rounding of approximate designs; the number of
     manoeuvres is reduced until each has a chunk.
     """
     order = np.argsort(-seconds, kind="stable")
-    for count in range(min(most, int(np.sum(seconds > 0.0))), 0, -1):
+    for count in range(int(np.sum(seconds > 0.0)), 0, -1):
         support = order[:count]
         chunks = int((total - count * rest) / chunk + 1e-9)
         if chunks < count:

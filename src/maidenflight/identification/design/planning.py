@@ -40,20 +40,22 @@ from maidenflight.parameters import replace as changed
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone, virtual_drone
 
 MANOEUVRE_DURATION = 9.0
-"""Seconds for which each manoeuvre is simulated, the rest after it not counted."""
+"""Seconds for which each manoeuvre is simulated, the rest after it not counted: by definition of
+the circle three times round (flights/manoeuvres.py)."""
 CHUNK = 2.0
 """Manoeuvres last multiples of this [s]."""
-MOST = 8
-"""Manoeuvres of a round."""
 SHORTEST_ROUND = 12.0
-"""Length of a round below which there is one only [s]."""
+"""Length of a round below which there is one only [s]: four chunks, each with a rest; chosen."""
 SLOWER = (1.5, 1.4, 1.3, 1.2, 1.1, 1.05)
-"""Factors of the motors' lag; the slowest drone that still hovers calmly must be safe too."""
+"""Factors of the motors' lag; the slowest drone that still hovers calmly must be safe too. With
+these and `OTHERS` the limits hold on 37 virtual drones of 40, and the rest do not hover calmly
+(paper/notes/identification.md#planned-flights)."""
 OTHERS = 8
 """Virtual drones about the planned one on which the limits must hold too, as far as the PID
-holds them in a hover: the drone of the plan will hover."""
+holds them in a hover: the drone of the plan will hover. Measured with `SLOWER`."""
 LESS_LATENCY = (0.5, 0.25, 0.0)
-"""Shares of a guessed latency that are tried where the PID does not hold a drone."""
+"""Shares of a guessed latency that are tried where the PID does not hold a drone: halved twice,
+then none; chosen."""
 
 
 @dataclass(frozen=True)
@@ -216,7 +218,7 @@ def _blocks(
     parts = np.stack(list(fitting.values()))
     before = UNIFORM * np.eye(parts.shape[1])
     design = optimal_design.optimal(parts, before, seconds, of)
-    lasting = optimal_design.rounded(design, CHUNK, REST, seconds / rounds, MOST)
+    lasting = optimal_design.rounded(design, CHUNK, REST, seconds / rounds)
     blocks = [
         Block(manoeuvre, float(each))
         for manoeuvre, each in zip(fitting, lasting, strict=True)
@@ -363,10 +365,6 @@ def _information(
     return sums * (objective.rows / lengths)[:, None, None] * np.outer(widths, widths)
 
 
-def _half(ends: tuple[float, float]) -> float:
-    return (ends[1] - ends[0]) / 2
-
-
 def _expecting(
     drone: VirtualDrone,
     proposal: FlightPlan,
@@ -386,7 +384,7 @@ def _expecting(
     wanted = [name for name in of[0] if request.interest is None or name in request.interest]
     expected_widths = {
         name: ExpectedWidths(
-            *map(_half, (of[0][name].interval, of[1][name].interval, of[0][name].prior))
+            *(np.ptp([of[0][name].interval, of[1][name].interval, of[0][name].prior], axis=1) / 2)
         )
         for name in wanted
     }

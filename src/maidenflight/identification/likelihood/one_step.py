@@ -51,14 +51,15 @@ from maidenflight.simulator.physics import latency
 
 LENGTH = 100
 """Rows of a window; its first rows only start the noise model, so that windows that are short waste
-much."""
+much: with 70 an end moves by 0.65 of half its interval (paper/identification/constants.py)."""
 LEAST_NOISE = 0.002
 """Standard deviation that white noise of velocity [m/s] and body rates [rad/s] has at least: less
 than any sensor's (BMI088: 0.014 deg/s/sqrt(Hz), 0.003 rad/s behind a filter of 80 Hz). Flights of a
 simulator have none; an autoregression then foretells what a wrong drone leaves, to the last digit,
 and neither the optimum nor the gain of a parameter means anything."""
 _MOST_NOISE = 0.9
-"""Share of a curvature that noise of the velocity may have."""
+"""Share of a curvature that noise of the velocity may have; harmless within a factor of 1.4
+(paper/identification/constants.py)."""
 CHUNK = 32
 """Windows differentiated side by side, which fit a core's cache; harmless
 (paper/identification/constants.py)."""
@@ -225,12 +226,9 @@ class OneStep(ObservationModel):
     ) -> tuple[float, Float[np.ndarray, "S d"], Float[np.ndarray, "S d d"]]:
         """See `ObservationModel`."""
         # Where a search ends, what it computed last is needed once more.
-        if (
-            self._latest is not None
-            and self._latest[1] == tuple(names)
-            and _same(self._latest[0], parameters)
-        ):
-            return self._latest[2]
+        latest = self._latest
+        if latest and latest[1] == tuple(names) and _same(latest[0], parameters):
+            return latest[2]
         products = self._noisy_products(parameters)
         noise = noise_model(products.sum(axis=0) / self.rows)
         size, segments = len(names), self.segments

@@ -31,7 +31,7 @@ from maidenflight.simulator.physics.vectors import entries
 ORDER = 16
 """Rows of the past in an error's autoregression. Half as many cannot tell slow disturbances from a
 lag: on simulated flights it then comes out up to 2 ms off, and intervals are too narrow to hold the
-truth."""
+truth (paper/identification/planted_drones.py)."""
 VERTICAL = 5
 """Where the vertical velocity stands in a row, by definition of `errors`."""
 AT_ONCE = 4

@@ -61,7 +61,8 @@ _LIKE = 0.03
 thrust and motors follow other laws, lag and inertia come out 1 to 5 % off; of a ratio of lags it
 is that of any drone: with noise in the motors 2.4 comes out 2 to 6 % too small."""
 _EXACT = 0.003
-"""The same of a drone that they do not contradict: physics steps are exact to so much."""
+"""The same of a drone that they do not contradict: physics steps are exact to so much, and l2f's
+lag is 0.2 % off (paper/notes/truth-board.md)."""
 _FILTERED = 0.002
 """Standard error of its latency [s]: the gyro may be filtered or not (a Crazyflie's is, 2.8 ms
 late), and a simulator adds a step of its own."""

@@ -1,6 +1,7 @@
 """Choice of the parameters to identify, by the likelihood of held-out flights."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -49,9 +50,11 @@ WITH_KNOWN_LAG: dict[str, tuple[str, ...]] = {
 """Groups where a log shows the motors' lag by itself, so that no damping can pass for it."""
 MOVING = 0.1
 """Root mean square of the velocity [m/s] below which drag and flapping are not looked for: the
-estimate's noise, some 0.015 m/s, returns to its mean and passes for drag."""
+estimate's noise, some 0.015 m/s, returns to its mean and passes for drag. Harmless within a factor
+of 1.4 (paper/identification/constants.py)."""
 HELD_OUT = 3
-"""Every third flight is held out; if there are fewer flights, every third segment."""
+"""Every third flight is held out; if there are fewer flights, every third segment; chosen, the
+least number that leaves more to fit than to judge by."""
 SIGNIFICANT = 2.0
 """Gain over its standard error above which a group is added."""
 CERTAIN = ("flapping_moment",)
@@ -59,7 +62,8 @@ CERTAIN = ("flapping_moment",)
 rarely is, and without it attitudes of a payload's drone were off by twice as much
 (paper/notes/identification.md#parameter-groups)."""
 SMALLEST_GAIN = 1e-3
-"""Log-likelihood gain of a row [nats] above which a group is added."""
+"""Log-likelihood gain of a row [nats] above which a group is added; harmless within a factor of 1.4
+(paper/identification/constants.py)."""
 ROUGH = SMALLEST_GAIN / 50
 """Log-likelihood gain of a row [nats] below which a fit need not be improved for the choice;
 harmless within a factor of 1.4 (paper/identification/constants.py)."""
@@ -242,6 +246,4 @@ def split(flights: Sequence[Flight]) -> tuple[list[Flight], list[Flight]]:
                 whole.append([flight.part(first, end)])
     held_out = whole[HELD_OUT - 1 :: HELD_OUT]
     fitted = [parts for number, parts in enumerate(whole) if number % HELD_OUT != HELD_OUT - 1]
-    return [part for parts in fitted for part in parts], [
-        part for parts in held_out for part in parts
-    ]
+    return [*chain(*fitted)], [*chain(*held_out)]

@@ -35,13 +35,15 @@ from maidenflight.identification.likelihood.sensor_signals import (
     mean_force,
     signals,
 )
+from maidenflight.identification.signals.thrust_law import MEMORY
 from maidenflight.identification.unknowns import UNKNOWNS
 from maidenflight.parameters import Parameters, component, levers, replace
 
 EVALUATIONS = 20
-"""Of a sensor's likelihood at most."""
-_MEMORY = 0.25
-"""Time that the noise model of a sensor's signal looks back [s]."""
+"""Of a sensor's likelihood at most; harmless within a factor of 1.4
+(paper/identification/constants.py)."""
+_MEMORY = MEMORY / 2
+"""Time that the noise model looks back [s]; the motors' lag takes the rest of `MEMORY`."""
 
 
 class SensorErrors(ObservationModel):

@@ -27,14 +27,15 @@ from maidenflight.identification.signals.flight_signals import (
     gyro,
     means,
 )
+from maidenflight.identification.signals.spectra import HIGHEST
 from maidenflight.identification.signals.thrust_law import MEMORY, beyond
 from maidenflight.parameters import Parameters
 from maidenflight.parameters import replace as with_values
 from maidenflight.simulator.physics import dynamics
 
-SLOW_FILTER = 0.012
-"""Delay of a filter [s], of one of 19 Hz, from which its shape counts: quicker ones are undone by
-their delay."""
+SLOW_FILTER = np.sqrt(2.0) / (2.0 * np.pi * HIGHEST)
+"""Delay of a filter [s] whose cut-off is the highest frequency that counts: of slower ones the
+shape counts too."""
 LEAD_IN = 1.0
 """Flight before a segment from which its rotors' speeds follow [s]."""
 SHORTEST = 0.25

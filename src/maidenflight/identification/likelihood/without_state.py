@@ -46,9 +46,10 @@ from maidenflight.identification.outcome.plausible import (
 )
 from maidenflight.identification.outcome.problem import Problem
 from maidenflight.identification.signals.lag import DELAYS, LAG, SLOWING_DOWN
+from maidenflight.identification.signals.motor_response import LATENCIES
 from maidenflight.identification.signals.thrust_law import note_unexplained, thrust_law
 from maidenflight.identification.unknowns import INERTIA
-from maidenflight.parameters import Parameters, component, replace
+from maidenflight.parameters import QUANTITIES, Parameters, component, replace
 
 FORCE = ("thrust_to_weight", "thrust_linear", *DELAYS, "drag_z")
 """Parameters of the accelerometer."""
@@ -79,9 +80,9 @@ SHAPE, SHAPE_OF_PWM = 0.1, 0.3
 """Standard deviation of `thrust_linear` beforehand: of commands that a battery law made of logged
 PWM and voltage, and of others, such as PWM alone, of which a Crazyflie's thrust has 0.27."""
 BOUNDS: Mapping[str, tuple[float, float]] = {
-    "thrust_linear": (-1.0, 2.0),
+    "thrust_linear": (QUANTITIES["thrust_linear"].lower, QUANTITIES["thrust_linear"].upper),
     # Of logs on board. Where little is excited, a longer latency passes for lag.
-    "latency": (0.0, 0.02),
+    "latency": (0.0, float(LATENCIES[-1])),
 }
 """Search bounds where they are not those of a log with a state."""
 

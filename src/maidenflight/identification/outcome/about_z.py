@@ -14,30 +14,11 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.identification.uncertainty import RESAMPLES
-from maidenflight.identification.unknowns import INERTIA
+from maidenflight.identification.unknowns import INERTIA, RATIO_SD
 from maidenflight.parameters import Parameters, component, replace
 
 ABOUT_Z = ("torque_to_thrust", "rotor_momentum", "torque_bias_z")
 """Parameters that yaw shows, as shares of the inertia about z."""
-MEASURED: Mapping[str, tuple[float, float, float]] = {
-    "Crazyflie 2.0 (Foerster 2015)": (1.657e-5, 1.666e-5, 2.926e-5),
-    "Crazyflie 2.1 (Gronauer et al. 2022)": (1.33e-5, 1.33e-5, 2.64e-5),
-    "Crazyflie Brushless (Graefe et al. 2026)": (3.3e-5, 3.6e-5, 5.9e-5),
-    "3-inch (INDIflight, arXiv 2406.11723)": (7.206e-4, 7.757e-4, 8.860e-4),
-    "X500 v2 (PX4's Gazebo model)": (0.0216, 0.0216, 0.0400),
-    "Crazyflie 2.1 (SimpleFlight, arXiv 2412.11764)": (1.4e-5, 1.4e-5, 2.17e-5),
-}
-"""Published inertia about x, y and z [kg m2], by its source."""
-
-
-def _ratio_sd() -> float:
-    """Returns the robust standard deviation of the logarithm of I_z / (I_x + I_y) of drones."""
-    ratios = np.log([z / (x + y) for x, y, z in MEASURED.values()])
-    return 1.4826 * float(np.median(np.abs(ratios - np.median(ratios))))
-
-
-RATIO_SD = _ratio_sd()
-"""Standard error of the start's ratio, a share."""
 
 
 class AboutZ(NamedTuple):

@@ -17,7 +17,8 @@ from maidenflight.identification.unknowns import UNKNOWNS, is_logarithmic
 from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, Quantity, component
 
 AT_BOUND = 0.01
-"""Share of the search range within which a value is at its bound."""
+"""Share of the search range within which a value is at its bound; harmless within a factor of 1.4
+(paper/identification/constants.py)."""
 _OF_BOUND = 0.02
 """Share of the bound itself within which it is: thrust-to-weight ratio is searched from 1.01 to 8,
 of which a hundredth is much; harmless within a factor of 1.4

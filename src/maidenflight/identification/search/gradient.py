@@ -30,18 +30,20 @@ from maidenflight.identification.unknowns import Box
 
 FAR = 64
 """Windows, about, of the first steps from a random start: as many as are differentiated side by
-side, so that so few cost one program."""
+side, so that so few cost one program. With 90 a latency beside a kink moves by 0.23 of half its
+interval, with 45 none does (paper/identification/constants.py)."""
 MIDDLE = 5
-"""Of the next steps each fifth window is used; these overlap by little or nothing."""
+"""Of the next steps each fifth window is used; these overlap by little or nothing. It and what
+follows are harmless within a factor of 1.4 (paper/identification/constants.py)."""
 _FAR_STEPS, _MIDDLE_STEPS = 20, 8
-"""Most steps on those windows."""
+"""Most steps on those windows; measured with `MIDDLE`."""
 _FAR_SMALL, _MIDDLE_SMALL, _SMALL = 1e-2, 6e-3, 2.5e-3
 """Step, as a share of the box, below which a search ends: on few windows, whose optimum is not that
-of all, and on all."""
+of all, and on all; measured with `MIDDLE`."""
 _FEWEST = 2
 """Steps on all windows, however small: before, the curvature is that of some windows."""
 _BEHIND = 1e-6
-"""Distance behind a kink at which a step across it ends."""
+"""Distance behind a kink at which a step across it ends; measured with `MIDDLE`."""
 
 
 def kinks(box: Box, period: float) -> list[Float[np.ndarray, "k"]]:
@@ -51,11 +53,8 @@ def kinks(box: Box, period: float) -> list[Float[np.ndarray, "k"]]:
     """
     descent = []
     for name, low, high in zip(box.names, box.lower, box.upper, strict=True):
-        rows = (
-            np.arange(np.ceil(low / period), np.floor(high / period) + 1)
-            if name == "latency"
-            else np.empty(0)
-        )
+        every = np.arange(np.ceil(low / period), np.floor(high / period) + 1)
+        rows = every if name == "latency" else np.empty(0)
         descent.append((rows * period - low) / (high - low))
     return descent
 

@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 from maidenflight.flights.log import GRAVITY, Flight
 
 STEP = 0.01
-"""Time over which signals are averaged [s]."""
+"""Time over which signals are averaged [s]: rows of Gronauer et al. 2022, sec. Simulation
+Optimization."""
 
 
 def stride(flight: Flight) -> int:

@@ -28,31 +28,33 @@ from jaxtyping import Float
 from numpy.polynomial import polynomial
 
 from maidenflight.identification.signals.spectra import HIGHEST, LOWEST, Spectra
+from maidenflight.identification.unknowns import UNKNOWNS
 
 _POWERS = (0, -1, -2, 1)
 """Powers of s by which a controller acts on the rate."""
-_CENTRE = 2 * np.pi * 4.0
+_CENTRE = 2 * np.pi * np.sqrt(LOWEST * HIGHEST)
 """Frequency at which the weights of all powers are in like units [rad/s]."""
-_ANSWER, _ANSWER_DEVIATION = 0.002, 0.002
-"""Delay from a measurement to the answer of an on-board controller [s]."""
-_SEARCHED = (0.006, 0.35)
-"""Lags beyond which a flight shows none [s]."""
+_ANSWER = 0.002
+"""Delay from a measurement to the answer of an on-board controller, and its deviation [s]: with 2.8
+ms an end of INDIflight's inertia moves by 0.23 of half its interval
+(paper/identification/constants.py)."""
 _STEP = 0.2
 """Change of the logarithm of the lag by which the curvature is measured."""
 _STARTS = (0.03, 0.07)
-"""Lags from which an optimum is looked for [s]."""
+"""Lags from which an optimum is looked for [s]. It and when a search ends are harmless within a
+factor of 1.4 (paper/identification/constants.py)."""
 _SEARCH = {"gtol": 2e-2, "maxiter": 40}
-"""When a search for an optimum ends [nats a unit of the parameters]."""
+"""When a search for an optimum ends [nats a unit of the parameters]; measured with `_STARTS`."""
 _NODES = 1e-3 * np.array([0.0, 2.0, 4.0, 5.0, 6.0, 7.0, 8.5, 10.0, 12.0, 14.0, 16.0, 19.0, 24.0])
-"""Delays over the least one that are tried [s]."""
-_FIRST = (4, 8)
-"""Nodes at which optima are looked for."""
+"""Delays over the least one that are tried [s]: 0.7 times as far apart no end moves by more than a
+tenth of half an interval, 1.4 times by 0.54 (paper/identification/constants.py)."""
 _GROWTH = 0.04
-"""Damping ratio below zero down to which an oscillation may be a limit cycle."""
-_NEAR = 3e-4
-"""Distance to the delay from which on no loop can fly at which the approach ends [s]."""
-_REACH = 15.0
-"""Loss over the least one beyond which further delays are not tried [nats]."""
+"""Damping ratio below zero down to which an oscillation may be a limit cycle; with 0 good fits are
+refused (paper/notes/identification.md#attempts)."""
+REACH = 10.0
+"""Loss over the least one beyond which further delays are not tried, and most by which one stretch
+may vote against a latency [nats]: chance has it once in 130,000 times. Source: Wilks 1938,
+chi-square of one parameter."""
 
 
 class LagByDelay(NamedTuple):
@@ -128,7 +130,7 @@ class _Model:
             drive + 2 * _shared(answer.conj(), cross) + _power(answer) * motion
         )
         loop = 1 + response * answer
-        penalty = (x[-1] - 1) * _ANSWER / _ANSWER_DEVIATION
+        penalty = x[-1] - 1
         jacobian = twice * float(np.log(np.abs(loop) + 1e-12).sum())
         value += float(self.lines @ np.log(setpoint)) - jacobian + 0.5 * penalty**2
         by_answer = (cross.conj() + answer * motion) * (twice / setpoint)[spectra.band]
@@ -138,7 +140,7 @@ class _Model:
         by_weight = (delayed_basis @ by_answer.conj()).real
         controller_slopes = [
             *(2 * self.unit * x[2:-1] * by_weight),
-            np.vdot(by_answer, self.answered * answer).real + penalty / _ANSWER_DEVIATION * _ANSWER,
+            np.vdot(by_answer, self.answered * answer).real + penalty,
         ]
         by_lag = np.vdot(by_response, response * slower * s).real * -lag
         return value, np.array([by_lag, np.vdot(by_response, response).real, *controller_slopes])
@@ -184,7 +186,8 @@ class _Model:
     def is_valid(self, value: float, x: Float[np.ndarray, "d"]) -> bool:
         """Returns whether this is a loop that can have flown, of a lag that shows."""
         is_finite = np.isfinite(value) and np.isfinite(x).all()
-        in_range = is_finite and _SEARCHED[0] < np.exp(x[0]) < _SEARCHED[1] and abs(x[1]) < 4.5
+        low, high, _ = UNKNOWNS["motor_time_constant"].searched
+        in_range = is_finite and low < np.exp(x[0]) < high and abs(x[1]) < 4.5
         return bool(in_range and self.is_stable(x))
 
     def deviation(self, value: float, x: Float[np.ndarray, "d"]) -> tuple[float, float]:
@@ -197,7 +200,7 @@ class _Model:
             perturbed = x + change * (np.arange(len(x)) == 0)
             nearby, there = self.minimize(perturbed, (perturbed[0],))
             known = np.isfinite(nearby) and np.isfinite(there).all() and self.is_stable(there)
-            rises.append(max(nearby - value, 0.0) if known else _REACH)
+            rises.append(max(nearby - value, 0.0) if known else REACH)
             slopes += [(there[1] - x[1]) / change] if known else []
         error = 1 / np.sqrt(2 * np.mean(rises) / _STEP**2 + 1.0)
         return float(error), float(np.clip(np.mean(slopes), 0.0, 1.0)) if slopes else 1.0
@@ -222,7 +225,7 @@ def lag_by_delay(spectra: Spectra, delays: Float[np.ndarray, "D"]) -> LagByDelay
     if min(spectra.drive.min(), spectra.motion.min()) <= 0.0:
         return None
     nodes, starts = delays[0] + _NODES, []
-    for index in _FIRST:
+    for index in (len(nodes) // 3, 2 * len(nodes) // 3):
         model = _Model(spectra, float(nodes[index]))
         for lag in _STARTS:
             value, x = model.minimize(model.start(lag))
@@ -239,7 +242,7 @@ def lag_by_delay(spectra: Spectra, delays: Float[np.ndarray, "D"]) -> LagByDelay
         model.unit = unit
         value, optimum = model.minimize(x)
         least = min((optimum[0] for optimum in optima.values()), default=np.inf)
-        if not model.is_valid(value, optimum) or value > least + _REACH:
+        if not model.is_valid(value, optimum) or value > least + REACH:
             return None
         # The error is smooth in the delay, and costs two searches.
         errors = model.deviation(value, optimum) if wants_error else (np.nan, np.nan)
@@ -252,7 +255,7 @@ def lag_by_delay(spectra: Spectra, delays: Float[np.ndarray, "D"]) -> LagByDelay
         for index in indices:
             optimum = best(float(nodes[index]), x, index % 2 == 0 or not optima)
             if optimum is None and last is not None:
-                _approach(best, x, last, float(nodes[index]))
+                _approach(best, x, last, float(nodes[index]), float(delays[1] - delays[0]))
                 break
             x, last = (x, last) if optimum is None else (optimum, float(nodes[index]))
     return _interpolated(optima, delays)
@@ -263,12 +266,13 @@ def _approach(
     x: Float[np.ndarray, "d"],
     inside: float,
     outside: float,
+    step: float,
 ) -> None:
-    """Looks for optima up to the delay from which on no loop can fly, by halves [s].
+    """Looks for optima up to the delay from which on no loop can fly, by halves to a step [s].
 
     A rate loop near its limit tells the delay by that: the next node may lie 2 ms beyond it.
     """
-    while abs(outside - inside) > _NEAR:
+    while abs(outside - inside) > step:
         middle = (inside + outside) / 2
         optimum = best(middle, x, True)
         inside, outside = (inside, middle) if optimum is None else (middle, outside)

@@ -23,15 +23,17 @@ from jaxtyping import Float, Int
 
 from maidenflight.flights.log import GYRO_DELAY, Flight, by_log
 from maidenflight.identification.signals.flight_signals import is_zero_order_hold
-from maidenflight.identification.signals.loop_spectra import LagByDelay, lag_by_delay
+from maidenflight.identification.signals.loop_spectra import REACH, LagByDelay, lag_by_delay
 from maidenflight.identification.signals.spectra import Spectra, spectra
 from maidenflight.identification.uncertainty import RESAMPLES, Evidence
 from maidenflight.parameters import Parameters, levers
 
 LATENCIES = 1e-3 * np.arange(-4.0, 20.01, 0.25)
-"""Latencies that are tried [s]; below zero are differences of time stamps."""
+"""Latencies that are tried [s]; below zero are differences of time stamps. 0.7 and 1.4 times as
+far, ends of inertia move by 0.5 and 0.4 of half an interval (paper/identification/constants.py)."""
 LAG_BOUNDS = (0.01, 0.25)
-"""Lags that these signals show [s]."""
+"""Lags that these signals show [s]: 0.7 and 1.4 times as long no lag moves, but from 14 ms on that
+of `better_tune`, which is shorter, passes for clear (paper/identification/constants.py)."""
 USUAL, USUAL_DEVIATION = 0.002, 0.0014
 """Latency of commands on board and its standard deviation [s]: within a period of loop and of ESC,
 2 ms +- 1 ms, and as much again for the gyro's own filter (`other_ways.FILTER`)."""
@@ -42,22 +44,26 @@ slowly answer 0.2 ms before one of their equivalent lag (paper/notes/identificat
 _UNKNOWN_FILTER = GYRO_DELAY / np.sqrt(3.0)
 """Standard error of a gyro's delay that no log tells [s]: from none to twice a Crazyflie's."""
 _UNUSUAL = 0.03
-"""Share of drones of which nothing of the kind is known."""
+"""Share of drones of which nothing of the kind is known: with 0.021 an end of an inertia moves by
+0.23 of half its interval, with 0.042 by less (paper/identification/constants.py)."""
 SHORTEST, _LONGEST, _MOST = 3.0, 10.0, 16
-"""Length of a stretch at least and at most [s], and stretches beyond which they are longer."""
+"""Length of a stretch at least and at most [s], and stretches beyond which they are longer. In one
+of 20 s for two of 10 s NanoBench's inertia moves by 2.2 of half its interval
+(paper/identification/constants.py; against measured speeds `truth_board.py --lag`)."""
 _CLEAR, QUICK = 5.0, 0.0051
 """How much stronger than what their samples fold commands must be, in rows beyond that period [s]:
-quicker ones fold from above 180 Hz, behind the filters of any rate controller."""
+quicker ones fold from above 180 Hz, behind the filters of any rate controller. Harmless within a
+factor of 1.4 (paper/identification/constants.py)."""
 _COHERENT = 0.5
 """Coherence of sampled commands and angular acceleration below which they are hardly one loop's: of
 NanoBench's and the authors' logs at 100 Hz all stretches have 0.63 and more, of NanoDrone's, whose
-clocks drift, 0.13 to 0.4."""
+clocks drift, 0.13 to 0.4; measured with `QUICK`."""
 LIKE, OWN = 0.05, 0.03
-"""Least errors of the joined lag and of a stretch's, shares: no motor is quite of first order."""
+"""Least errors of the joined lag and of a stretch's, shares: no motor is quite of first order.
+Three drones' are 5 % off at most (paper/notes/identification.md#measured-rotor-speeds)."""
 _NARROWER = 0.7
-"""Share of the usual interval's width that a latency's must be below to be told."""
-_CLEARLY = 10.0
-"""Most by which one stretch may vote against a latency [nats]."""
+"""Share of the usual interval's width that a latency's must be below to be told; measured with
+`QUICK`."""
 _FEW = 4
 """Loops that are looked at before, a share of a second each; chosen."""
 _GYRO = {"gyro x": "inertia_x", "gyro y": "inertia_y"}
@@ -361,7 +367,7 @@ def _joined(stretches: Sequence[_Stretch], before: Float[np.ndarray, "D"]) -> _J
     the latency are taken to the power of one over the root of their number.
     """
     profiles = [stretch.profile for stretch in stretches]
-    loss = np.minimum([profile.loss for profile in profiles], _CLEARLY).sum(axis=0)
+    loss = np.minimum([profile.loss for profile in profiles], REACH).sum(axis=0)
     weight = np.log(before) - loss / np.sqrt(len(stretches))
     weight = np.exp(weight - weight.max())
     mean, error = np.zeros((2, len(LATENCIES)))

@@ -7,13 +7,20 @@ import scipy
 from jaxtyping import Complex, Float, Int
 
 WINDOW = 4.0
-"""Length of a stretch that is transformed, with Hann's window and half overlap [s]."""
+"""Length of a stretch that is transformed, with Hann's window and half overlap [s]: 0.7 and 1.4
+times as long, NanoBench's lag moves by 0.6 of half its interval, other drones' less
+(paper/identification/constants.py; against measured speeds `truth_board.py --lag`)."""
 LOWEST, HIGHEST = 1.5, 15.0
-"""Frequencies that count [Hz]: below, position and speed are controlled; above is vibration."""
+"""Frequencies that count [Hz]: below, position and speed are controlled; above is vibration. 0.7
+times as high INDIflight's inertia moves by 1.8 of half its interval; over the whole band an optimum
+is unstable (paper/identification/constants.py, paper/notes/identification.md#attempts)."""
 SLOW = 6.0
-"""Frequency up to which a command that is sampled must be clear of what its samples fold [Hz]."""
+"""Frequency up to which a command that is sampled must be clear of what its samples fold [Hz];
+harmless within a factor of 1.4 (paper/identification/constants.py)."""
 BANDS = 8
-"""Parts of these frequencies in which set-points and disturbances have sizes of their own."""
+"""Parts of these frequencies in which set-points and disturbances have sizes of their own: with 6
+NanoBench's inertia moves by 1.2 of half its interval, with 11 payload's by 0.4
+(paper/identification/constants.py)."""
 
 
 class Spectra(NamedTuple):

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float
 
+from maidenflight.flights.checkup.in_flight import BLOCK_S
 from maidenflight.flights.log import Flight, by_log
 from maidenflight.identification.signals.flight_signals import force_along_z, means
 from maidenflight.identification.signals.motor_response import (
@@ -39,10 +40,8 @@ from maidenflight.parameters import Parameters, levers
 
 DELAYS = 5e-4 * np.arange(-10, 51)
 """Delays of body rates behind the speeds that are tried, for each file anew [s]: streams that a
-computer joined differ by 13 ms in their clocks (IDSIA's NanoDrone)."""
-_BLOCK = 0.5
-"""Time over which thrust by squared speed is taken [s]: the median of such blocks passes over hands
-that throw or catch, falls and landings, which carry a drone without its rotors."""
+computer joined differ by 13 ms in their clocks (IDSIA's NanoDrone). Harmless within a factor of 1.4
+(paper/identification/constants.py)."""
 _TORQUE = 0.07
 """Standard error of the rotors' torque, a share: planted drones that are thrown leave 9 % and more
 (paper/notes/identification.md)."""
@@ -134,7 +133,8 @@ def _log_inertia(
 def _products(flight: Flight, drone: Parameters, axis: int) -> _Products:
     squares = np.asarray(flight.rotor_speed, float) ** 2
     pushes = np.column_stack([force_along_z(flight), squares.sum(axis=1)])
-    force, square = means(pushes, round(_BLOCK / flight.period)).T
+    # Their median passes over hands that throw or catch, falls and landings.
+    force, square = means(pushes, round(BLOCK_S / flight.period)).T
     thrust = float(drone.mass) * np.median(force / np.maximum(square, 1e-9))
     lever = levers(drone)[:, axis]
     signals = [

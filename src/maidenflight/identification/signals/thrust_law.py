@@ -27,11 +27,13 @@ from maidenflight.identification.signals.flight_signals import STEP, stride
 from maidenflight.parameters import Parameters
 
 LIMITS = (np.inf, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4)
-"""Speed commands beyond which motors may saturate."""
+"""Speed commands beyond which motors may saturate. These, `MEMORY`, and fewest steps are harmless
+within a factor of 1.4 (paper/identification/constants.py)."""
 MEMORY = 0.5
-"""Time for which a command beyond the limit acts: lag, filters, and memory of the noise [s]."""
+"""Time for which a command beyond the limit acts: lag, filters, and memory of the noise [s];
+measured with `LIMITS`."""
 _FEWEST, _LEAST_SHARE = 200, 0.5
-"""Steps, and share of all, that must stay below a limit."""
+"""Steps, and share of all, that must stay below a limit; measured with `LIMITS`."""
 _OTHER, _SURE = 0.1, 3.0
 """Difference of thrust, a share, and standard errors of what it explains, of another curve."""
 _SAG = 0.02
