@@ -133,8 +133,13 @@ def test_the_guard_is_the_papers_on_what_the_sensors_tell(
     assert float(seen_now.position_error) == pytest.approx(away, rel=1e-5)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("look_ahead", [NONE, LookAhead(3, 0.2)])
+@pytest.mark.parametrize(
+    "look_ahead",
+    [
+        pytest.param(NONE, marks=pytest.mark.slow),
+        pytest.param(LookAhead(3, 0.2), marks=pytest.mark.night),
+    ],
+)
 def test_policies_see_the_history_and_hold_the_actions_of_their_own_rate(
     look_ahead: LookAhead,
 ) -> None:
@@ -257,7 +262,7 @@ UNEVEN = [constant((0.2, 0.2, 0.2, 0.2 - 0.02 * number)) for number in range(3)]
 depend on how it was compiled."""
 
 
-@pytest.mark.slow
+@pytest.mark.night
 def test_two_devices_give_what_one_gives() -> None:
     done = subprocess.run(
         [sys.executable, "-c", DEVICES, str(Path(__file__).parent)],

@@ -51,7 +51,7 @@ from maidenflight.simulator.tasks.tasks import Task
 from maidenflight.studies import study
 from maidenflight.verb import Verb, find_verb
 from pages import ROOT, blocks, run_python, run_snippet, section
-from quick import QUICK, make_training_quick
+from quick import QUICK, make_identification_quick, make_training_quick
 
 GUIDES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PAGES = [*GUIDES, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "paper" / "notes").glob("*.md"))]
@@ -60,12 +60,13 @@ LESS_WORK = {
     "identify": ["--trials", "1", "--evaluations", "15", "--over", "thrust_to_weight,latency"],
     "train": ["--updates", "2"],
     "transfer": ["--trials", "1", "--duration", "0.5"],
-    "predict": ["--trials", "2", "--duration", "0.5"],
+    "predict": ["--trials", "2", "--duration", "0.5", "--against", "pid"],
 }
 
 
 def run_commands(snippets: list[str], monkeypatch: pytest.MonkeyPatch) -> int:
     """Runs what calls maidenflight in shell snippets, with less work, and counts it."""
+    make_identification_quick(monkeypatch)
     lines = [shlex.split(line, comments=True) for line in "".join(snippets).splitlines()]
     commands = [words for words in lines if words[:1] == ["maidenflight"]]
     for words in commands:

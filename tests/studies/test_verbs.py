@@ -74,8 +74,8 @@ def test_a_study_goes_from_logs_to_flights(tmp_path: Path, monkeypatch: pytest.M
         entry("drone", "identify", source),
         entry("policy", "train", {**README, "set": {"latency": 0.01}}, drone="drone"),
         entry("ahead", "train", ahead),
-        entry("flown", "transfer", {"trials": 1, "duration": 0.5}, **made),
-        entry("times", "predict", {"trials": 2, "duration": 0.5}, **made),
+        entry("flown", "transfer", {"trials": 1, "duration": 0.5, "against": []}, **made),
+        entry("times", "predict", {"trials": 2, "duration": 0.5, "against": []}, **made),
         entry("hard", "envelope", {"along": ["circle"], "flights": 1}, policies="policy"),
     ]
     table = mf.sweep(entries, tmp_path / "out", Here(), retries=0)

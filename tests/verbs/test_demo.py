@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import pytest
 
 from maidenflight import run_folder, terminal
 from maidenflight.flying import engine
-from maidenflight.identification import drone_file, identify, methods
+from maidenflight.identification import drone_file
 from maidenflight.training import analytic_gradient, evaluation
 from maidenflight.verb import Progress, Result
 from maidenflight.verbs.demo import Demo, Stages
@@ -20,13 +19,13 @@ from maidenflight.verbs.record import Record
 from maidenflight.verbs.train import Train
 from maidenflight.verbs.transfer import Transfer
 from maidenflight.verbs.validate import Validate
-from quick import make_training_quick
+from quick import make_identification_quick, make_training_quick
 from run_listing import entries, unlisted
 
 LESS = Stages(
     Record(flights=2, duration=4.0),
     Identify(logs=Path("."), over=("thrust_to_weight", "latency"), trials=1, evaluations=15),
-    Train(randomize=0.1, accept_bounds=True),
+    Train(randomize=0.1, yaw_penalty=0.1, accept_bounds=True),
     Transfer(policies=(".",), accept_bounds=True, trials=2, duration=0.5, against=()),
 )
 pytestmark = pytest.mark.slow
@@ -52,10 +51,8 @@ COMPILED: dict[Any, int] = {}
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, Result]]:
     """A demo's folder and result."""
-    assert identify.Likelihood is methods.Likelihood
-    coarse = partial(methods.Likelihood, physics_step=0.005)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(methods, "Likelihood", coarse)
+        make_identification_quick(patch)
         make_training_quick(patch)
         folder = tmp_path_factory.mktemp("one") / "run"
         COMPILED.update((one, -one._cache_size()) for one in MOST_PROGRAMS)  # type: ignore[attr-defined]

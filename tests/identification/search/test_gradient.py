@@ -187,8 +187,8 @@ def test_the_box_is_never_left_and_an_optimum_outside_is_met_at_its_face(objecti
     assert points[np.argmin(losses)][0] > 0.999
 
 
-@pytest.mark.slow
-def test_identify_follows_gradients_unless_told_otherwise(flights):
+@pytest.mark.night
+def test_trials_by_gradients_end_at_the_planted_drone(flights):
     seen = []
     found = identify(
         flights,
@@ -200,6 +200,10 @@ def test_identify_follows_gradients_unless_told_otherwise(flights):
         assert found.estimates[name].value == pytest.approx(truth, rel=0.05)
         assert np.ptp(found.estimates[name].trials) < 0.02 * truth
     assert seen[-1].evaluations == found.evaluations == len(found.search)
+
+
+def test_a_replay_follows_gradients_unless_told_otherwise():
+    assert Replay().method == "gradient"
 
 
 def test_an_unknown_method_is_refused_in_words():
