@@ -484,6 +484,7 @@ def extensions(title: str) -> list[str]:
 
 
 @pytest.mark.usefixtures("less_work")
+@pytest.mark.slow
 def test_a_control_structure_is_added_in_three_places(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mf, "train", traced_training)
     monkeypatch.setattr(mf, "transfer", traced_flights)
@@ -502,6 +503,7 @@ def test_a_control_structure_is_added_in_three_places(monkeypatch: pytest.Monkey
 
 
 @pytest.mark.usefixtures("less_work")
+@pytest.mark.slow
 def test_a_property_of_a_policy_s_input_is_one_class(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("onnx")
     monkeypatch.setattr(mf, "train", traced_training)
