@@ -167,10 +167,16 @@ def test_the_python_of_the_training_page_runs(
     monkeypatch.setattr(mf, "AnalyticGradient", lambda updates: QUICK, raising=False)
     (snippet,) = blocks("docs/training.md", "python")
     # By the program of the README's training.
-    circle = "mf.simulator.circle()"
-    assert circle in snippet
-    penalized = snippet.replace(circle, f"mf.simulator.with_yaw_penalty({circle}, 0.1)")
-    names = run_snippet(penalized, "docs/training.md")
+    for words, others in (
+        ("mf.simulator.circle()", "mf.simulator.with_yaw_penalty(mf.simulator.circle(), 0.1)"),
+        (
+            "mf.simulator.relative_box(mf.crazyflie(), 0.10)",
+            'mf.simulator.wide_box(mf.crazyflie(), "pwm")',
+        ),
+    ):
+        assert words in snippet
+        snippet = snippet.replace(words, others)
+    names = run_snippet(snippet, "docs/training.md")
     assert [policy.layer_sizes for policy in names["policies"]] == [(40, 50, 50, 4)] * 3
     assert Path("training.npz").exists()
 
@@ -224,6 +230,10 @@ def test_the_python_of_the_identification_page_runs(
         "identify",
         partial(quick_identification, mf.identify),
         raising=False,
+    )
+    few = {"settings": mf.Likelihood(physics_step=0.005), "over": ("thrust_to_weight", "latency")}
+    monkeypatch.setattr(
+        mf, "expected_intervals", partial(mf.expected_intervals, **few), raising=False
     )
     (snippet,) = blocks("docs/identification.md", "python")
     first, _, last = snippet.strip().rpartition("\n")
@@ -401,7 +411,10 @@ def test_the_python_of_a_question_is_short_and_runs(
 @pytest.mark.slow
 @pytest.mark.parametrize(("page", "title"), [("quickstart", "In Python"), ("concepts", None)])
 @pytest.mark.usefixtures("less_work")
-def test_the_python_of_the_first_pages_runs(page: str, title: str | None) -> None:
+def test_the_python_of_the_first_pages_runs(
+    page: str, title: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mf, "train", traced_training)
     for flight in recorded_flights() if page == "quickstart" else []:
         flight_csv.write(f"run/recorded/{flight.name}.csv", flight)
     run_python(f"docs/{page}.md", title)
