@@ -410,13 +410,26 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
     assert output.read_bytes() == first
     assert "Predicted flight times, simulated" in out
     assert "of 5" in out
+    assert command(arguments, "--overwrite --randomize posterior")[0] == 0
+    assert output.read_bytes() != first
+
+
+@pytest.mark.night
+def test_flight_times_under_published_conditions_are_others_and_recorded(
+    tmp_path: Path, command: Command
+) -> None:
+    ours, output = tmp_path / "policy.json", tmp_path / "p.csv"
+    small = policy.untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(8,)))
+    policy_file.write_policy(ours, small)
     published = Path(__file__).parents[2] / "paper" / "settings" / "gronauer_2021.toml"
-    for others in ("posterior", f"0 --conditions {published}"):
-        assert command(arguments, f"--overwrite --randomize {others}")[0] == 0
-        assert output.read_bytes() != first
+    arguments = f"predict {ours} --drone crazyflie -o {output} --duration 2 --trials 2"
+    assert command(arguments, "--against pid")[0] == 0
+    usual = output.read_bytes()
+    assert command(arguments, f"--against pid --conditions {published} --overwrite")[0] == 0
+    assert output.read_bytes() != usual
     made = json.loads(output.read_text().splitlines()[1].removeprefix("# record: "))
     assert made["settings"]["conditions"].endswith(published.name)
-    assert made["inputs"][1].startswith(f"{published.name} ")
+    assert any(one.startswith(f"{published.name} ") for one in made["inputs"])
 
 
 @pytest.mark.night

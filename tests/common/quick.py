@@ -1,6 +1,6 @@
-"""A training that is small, and the same in many tests: with three policies, on the circle with a
-penalty of yaw and by PWM, its program is compiled once and then read from the cache. So are those
-of an identification from two flights of 4 s in coarse steps."""
+"""A training that is small, and the same in many tests: with three policies, on the circle and by
+PWM, its program is compiled once and then read from the cache. So are those of an identification
+from two flights of 4 s in coarse steps."""
 
 from functools import partial
 

@@ -165,18 +165,7 @@ def test_the_python_of_the_training_page_runs(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(mf, "AnalyticGradient", lambda updates: QUICK, raising=False)
-    (snippet,) = blocks("docs/training.md", "python")
-    # By the program of the README's training.
-    for words, others in (
-        ("mf.simulator.circle()", "mf.simulator.with_yaw_penalty(mf.simulator.circle(), 0.1)"),
-        (
-            "mf.simulator.relative_box(mf.crazyflie(), 0.10)",
-            'mf.simulator.wide_box(mf.crazyflie(), "pwm")',
-        ),
-    ):
-        assert words in snippet
-        snippet = snippet.replace(words, others)
-    names = run_snippet(snippet, "docs/training.md")
+    names = run_python("docs/training.md")  # by the program of the demo
     assert [policy.layer_sizes for policy in names["policies"]] == [(40, 50, 50, 4)] * 3
     assert Path("training.npz").exists()
 

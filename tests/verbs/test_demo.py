@@ -25,7 +25,7 @@ from run_listing import entries, unlisted
 LESS = Stages(
     Record(flights=2, duration=4.0),
     Identify(logs=Path("."), over=("thrust_to_weight", "latency"), trials=1, evaluations=15),
-    Train(randomize="wide", yaw_penalty=0.1, accept_bounds=True),
+    Train(randomize=0.1, accept_bounds=True),
     Transfer(policies=(".",), accept_bounds=True, trials=2, duration=0.5, against=()),
 )
 pytestmark = pytest.mark.slow
