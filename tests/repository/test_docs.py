@@ -38,20 +38,17 @@ from maidenflight.identification.drone_file import DroneFile
 from maidenflight.identification.likelihood.estimator import Question, answer_question
 from maidenflight.identification.outcome.problem import Problem
 from maidenflight.parameters import noiseless
-from maidenflight.policy import Policy, untrained_policy
+from maidenflight.policy import Policy
 from maidenflight.registry import DRONE_FORMATS, EXPORTERS, REALITIES, VERBS
 from maidenflight.simulator import environment
 from maidenflight.simulator.controllers import control
-from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.physics import dynamics
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone
-from maidenflight.simulator.tasks.tasks import Task
 from maidenflight.studies import study
 from maidenflight.verb import Verb, find_verb
 from pages import ROOT, blocks, run_python, run_snippet, section
-from quick import QUICK, make_identification_quick, make_training_quick
+from quick import QUICK, make_identification_quick, make_training_quick, traced_training
 
 GUIDES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PAGES = [*GUIDES, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "paper" / "notes").glob("*.md"))]
@@ -327,27 +324,6 @@ def less_work(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mf, "identify", partial(quick_identification, mf.identify), raising=False)
     with_less("train", settings=QUICK)
     with_less("transfer", trials=3, duration=0.5)
-
-
-def traced_training(
-    task: Task,
-    controller: Controller,
-    box: Distribution,
-    keys: Array,
-    *,
-    policy: PolicySpec = PolicySpec(),
-) -> list[Policy]:
-    """In the place of training: the slope of a control period is traced, not compiled, and policies
-    that know nothing come back."""
-    env = sim.Environment.matching(box.centre, task, controller, spec=policy)
-
-    def value(action: Array, key: Array) -> Array:
-        return sim.step(env, sim.reset(env, box.draw(key), key), action, box.draw(key), key)[
-            1
-        ].reward
-
-    jax.eval_shape(jax.grad(value), np.zeros(4, np.float32), keys[0])
-    return [untrained_policy(key, controller.interface, policy) for key in keys]
 
 
 def traced_flights(policies: list[Policy], realities: list[VirtualDrone], **given: Any) -> None:
