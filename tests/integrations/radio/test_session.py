@@ -69,14 +69,19 @@ def test_blocks_fit_into_the_26_bytes_of_a_packet():
     assert max(block.size for block in (STATE, with_policy(MOTORS), VARIANCE)) <= 26
 
 
-@pytest.mark.slow
-def test_identify_finds_the_fake_drone_in_what_record_wrote(tmp_path):
+def test_what_record_wrote_is_read_as_a_flight(tmp_path):
     (flight,) = flown(FakeDrone(), tmp_path, plan(4.0, 0.7, 0.1, 1))
     assert flight.ending.reason == COMPLETE
     read = read_flights(tmp_path)
     assert read.refused == ()
     assert len(read) == 1
     assert [(flight.simulated, flight.zero_order_hold) for flight in read] == [("udp", False)]
+
+
+@pytest.mark.night
+def test_identify_finds_the_fake_drone_in_what_record_wrote(tmp_path):
+    flown(FakeDrone(), tmp_path, plan(4.0, 0.7, 0.1, 1))
+    read = read_flights(tmp_path)
     start = parameters.replace(parameters.crazyflie(), latency=0.0)
     found = mf.identify(
         read,
