@@ -368,6 +368,7 @@ def run(code, *paths):
     )
 
 
+@pytest.mark.slow
 def test_importing_the_package_or_naming_it_registers_the_environments_without_jax():
     code = (
         f"import sys, maidenflight.integrations.gym, gymnasium; assert set({IDS}) <= "
