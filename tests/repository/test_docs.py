@@ -56,7 +56,7 @@ LESS_WORK = {
     "record": ["--flights", "2", "--duration", "4"],
     "identify": ["--trials", "1", "--evaluations", "15", "--over", "thrust_to_weight,latency"],
     "train": ["--updates", "2"],
-    "transfer": ["--trials", "1", "--duration", "0.5"],
+    "transfer": ["--trials", "1", "--duration", "0.5", "--against", "pid"],
     "predict": ["--trials", "2", "--duration", "0.5", "--against", "pid"],
 }
 
@@ -238,15 +238,25 @@ def test_the_python_on_realities_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     assert set(names["evaluation"].table["reality"]) == {"virtual:7", "worn-7"}
 
 
-@pytest.mark.night
-def test_the_commands_on_realities_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Seven programs, one for each kind of drone and task."""
+@pytest.mark.parametrize(
+    ("words", "count"),
+    [
+        pytest.param("--reference", 1, marks=pytest.mark.slow),
+        pytest.param("maidenflight", 4, marks=pytest.mark.night),
+    ],
+)
+def test_the_commands_on_realities_run(
+    words: str, count: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each kind of drone and task is a program: that of a reference, or all."""
     pytest.importorskip("pybullet")
     policy_file.write_policy("policies/policy_1.json", policy.untrained_policy(jax.random.key(0)))
     DroneFile(mf.crazyflie()).write("drone.toml")
     Path("mine.csv").write_text("t,x,y,z\n0,0,0,1\n1,0.1,0,1\n")
-    assert run_commands(blocks("docs/evaluation.md", "sh", "Transfer"), monkeypatch) == 4
-    assert Path("recorded/reality.toml").exists()
+    lines = "".join(blocks("docs/evaluation.md", "sh", "Transfer")).splitlines(keepends=True)
+    assert run_commands([line for line in lines if words in line], monkeypatch) == count
+    assert Path("mine/flights.csv").exists()
+    assert Path("recorded/reality.toml").exists() == (count == 4)
 
 
 @pytest.mark.slow
