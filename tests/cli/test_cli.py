@@ -422,7 +422,7 @@ def test_flight_times_under_published_conditions_are_others_and_recorded(
     small = policy.untrained_policy(jax.random.key(0), spec=PolicySpec(hidden=(8,)))
     policy_file.write_policy(ours, small)
     published = Path(__file__).parents[2] / "paper" / "settings" / "gronauer_2021.toml"
-    arguments = f"predict {ours} --drone crazyflie -o {output} --duration 2 --trials 2"
+    arguments = f"predict {ours} --drone crazyflie -o {output} --duration 2 --trials 2 --json"
     assert command(arguments, "--against pid")[0] == 0
     usual = output.read_bytes()
     assert command(arguments, f"--against pid --conditions {published} --overwrite")[0] == 0

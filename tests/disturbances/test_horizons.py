@@ -197,14 +197,14 @@ AHEAD = 50
 
 
 @jax.jit
-def compute_gains(processes):
-    return gains(DRONE, processes, PERIOD, AHEAD)
+def compute_gains(drone, processes):
+    return gains(drone, processes, PERIOD, AHEAD)
 
 
 def test_doubt_grows_with_time_and_with_disturbances():
     with jax.enable_x64(True):
-        small = compute_gains(start_processes())
-        large = compute_gains(start_processes()._replace(gust_size=np.full(3, 20.0)))
+        small = compute_gains(DRONE, start_processes())
+        large = compute_gains(DRONE, start_processes()._replace(gust_size=np.full(3, 20.0)))
     assert np.all(np.diff(small.variance[:, 6:9], axis=0) > 0.0)
     assert np.all(large.variance[:, 6:9] > small.variance[:, 6:9])
     assert np.all(np.linalg.eigvalsh(small.covariance) > -1e-12)
@@ -214,7 +214,7 @@ def test_bands_scale_with_their_core_and_gains_do_not():
     processes = start_processes()
     half = processes._replace(core=processes.core * np.array([1.0, 0.5, 1.0, 1.0]))
     with jax.enable_x64(True):
-        every, same = compute_gains(processes), compute_gains(half)
+        every, same = compute_gains(DRONE, processes), compute_gains(DRONE, half)
         unrest = jnp.full((2, AHEAD), 3.0)
         scaled = [scale_variance(every, unrest, now) for now in (processes, half)]
         bands, narrow = map(np.asarray, scaled)
