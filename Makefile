@@ -6,6 +6,8 @@ BIN := $(VENV)/bin
 # Also constrains what building the package itself needs.
 export PIP_CONSTRAINT := requirements.lock
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# Whatever the machine says, Python keeps what it compiles: else each worker rewrites all tests' assertions again, ten seconds of a core.
+export PYTHONDONTWRITEBYTECODE :=
 # The same versions with the hash of every file, which uv checks; pip cannot for a checkout.
 export UV_CONSTRAINT := requirements.hashes
 export UV_BUILD_CONSTRAINT := requirements.hashes

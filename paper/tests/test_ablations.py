@@ -160,7 +160,7 @@ def test_effects_are_of_policies_paired_where_they_are_the_same(effects: Any) ->
     assert weighted["change"].item() == pytest.approx(0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.night
 def test_variants_are_trained_flown_and_drawn_and_nothing_twice(
     ablations: Any,
     training: Any,

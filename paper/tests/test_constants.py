@@ -24,6 +24,7 @@ def test_all_numbers_of_a_constant_change(constants: Any):
     np.testing.assert_allclose(constants.scaled(np.array([1.0, 2.0]), 0.7), [0.7, 1.4])
 
 
+@pytest.mark.slow
 def test_a_changed_module_uses_what_it_was_changed_to(
     constants: Any, monkeypatch: pytest.MonkeyPatch
 ):

@@ -16,12 +16,14 @@ def signals():
         return planted_px4.fly(planted_px4.draw_drone(generator), generator)
 
 
+@pytest.mark.slow
 def test_a_planted_drone_hovers(signals) -> None:
     assert signals.force[800:, 2].mean() == pytest.approx(-planted_px4.GRAVITY, rel=0.05)
     assert np.abs(signals.rates).max() < 6.0
     assert np.all((signals.motors > 0.05) & (signals.motors < 0.99))
 
 
+@pytest.mark.slow
 def test_its_log_has_the_default_profiles_rates(signals) -> None:
     topics = planted_px4.topics_of(signals)
     expected = {"sensor_combined": 200, "vehicle_torque_setpoint": 50, "actuator_motors": 10}

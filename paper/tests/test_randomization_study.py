@@ -229,7 +229,7 @@ def test_what_cannot_be_done_is_told_before_training(
     assert not (tmp_path / "made").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.night
 def test_policies_fly_under_the_structure_that_is_asked_for() -> None:
     """One that turns the motors off: the drone falls 0.25 m within half a second."""
     hover = 2 * float(dynamics.hover_command(parameters.crazyflie())) - 1

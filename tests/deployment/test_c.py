@@ -297,6 +297,7 @@ def test_500_steps_remember_what_python_remembers(flown, structure, history, com
     assert np.max(actions) > 1.0
 
 
+@pytest.mark.slow
 def test_an_episode_of_the_simulator_is_seen_as_the_simulator_sees_it(flown):
     policy, world, parameters = (
         untrained_policy(jax.random.key(5)),

@@ -72,6 +72,7 @@ def model(flight, **changes):
     return DisturbanceModel(DRONE, processes, hover_speed([flight]))
 
 
+@pytest.mark.slow
 def test_a_constant_torque_is_found(planted):
     (found,) = filter_flights([planted], model(planted))
     assert len(found.torque) == len(planted)
@@ -82,6 +83,7 @@ def test_a_constant_torque_is_found(planted):
     assert np.allclose(found.velocity[200:], planted.velocity[200:], atol=0.08)
 
 
+@pytest.mark.slow
 def test_a_velocity_that_is_logged_too_large_is_taken_for_what_it_is(planted):
     logged = dataclasses.replace(planted, velocity=1.2 * planted.velocity)
     known, unknown = (
@@ -93,6 +95,7 @@ def test_a_velocity_that_is_logged_too_large_is_taken_for_what_it_is(planted):
     assert off[0] < 0.2 * off[1]
 
 
+@pytest.mark.slow
 def test_a_thrust_that_is_fitted_acts_when_flights_are_read_again(planted, monkeypatch):
     """A tenth more of it at the same speeds lifts by a tenth of the weight, unless air pushes."""
 
@@ -189,11 +192,19 @@ def test_windows_lie_within_one_flight_and_count_once():
     assert sorted(places) == expected
 
 
+AHEAD = 50
+"""Rows."""
+
+
+@jax.jit
+def compute_gains(drone, processes):
+    return gains(drone, processes, PERIOD, AHEAD)
+
+
 def test_doubt_grows_with_time_and_with_disturbances():
-    compute = jax.jit(lambda processes: gains(DRONE, processes, PERIOD, 50))
     with jax.enable_x64(True):
-        small = compute(start_processes())
-        large = compute(start_processes()._replace(gust_size=np.full(3, 20.0)))
+        small = compute_gains(DRONE, start_processes())
+        large = compute_gains(DRONE, start_processes()._replace(gust_size=np.full(3, 20.0)))
     assert np.all(np.diff(small.variance[:, 6:9], axis=0) > 0.0)
     assert np.all(large.variance[:, 6:9] > small.variance[:, 6:9])
     assert np.all(np.linalg.eigvalsh(small.covariance) > -1e-12)
@@ -202,10 +213,9 @@ def test_doubt_grows_with_time_and_with_disturbances():
 def test_bands_scale_with_their_core_and_gains_do_not():
     processes = start_processes()
     half = processes._replace(core=processes.core * np.array([1.0, 0.5, 1.0, 1.0]))
-    compute = jax.jit(lambda processes: gains(DRONE, processes, PERIOD, 5))
     with jax.enable_x64(True):
-        every, same = compute(processes), compute(half)
-        unrest = jnp.full((2, 5), 3.0)
+        every, same = compute_gains(DRONE, processes), compute_gains(DRONE, half)
+        unrest = jnp.full((2, AHEAD), 3.0)
         scaled = [scale_variance(every, unrest, now) for now in (processes, half)]
         bands, narrow = map(np.asarray, scaled)
     assert np.array_equal(every.filtering, same.filtering)

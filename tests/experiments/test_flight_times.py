@@ -62,7 +62,7 @@ def restless(kind: str, number: int, look_ahead: LookAhead = NONE) -> Policy:
     return dataclasses.replace(made, weights=weights, interface=interface.INTERFACES[kind]())
 
 
-@pytest.mark.parametrize("kind", ["pwm", "attitude_rate"])
+@pytest.mark.parametrize("kind", ["pwm", pytest.param("attitude_rate", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("farthest", "reason"), [(0.25, "position error"), (0.6, "position error"), (2.5, "height")]
 )
@@ -89,6 +89,7 @@ def test_a_drone_that_cuts_its_motors_falls_as_newton_says_until_the_guard_trips
     np.testing.assert_allclose(fallen["duration"], expected, atol=0.011)
 
 
+@pytest.mark.slow
 def test_a_policy_that_rolls_at_60_deg_a_second_meets_the_tilt_guard_after_half_a_second() -> None:
     rolled = predict_flight_times(
         [constant((0.2, 1.0, 0.0, 0.0), "attitude_rate")],
@@ -133,8 +134,13 @@ def test_the_guard_is_the_papers_on_what_the_sensors_tell(
     assert float(seen_now.position_error) == pytest.approx(away, rel=1e-5)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("look_ahead", [NONE, LookAhead(3, 0.2)])
+@pytest.mark.parametrize(
+    "look_ahead",
+    [
+        pytest.param(NONE, marks=pytest.mark.slow),
+        pytest.param(LookAhead(3, 0.2), marks=pytest.mark.night),
+    ],
+)
 def test_policies_see_the_history_and_hold_the_actions_of_their_own_rate(
     look_ahead: LookAhead,
 ) -> None:
@@ -257,7 +263,7 @@ UNEVEN = [constant((0.2, 0.2, 0.2, 0.2 - 0.02 * number)) for number in range(3)]
 depend on how it was compiled."""
 
 
-@pytest.mark.slow
+@pytest.mark.night
 def test_two_devices_give_what_one_gives() -> None:
     done = subprocess.run(
         [sys.executable, "-c", DEVICES, str(Path(__file__).parent)],

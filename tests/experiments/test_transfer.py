@@ -145,6 +145,7 @@ def test_what_is_no_policy_or_no_reality_is_refused(policies, realities, given: 
         transfer(policies, realities)
 
 
+@pytest.mark.slow
 def test_one_policy_and_one_reality_need_no_list() -> None:
     alone = transfer(POLICIES[0], virtual_drone(1), trials=4, duration=0.6).table
     assert alone["policy"].to_list() == ["policy_1"] * 4

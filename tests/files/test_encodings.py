@@ -1,8 +1,8 @@
 """Names of files that are no UTF-8, and terminals that are not, stop no command."""
 
 import os
-import subprocess
 import sys
+from io import BytesIO, TextIOWrapper
 from pathlib import Path
 
 import jax
@@ -10,7 +10,7 @@ import pytest
 
 from commands import Command
 from made_flights import driven
-from maidenflight import inputs, parameters, policy, policy_file, results
+from maidenflight import cli, inputs, parameters, policy, policy_file, results
 from maidenflight.flights import flight_csv
 from maidenflight.simulator.policy_spec import PolicySpec
 
@@ -77,12 +77,16 @@ def test_a_record_holds_codes_in_place_of_bytes_that_are_no_text(tmp_path: Path)
 
 
 @pytest.mark.parametrize("encoding", ["latin-1", "ascii", "cp1252", "utf-8"])
-def test_output_in_any_encoding(encoding: str, folder: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "maidenflight", "log", str(folder / "logs")],
-        env={**os.environ, "PYTHONIOENCODING": encoding},
-        capture_output=True,
-        check=False,
-    )
-    assert (done.returncode, b"Traceback" in done.stderr) == (0, False), done.stderr[-500:]
-    assert "1 file" in done.stdout.decode(encoding)
+def test_output_in_any_encoding(
+    encoding: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Python opens its streams in a terminal's encoding, and strict, as here."""
+    written = {name: BytesIO() for name in ("stdout", "stderr")}
+    for name, to in written.items():
+        monkeypatch.setattr(sys, name, TextIOWrapper(to, encoding=encoding, write_through=True))
+    monkeypatch.setattr(sys, "argv", ["maidenflight", "log", str(folder / "logs")])
+    cli.main()
+    assert b"Traceback" not in written["stderr"].getvalue()
+    said = written["stdout"].getvalue().decode(encoding)
+    assert "1 file" in said
+    assert "fl\\udce9ge\\udcff" in said

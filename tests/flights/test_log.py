@@ -236,6 +236,7 @@ def test_a_column_of_dates_in_parquet_is_named(tmp_path):
         read_flights(tmp_path / "flight.parquet")
 
 
+@pytest.mark.slow
 def test_the_python_of_the_log_format_page_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     run_python("docs/flight-log.md")

@@ -92,6 +92,7 @@ def test_a_folder_is_searched_to_its_depth_in_the_order_of_names(tmp_path):
     assert seen == [(1, 3), (2, 3), (3, 3)]
 
 
+@pytest.mark.slow
 def test_of_a_large_folder_stretches_of_every_flight_are_kept_whatever_the_order_on_disk(tmp_path):
     names = [f"{number}.csv" for number in range(6)]
     for folder, order in (("x", names), ("y", names[::-1])):

@@ -16,8 +16,6 @@ from maidenflight.parameters import component, crazyflie, replace
 from maidenflight.simulator.physics.dynamics import equivalent_lag
 from maidenflight.simulator.realities.virtual_drone import virtual_drone
 
-pytestmark = pytest.mark.slow
-
 DRONE = virtual_drone(1)
 TRUTH = DRONE.parameters
 START = replace(crazyflie(), mass=TRUTH.mass)
@@ -69,7 +67,13 @@ def judged(flights: list[Flight]) -> dict[str, tuple[float, float]]:
     return judged
 
 
-@pytest.mark.parametrize("others", [(), ("state",)])
+@pytest.mark.parametrize(
+    "others",
+    [
+        pytest.param((), marks=pytest.mark.slow),
+        pytest.param(("state",), marks=pytest.mark.night),
+    ],
+)
 def test_measured_speeds_make_no_answer_worse(others: tuple[str, ...]) -> None:
     flights = recorded()
     for other in others:

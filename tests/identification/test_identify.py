@@ -26,7 +26,7 @@ from maidenflight.identification.outcome.progress import FITTING, Progress
 from maidenflight.identification.posterior import Posterior
 from maidenflight.identification.uncertainty import DESIGN
 from maidenflight.identification.unknowns import PAPER_BOUNDS, physical_bounds
-from maidenflight.parameters import QUANTITIES, check, crazyflie, noiseless, replace, x_frame
+from maidenflight.parameters import QUANTITIES, check, crazyflie, replace, x_frame
 from maidenflight.verbs.identify import Identify
 
 FEW = Replay("bayesian", trials=1, evaluations=12)
@@ -47,10 +47,13 @@ def quick(flights):
 PLANTED = [(1.9, 0.06, 0.012), (1.7, 0.03, 0.004), (1.6, 0.11, 0.025)]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "planted_xi"),
-    [*(("gradient", one) for one in PLANTED), *(("bayesian", one) for one in PLANTED[2:])],
+    [
+        pytest.param("gradient", PLANTED[0], marks=pytest.mark.slow),
+        *(pytest.param("gradient", one, marks=pytest.mark.night) for one in PLANTED[1:]),
+        pytest.param("bayesian", PLANTED[2], marks=pytest.mark.night),
+    ],
 )
 def test_a_planted_drone_is_found_again(planted_xi, method):
     """k_F within 1 %, T_m + latency within 3 ms, latency within 4 ms."""
@@ -69,15 +72,19 @@ def test_a_planted_drone_is_found_again(planted_xi, method):
 
 @pytest.mark.slow
 def test_one_parameter_alone_is_found_and_the_others_are_kept(flights):
+    """From one flight, of which the only block cannot be redrawn: a note must say so, lest an
+    interval of no width be believed."""
     start = planted.drone(1.7, 0.06, 0.012)
-    found = identify(flights, FEW, over=["thrust_to_weight"], start=start)
+    found = identify(flights[:1], FEW, over=["thrust_to_weight"], start=start)
     assert found.estimates["thrust_to_weight"].value == pytest.approx(1.9, rel=0.005)
     assert list(found.estimates) == ["thrust_to_weight"]
     for name in QUANTITIES:
         if name != "thrust_to_weight":
             np.testing.assert_array_equal(getattr(found.parameters, name), getattr(start, name))
+    assert any("interval" in note for note in found.notes)
 
 
+@pytest.mark.slow
 def test_the_ensemble_of_an_identification_spreads_as_its_intervals_tell(quick):
     drones = quick.ensemble
     for name, estimate in quick.estimates.items():
@@ -92,6 +99,7 @@ def test_the_ensemble_of_an_identification_spreads_as_its_intervals_tell(quick):
     np.testing.assert_array_equal(drawn.mass, quick.parameters.mass)
 
 
+@pytest.mark.slow
 def test_an_estimate_lies_in_its_interval_and_in_its_parameters(quick):
     for name, estimate in quick.estimates.items():
         low, high = estimate.interval
@@ -100,6 +108,7 @@ def test_an_estimate_lies_in_its_interval_and_in_its_parameters(quick):
     check(quick.parameters)
 
 
+@pytest.mark.slow
 def test_trials_are_the_optimisers_best_points(quick):
     for trial in (1, 2):
         rows = quick.search.filter(quick.search["trial"] == trial)
@@ -111,6 +120,7 @@ def test_trials_are_the_optimisers_best_points(quick):
         assert estimate.trial_sd == pytest.approx(np.std(estimate.trials))
 
 
+@pytest.mark.slow
 def test_history_has_a_row_for_every_evaluation(quick):
     assert quick.search.columns == ["trial", *PAPER_BOUNDS, "objective"]
     assert len(quick.search) == quick.evaluations == 2 * 14 + 3 * DESIGN
@@ -118,13 +128,14 @@ def test_history_has_a_row_for_every_evaluation(quick):
     assert quick.search["objective"].min() == quick.value < quick.start_value
 
 
+@pytest.mark.slow
 def test_the_optimum_is_the_best_point_of_history(quick):
     best = quick.search.row(quick.search["objective"].arg_min(), named=True)
     for name, estimate in quick.estimates.items():
         assert estimate.value == pytest.approx(best[name])
 
 
-@pytest.mark.slow
+@pytest.mark.night
 def test_the_same_key_gives_the_same_result_and_another_key_another(flights, quick):
     again = identify(flights, QUICK, key=jax.random.key(5))
     other = identify(flights, QUICK, key=jax.random.key(6))
@@ -133,6 +144,7 @@ def test_the_same_key_gives_the_same_result_and_another_key_another(flights, qui
     assert not other.search.equals(quick.search)
 
 
+@pytest.mark.slow
 def test_an_identification_remembers_what_it_rests_on(quick, flights, tmp_path):
     assert dataclasses.asdict(quick.source) == {
         "flights": planted.FLIGHTS,
@@ -211,7 +223,10 @@ def test_progress_is_counted_to_the_plan(flights):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("bounds", "side"), [((1.5, 1.75), "1.75"), ((2.1, 2.5), "2.1")])
+@pytest.mark.parametrize(
+    ("bounds", "side"),
+    [((1.5, 1.75), "1.75"), pytest.param((2.1, 2.5), "2.1", marks=pytest.mark.night)],
+)
 def test_an_optimum_at_a_search_bound_gives_a_note(flights, bounds, side):
     found = identify(
         flights,
@@ -222,6 +237,7 @@ def test_an_optimum_at_a_search_bound_gives_a_note(flights, bounds, side):
     assert any(f"thrust_to_weight = {side} lies at" in note for note in found.notes)
 
 
+@pytest.mark.slow
 def test_an_optimum_inside_its_bounds_gives_no_note(quick):
     assert quick.notes == ()
 
@@ -255,13 +271,6 @@ def test_a_start_with_another_drones_inertia_is_refused(flights):
 def test_too_little_flight_is_refused():
     with pytest.raises(InputError, match="no flights to identify from; give at least one"):
         identify([], Replay())
-
-
-@pytest.mark.slow
-def test_a_single_stretch_of_flight_has_no_interval_to_be_sure_of(flights):
-    """One block cannot be redrawn; a note must say so, lest an interval of no width be believed."""
-    found = identify(flights[:1], FEW, over=["thrust_to_weight"], start=noiseless(crazyflie()))
-    assert any("interval" in note for note in found.notes)
 
 
 @pytest.mark.night

@@ -742,6 +742,7 @@ def browsed(made, tmp_path, wishes, *more) -> str:
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
+@pytest.mark.slow
 def test_in_a_browser_the_drone_moves_and_tables_sort(run, tmp_path):
     made = report(run, tmp_path / "page.html")
     made.write_text(
@@ -797,6 +798,7 @@ tell(null, {clientX: 5, clientY: 5}, null, dot.tooltip);
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
+@pytest.mark.slow
 def test_in_a_browser_charts_are_drawn_told_hidden_and_saved(run, tmp_path):
     made = report(run, tmp_path / "page.html")
     made.write_text(made.read_text() + _ALL)
@@ -830,6 +832,7 @@ def test_the_charts_library_is_that_of_its_packages():
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
+@pytest.mark.slow
 def test_in_a_browser_a_click_on_a_dot_shows_its_flight(tmp_path):
     for number, seconds in enumerate((2.0, 3.0, 1.0), 1):
         flight_csv.write(

@@ -38,20 +38,17 @@ from maidenflight.identification.drone_file import DroneFile
 from maidenflight.identification.likelihood.estimator import Question, answer_question
 from maidenflight.identification.outcome.problem import Problem
 from maidenflight.parameters import noiseless
-from maidenflight.policy import Policy, untrained_policy
+from maidenflight.policy import Policy
 from maidenflight.registry import DRONE_FORMATS, EXPORTERS, REALITIES, VERBS
 from maidenflight.simulator import environment
 from maidenflight.simulator.controllers import control
-from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.physics import dynamics
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.realities.virtual_drone import VirtualDrone
-from maidenflight.simulator.tasks.tasks import Task
 from maidenflight.studies import study
 from maidenflight.verb import Verb, find_verb
 from pages import ROOT, blocks, run_python, run_snippet, section
-from quick import QUICK, make_training_quick
+from quick import QUICK, make_identification_quick, make_training_quick, traced_training
 
 GUIDES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PAGES = [*GUIDES, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "paper" / "notes").glob("*.md"))]
@@ -59,13 +56,14 @@ LESS_WORK = {
     "record": ["--flights", "2", "--duration", "4"],
     "identify": ["--trials", "1", "--evaluations", "15", "--over", "thrust_to_weight,latency"],
     "train": ["--updates", "2"],
-    "transfer": ["--trials", "1", "--duration", "0.5"],
-    "predict": ["--trials", "2", "--duration", "0.5"],
+    "transfer": ["--trials", "1", "--duration", "0.5", "--against", "pid"],
+    "predict": ["--trials", "2", "--duration", "0.5", "--against", "pid"],
 }
 
 
 def run_commands(snippets: list[str], monkeypatch: pytest.MonkeyPatch) -> int:
     """Runs what calls maidenflight in shell snippets, with less work, and counts it."""
+    make_identification_quick(monkeypatch)
     lines = [shlex.split(line, comments=True) for line in "".join(snippets).splitlines()]
     commands = [words for words in lines if words[:1] == ["maidenflight"]]
     for words in commands:
@@ -164,7 +162,7 @@ def test_the_python_of_the_training_page_runs(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(mf, "AnalyticGradient", lambda updates: QUICK, raising=False)
-    names = run_python("docs/training.md")
+    names = run_python("docs/training.md")  # by the program of the demo
     assert [policy.layer_sizes for policy in names["policies"]] == [(40, 50, 50, 4)] * 3
     assert Path("training.npz").exists()
 
@@ -189,7 +187,7 @@ def test_the_python_on_predicted_flights_runs(
     assert "policy_2" in capsys.readouterr().out
 
 
-@pytest.mark.slow
+@pytest.mark.night
 def test_the_commands_on_the_envelope_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("maidenflight.simulator.tasks.trajectories.RAMP_DURATION_S", 1.0)
     monkeypatch.setattr("maidenflight.experiments.envelope.DURATION_S", 0.1)
@@ -203,10 +201,14 @@ def test_the_commands_on_the_envelope_run(tmp_path: Path, monkeypatch: pytest.Mo
         assert Path(str(number), "envelope.svg").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.parametrize(
+    "papers",
+    [pytest.param(False, marks=pytest.mark.slow), pytest.param(True, marks=pytest.mark.night)],
+)
 def test_the_python_of_the_identification_page_runs(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    papers: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """Without its last line, the paper's objective, or with it, which takes as long as the rest."""
     for number, flight in enumerate(recorded_flights()):
         flight_csv.write(f"run/recorded/flight_{number}.csv", flight)
     monkeypatch.setattr(
@@ -215,24 +217,46 @@ def test_the_python_of_the_identification_page_runs(
         partial(quick_identification, mf.identify),
         raising=False,
     )
-    names = run_python("docs/identification.md")
+    few = {"settings": mf.Likelihood(physics_step=0.005), "over": ("thrust_to_weight", "latency")}
+    monkeypatch.setattr(
+        mf, "expected_intervals", partial(mf.expected_intervals, **few), raising=False
+    )
+    (snippet,) = blocks("docs/identification.md", "python")
+    first, _, last = snippet.strip().rpartition("\n")
+    assert "mf.Replay()" in last
+    names = run_snippet(snippet if papers else first, "docs/identification.md")
     assert "thrust_to_weight" in capsys.readouterr().out
-    assert names["paper"].objective == "replay"
     assert len(names["drones"].drones.mass) > 100
+    assert not papers or names["paper"].objective == "replay"
 
 
 @pytest.mark.slow
-def test_the_python_and_the_commands_on_realities_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("pybullet")
+def test_the_python_on_realities_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     policies = [policy.untrained_policy(jax.random.key(0))]
     monkeypatch.setattr(mf, "transfer", partial(mf.transfer, duration=0.5), raising=False)
     names = run_python("docs/evaluation.md", "Your own", policies=policies)
     assert set(names["evaluation"].table["reality"]) == {"virtual:7", "worn-7"}
-    policy_file.write_policy("policies/policy_1.json", policies[0])
+
+
+@pytest.mark.parametrize(
+    ("words", "count"),
+    [
+        pytest.param("--reference", 1, marks=pytest.mark.slow),
+        pytest.param("maidenflight", 4, marks=pytest.mark.night),
+    ],
+)
+def test_the_commands_on_realities_run(
+    words: str, count: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each kind of drone and task is a program: that of a reference, or all."""
+    pytest.importorskip("pybullet")
+    policy_file.write_policy("policies/policy_1.json", policy.untrained_policy(jax.random.key(0)))
     DroneFile(mf.crazyflie()).write("drone.toml")
     Path("mine.csv").write_text("t,x,y,z\n0,0,0,1\n1,0.1,0,1\n")
-    assert run_commands(blocks("docs/evaluation.md", "sh", "Transfer"), monkeypatch) == 4
-    assert Path("recorded/reality.toml").exists()
+    lines = "".join(blocks("docs/evaluation.md", "sh", "Transfer")).splitlines(keepends=True)
+    assert run_commands([line for line in lines if words in line], monkeypatch) == count
+    assert Path("mine/flights.csv").exists()
+    assert Path("recorded/reality.toml").exists() == (count == 4)
 
 
 @pytest.mark.slow
@@ -312,27 +336,6 @@ def less_work(monkeypatch: pytest.MonkeyPatch) -> None:
     with_less("transfer", trials=3, duration=0.5)
 
 
-def traced_training(
-    task: Task,
-    controller: Controller,
-    box: Distribution,
-    keys: Array,
-    *,
-    policy: PolicySpec = PolicySpec(),
-) -> list[Policy]:
-    """In the place of training: the slope of a control period is traced, not compiled, and policies
-    that know nothing come back."""
-    env = sim.Environment.matching(box.centre, task, controller, spec=policy)
-
-    def value(action: Array, key: Array) -> Array:
-        return sim.step(env, sim.reset(env, box.draw(key), key), action, box.draw(key), key)[
-            1
-        ].reward
-
-    jax.eval_shape(jax.grad(value), np.zeros(4, np.float32), keys[0])
-    return [untrained_policy(key, controller.interface, policy) for key in keys]
-
-
 def traced_flights(policies: list[Policy], realities: list[VirtualDrone], **given: Any) -> None:
     """In the place of flights: their first half second is traced, not compiled."""
     task, controller = (
@@ -383,7 +386,10 @@ def test_the_python_of_a_question_is_short_and_runs(
 @pytest.mark.slow
 @pytest.mark.parametrize(("page", "title"), [("quickstart", "In Python"), ("concepts", None)])
 @pytest.mark.usefixtures("less_work")
-def test_the_python_of_the_first_pages_runs(page: str, title: str | None) -> None:
+def test_the_python_of_the_first_pages_runs(
+    page: str, title: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mf, "train", traced_training)
     for flight in recorded_flights() if page == "quickstart" else []:
         flight_csv.write(f"run/recorded/{flight.name}.csv", flight)
     run_python(f"docs/{page}.md", title)
@@ -391,7 +397,7 @@ def test_the_python_of_the_first_pages_runs(page: str, title: str | None) -> Non
     assert Path("report.html").exists() == (page == "quickstart")
 
 
-@pytest.mark.slow
+@pytest.mark.night
 @pytest.mark.usefixtures("less_work")
 def test_the_cells_of_the_notebook_run_and_it_stores_no_outputs() -> None:
     cells = json.loads((ROOT / "docs/notebooks/from_logs_to_policy.ipynb").read_text())["cells"]
@@ -466,6 +472,7 @@ def extensions(title: str) -> list[str]:
 
 
 @pytest.mark.usefixtures("less_work")
+@pytest.mark.slow
 def test_a_control_structure_is_added_in_three_places(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mf, "train", traced_training)
     monkeypatch.setattr(mf, "transfer", traced_flights)
@@ -484,6 +491,7 @@ def test_a_control_structure_is_added_in_three_places(monkeypatch: pytest.Monkey
 
 
 @pytest.mark.usefixtures("less_work")
+@pytest.mark.slow
 def test_a_property_of_a_policy_s_input_is_one_class(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("onnx")
     monkeypatch.setattr(mf, "train", traced_training)
@@ -515,7 +523,7 @@ def test_an_observation_model_is_one_class_that_the_estimator_fits() -> None:
     """That of the page, of measured rotor speeds in whole rad/s."""
     names = run_python("docs/extending.md", "An observation model")
     truth, flights = mf.virtual_drone(7), []
-    for flight in mf.record(truth, jax.random.key(0), flights=2, duration=8.0):
+    for flight in recorded_flights():
         after = 2300 * rotors(flight, truth.parameters).speed  # at the end of each row
         speeds = np.round(np.concatenate([after[:1], after[:-1]]))
         flights.append(dataclasses.replace(flight, rotor_speed=speeds))
@@ -533,16 +541,25 @@ def test_an_observation_model_is_one_class_that_the_estimator_fits() -> None:
         assert best == pytest.approx(true, abs=error), name
 
 
+def trees(*words: str) -> dict[str, ast.Module]:
+    """The syntax of the source files that hold one of some words, by their paths."""
+    source = ROOT / "src/maidenflight"
+    texts = {str(path.relative_to(source)): path.read_text() for path in source.rglob("*.py")}
+    return {
+        file: ast.parse(text) for file, text in texts.items() if any(word in text for word in words)
+    }
+
+
 def named_in_source(*words: str) -> set[str]:
     """The source files in whose code one of some words is an identifier or a text by itself."""
     kinds = (ast.Name, "id"), (ast.Attribute, "attr"), (ast.arg, "arg"), (ast.keyword, "arg")
     kinds = (*kinds, (ast.Constant, "value"), (ast.AnnAssign, "target"))
-    found = set()
-    for path in (ROOT / "src").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if any(isinstance(node, kind) and getattr(node, at) in words for kind, at in kinds):
-                found.add(str(path.relative_to(ROOT / "src/maidenflight")))
-    return found
+    return {
+        file
+        for file, tree in trees(*words).items()
+        for node in ast.walk(tree)
+        if any(isinstance(node, kind) and getattr(node, at) in words for kind, at in kinds)
+    }
 
 
 def test_a_property_of_a_policy_s_input_is_named_in_six_files_and_its_own() -> None:
@@ -563,13 +580,14 @@ def test_no_function_takes_properties_of_policies_one_by_one() -> None:
     """Verbs have them as fields, which are their options."""
     plain = {field.name: str(field.type) for field in dataclasses.fields(PolicySpec)}
     several = [
-        f"{path.name}: {node.name}"
-        for path in (ROOT / "src").rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text()))
+        f"{file}: {node.name}"
+        for file, tree in trees(*plain).items()
+        for node in ast.walk(tree)
         if isinstance(node, ast.FunctionDef)
         and sum(
             one.annotation is not None
-            and ast.unparse(one.annotation).replace(" | None", "") == plain.get(one.arg)
+            and one.arg in plain
+            and ast.unparse(one.annotation).replace(" | None", "") == plain[one.arg]
             for one in [*node.args.args, *node.args.kwonlyargs]
         )
         > 1
@@ -688,7 +706,7 @@ def test_the_snippet_for_a_drone_of_ones_own_writes_it() -> None:
     assert float(parameters.read_drone("mine.toml").mass) == pytest.approx(1.3)
 
 
-@pytest.mark.slow
+@pytest.mark.night
 @pytest.mark.parametrize("tab", ["Crazyflie", "PX4 or Betaflight", "No drone: the paper"])
 def test_the_commands_of_a_first_hour_run(
     tab: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

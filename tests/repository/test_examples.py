@@ -14,10 +14,13 @@ from maidenflight.errors import InputError
 from maidenflight.flying.foreign_policy import foreign_policy
 from maidenflight.flying.pilots import ForeignPolicy
 from maidenflight.policy_file import write_policy
+from maidenflight.training import checkpoint as checkpoints
+from maidenflight.training import train as training
+from maidenflight.training.evaluation import Evaluation
 from maidenflight.verbs.train import Train
 from maidenflight.verbs.transfer import Transfer
 from numpy_drone import NumpyDrone
-from quick import make_training_quick
+from quick import make_training_quick, traced_training
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -55,8 +58,22 @@ def test_examples_of_extending_are_short():
     assert max(lines.values()) <= 40, lines
 
 
-@pytest.mark.slow
-def test_ones_own_task_controller_and_drones_train_and_fly_by_their_names(in_examples, tmp_path):
+@pytest.mark.parametrize(
+    "traced",
+    [pytest.param(True, marks=pytest.mark.slow), pytest.param(False, marks=pytest.mark.night)],
+)
+def test_ones_own_task_controller_and_drones_train_and_fly_by_their_names(
+    traced, in_examples, tmp_path, monkeypatch
+):
+    """Training takes longest to compile; here its slope is traced alone."""
+
+    def train_traced(*given, policy, on_progress, checkpoint, **_):
+        on_progress(training.Progress(1, 1, Evaluation(*np.zeros((len(Evaluation._fields), 1)))))
+        checkpoints.save(checkpoint.path, (), "", (1,))
+        return tuple(traced_training(*given[:4], policy=policy))
+
+    if traced:
+        monkeypatch.setattr(training, "train", train_traced)
     train = Train(
         drone="crazyflie",
         task="own_task:helix",

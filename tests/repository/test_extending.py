@@ -100,7 +100,7 @@ def test_the_costliest_additions_are_named_in_no_more_files_than_the_page_says(w
     assert max(counts.values()) <= int(row), counts
 
 
-@pytest.mark.slow
+@pytest.mark.night
 @pytest.mark.parametrize(
     ("what", "patches", "program"),
     [("task", TASK, FLIES), ("physical parameter", PARAMETER, FLOATS)],

@@ -53,9 +53,19 @@ HIDE = (
     ("script", "words", "package", "extra"),
     [
         ("benchmarks/simulator.py", [], "gymnasium", "gym"),
-        ("benchmarks/gallery.py", ["."], "PIL", "gym"),
-        ("benchmarks/checkup.py", ["--data", "."], "pyulog", "ulog"),
-        ("paper/measured/other_simulators.py", ["--reality", "l2f:crazyflie"], "l2f", "l2f"),
+        *(
+            pytest.param(*one, marks=pytest.mark.slow)
+            for one in (
+                ("benchmarks/gallery.py", ["."], "PIL", "gym"),
+                ("benchmarks/checkup.py", ["--data", "."], "pyulog", "ulog"),
+                (
+                    "paper/measured/other_simulators.py",
+                    ["--reality", "l2f:crazyflie"],
+                    "l2f",
+                    "l2f",
+                ),
+            )
+        ),
     ],
 )
 def test_what_lacks_is_said_before_anything_is_done(

@@ -14,6 +14,7 @@ import run_listing
 from maidenflight import policy_file, run_folder
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.policy import Policy, untrained_policy
+from maidenflight.training import checkpoint as checkpoints
 from maidenflight.training import defaults, final_flights
 from maidenflight.training import train as training
 from maidenflight.training.evaluation import Evaluation
@@ -22,8 +23,6 @@ from maidenflight.verbs.identify import Identify
 from quick import QUICK
 
 pytestmark = pytest.mark.slow
-README = {"policies": 3, "yaw_penalty": 0.1}
-"""Settings of its training, which other tests compile too."""
 
 
 @pytest.fixture(autouse=True)
@@ -33,19 +32,19 @@ def less_work(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(defaults, "choose_settings", lambda *_: QUICK)
     own = [final_flights.FinalFlight("itself", "mine", 20.0, "time limit", 0.01)] * 3
     monkeypatch.setattr(final_flights, "fly_drones", lambda *_: [own] * 3)
-    train = training.train
 
-    def train_if_blind(*given: Any, policy: Any, on_progress: Any, **more: Any) -> Any:
-        """Trains policies without a look-ahead; those with one would be another program."""
-        if not policy.look_ahead.points:
-            return train(*given, policy=policy, on_progress=on_progress, **more)
+    def train(
+        *given: Any, policy: Any, on_progress: Any, checkpoint: Any, **_: Any
+    ) -> tuple[Policy, ...]:
+        """Training, which takes longest to compile, is tested elsewhere."""
+        checkpoints.save(checkpoint.path, (), "", (QUICK.updates,))
         _, controller, _, keys = given[:4]
         scores = Evaluation(*jnp.zeros((len(Evaluation._fields), len(keys))))
         on_progress(training.Progress(1, 1, scores))
         made: list[Policy] = [untrained_policy(key, controller.interface, policy) for key in keys]
         return tuple(made)
 
-    monkeypatch.setattr(training, "train", train_if_blind)
+    monkeypatch.setattr(training, "train", train)
 
 
 def test_a_study_goes_from_logs_to_flights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -72,10 +71,10 @@ def test_a_study_goes_from_logs_to_flights(tmp_path: Path, monkeypatch: pytest.M
     made: Any = {"policies": "policy", "drone": "drone"}
     entries = [
         entry("drone", "identify", source),
-        entry("policy", "train", {**README, "set": {"latency": 0.01}}, drone="drone"),
+        entry("policy", "train", {"policies": 3, "set": {"latency": 0.01}}, drone="drone"),
         entry("ahead", "train", ahead),
-        entry("flown", "transfer", {"trials": 1, "duration": 0.5}, **made),
-        entry("times", "predict", {"trials": 2, "duration": 0.5}, **made),
+        entry("flown", "transfer", {"trials": 1, "duration": 0.5, "against": []}, **made),
+        entry("times", "predict", {"trials": 2, "duration": 0.5, "against": []}, **made),
         entry("hard", "envelope", {"along": ["circle"], "flights": 1}, policies="policy"),
     ]
     table = mf.sweep(entries, tmp_path / "out", Here(), retries=0)

@@ -32,6 +32,7 @@ def chosen(**settings: Any) -> tuple[Settings, PolicySpec]:
 
 @pytest.mark.parametrize("structure", control.CONTROLLERS)
 @pytest.mark.parametrize("method", ["gradient", "ppo"])
+@pytest.mark.slow
 def test_the_usual_network_of_every_structure_can_be_exported_to_everything(
     structure: str, method: str
 ) -> None:

@@ -29,6 +29,7 @@ from maidenflight.training.final_flights import (
 DRONE = replace(crazyflie(), latency=0.005, motor_time_constant=0.04)
 
 
+@pytest.mark.slow
 def test_flights_tell_a_policy_that_falls_from_one_that_flies(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

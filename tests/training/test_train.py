@@ -242,6 +242,7 @@ def test_training_that_has_ended_is_extended_and_an_extension_is_resumed(tmp_pat
         learn(whole)
 
 
+@pytest.mark.night
 def test_an_extension_of_one_policy_leaves_the_other_and_is_resumed(tmp_path: Path) -> None:
     """The one that goes on learns as it would beside the other, to rounding."""
 

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import pytest
 
 from maidenflight import run_folder, terminal
 from maidenflight.flying import engine
-from maidenflight.identification import drone_file, identify, methods
+from maidenflight.identification import drone_file
 from maidenflight.training import analytic_gradient, evaluation
 from maidenflight.verb import Progress, Result
 from maidenflight.verbs.demo import Demo, Stages
@@ -20,12 +19,12 @@ from maidenflight.verbs.record import Record
 from maidenflight.verbs.train import Train
 from maidenflight.verbs.transfer import Transfer
 from maidenflight.verbs.validate import Validate
-from quick import make_training_quick
+from quick import make_identification_quick, make_training_quick
 from run_listing import entries, unlisted
 
 LESS = Stages(
     Record(flights=2, duration=4.0),
-    Identify(logs=Path("."), trials=1, evaluations=15),
+    Identify(logs=Path("."), over=("thrust_to_weight", "latency"), trials=1, evaluations=15),
     Train(randomize=0.1, accept_bounds=True),
     Transfer(policies=(".",), accept_bounds=True, trials=2, duration=0.5, against=()),
 )
@@ -50,26 +49,22 @@ COMPILED: dict[Any, int] = {}
 
 
 @pytest.fixture(scope="module")
-def runs(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> Iterator[list[tuple[Path, Result]]]:
-    """Two demos of a seed, each with its folder."""
-    assert identify.Likelihood is methods.Likelihood
-    coarse = partial(methods.Likelihood, physics_step=0.005)
+def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, Result]]:
+    """A demo's folder and result."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(methods, "Likelihood", coarse)
+        make_identification_quick(patch)
         make_training_quick(patch)
-        folders = [tmp_path_factory.mktemp(name) / "run" for name in ("one", "two")]
+        folder = tmp_path_factory.mktemp("one") / "run"
         COMPILED.update((one, -one._cache_size()) for one in MOST_PROGRAMS)  # type: ignore[attr-defined]
-        results = [(folder, Demo(seed=3).compute(folder, HEARD, LESS)) for folder in folders]
+        result = Demo(seed=3).compute(folder, HEARD, LESS)
         COMPILED.update((one, size + one._cache_size()) for one, size in COMPILED.items())
-        yield results
+        yield folder, result
 
 
 def test_every_stage_runs_in_order_and_leaves_its_results(
-    runs: list[tuple[Path, Result]],
+    run: tuple[Path, Result],
 ) -> None:
-    folder, result = runs[0]
+    folder, result = run
     stages = ["record", "identify", "train", "transfer", "export", "report"]
     assert [line.split()[0] for line in HEARD.lines[:6]] == stages
     assert list(result.content["stages"]) == stages
@@ -103,8 +98,10 @@ def test_every_stage_runs_in_order_and_leaves_its_results(
     assert json.loads((folder / "demo.json").read_text())["seed"] == 3
 
 
-def test_the_same_seed_gives_the_same_bytes(runs: list[tuple[Path, Result]]) -> None:
-    one, two = (folder for folder, _ in runs)
+@pytest.mark.night
+def test_the_same_seed_gives_the_same_bytes(run: tuple[Path, Result], tmp_path: Path) -> None:
+    one, two = run[0], tmp_path / "run"
+    Demo(seed=3).compute(two, Heard(), LESS)
     different = [
         str(path.relative_to(one))
         for path in sorted(one.rglob("*"))
@@ -114,30 +111,30 @@ def test_the_same_seed_gives_the_same_bytes(runs: list[tuple[Path, Result]]) -> 
 
 
 def test_programs_that_are_compiled_ahead_are_those_that_the_verbs_run(
-    runs: list[tuple[Path, Result]],
+    run: tuple[Path, Result],
 ) -> None:
     assert {one: max(COMPILED[one], most) for one, most in MOST_PROGRAMS.items()} == MOST_PROGRAMS
 
 
-def test_results_name_no_place_and_no_time(runs: list[tuple[Path, Result]]) -> None:
-    folder, _ = runs[0]
+def test_results_name_no_place_and_no_time(run: tuple[Path, Result]) -> None:
+    folder, _ = run
     for path in folder.rglob("*"):
         if path.is_file():
             assert str(folder.parent).encode() not in path.read_bytes(), path
 
 
 def test_the_truth_stays_hidden_from_the_identified_drone(
-    runs: list[tuple[Path, Result]],
+    run: tuple[Path, Result],
 ) -> None:
-    text = (runs[0][0] / "drone.toml").read_text()
+    text = (run[0] / "drone.toml").read_text()
     assert "battery_resistance = 0.0 " in text
     assert "estimator_delay = 0.0 " in text
 
 
 def test_the_summary_says_what_intervals_do_not_cover_and_which_policy_was_exported(
-    runs: list[tuple[Path, Result]], capsys: pytest.CaptureFixture[str]
+    run: tuple[Path, Result], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder, result = runs[0]
+    folder, result = run
     terminal.show(*result.summary)
     out = capsys.readouterr().out
     best = Path(result.content["best"])
@@ -147,16 +144,16 @@ def test_the_summary_says_what_intervals_do_not_cover_and_which_policy_was_expor
 
 
 def test_the_page_shows_the_truth_beside_what_was_identified(
-    runs: list[tuple[Path, Result]],
+    run: tuple[Path, Result],
 ) -> None:
-    assert "truth" in (runs[0][0] / "report.html").read_text().lower()
+    assert "truth" in (run[0] / "report.html").read_text().lower()
 
 
 @pytest.mark.night
 def test_its_drone_is_calibrated_by_flights_of_its_posterior(
-    runs: list[tuple[Path, Result]], tmp_path: Path
+    run: tuple[Path, Result], tmp_path: Path
 ) -> None:
-    folder, _ = runs[0]
+    folder, _ = run
     drone = folder / "drone.toml"
     verb = Validate(drone=str(drone), logs=folder / "recorded", calibration=True, draws=2)
     result = verb.run(tmp_path / "calibration.csv")

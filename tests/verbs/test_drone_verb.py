@@ -52,6 +52,7 @@ def test_a_speed_is_asked_for_where_the_format_has_rotor_speeds() -> None:
             Drone(drone="x500", **changes).run()
 
 
+@pytest.mark.slow
 def test_the_speed_is_what_logs_measured(tmp_path: Path) -> None:
     """Rotors are simulated under the logged commands, with the lag and latency of the drone."""
     drone, full = mf.crazyflie(), 2300.0

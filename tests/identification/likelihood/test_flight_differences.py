@@ -52,7 +52,7 @@ def test_segments_are_named_in_the_order_of_their_windows() -> None:
     assert list(dict.fromkeys(names)) == [log.name for log in logs]
 
 
-@pytest.mark.slow
+@pytest.mark.night
 def test_logs_of_two_drones_in_one_folder_are_named() -> None:
     logs = [
         dataclasses.replace(log, name=f"{drone.name}/{log.name}")

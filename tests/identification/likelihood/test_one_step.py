@@ -116,6 +116,7 @@ def test_the_value_is_the_gaussian_log_likelihood_of_what_is_new(noisy, noisy_wi
     assert noisy.rows == rows
 
 
+@pytest.mark.slow
 def test_noise_of_the_velocity_does_not_pass_for_drag(flights):
     """White noise returns to its mean as if by drag, by far more than a row's integration errs."""
     drag = ("drag_x", "drag_y")

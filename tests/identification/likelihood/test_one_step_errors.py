@@ -150,6 +150,7 @@ def test_rows_of_several_commands_are_foreseen_as_rows_of_one_are(flights):
     np.testing.assert_allclose(np.asarray(strided), np.asarray(plain), atol=2e-6)
 
 
+@pytest.mark.slow
 def test_rows_side_by_side_are_foreseen_as_one_after_the_other():
     """Each from the measured row before it, its rotors as the commands until then left them."""
     window, drone = some_window(), replace(TRUTH, time_step=0.01 / STEPS)

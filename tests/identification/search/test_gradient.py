@@ -83,6 +83,7 @@ def test_a_share_of_the_windows_is_each_so_manieth(objective):
 
 
 @pytest.mark.parametrize(("number", "step"), [(0, 2e-3), (1, 2e-4), (2, 1e-4)])
+@pytest.mark.slow
 def test_the_gradient_is_that_of_central_differences(objective, number, step):
     name = NAMES[number]
     sides = [
@@ -92,6 +93,7 @@ def test_the_gradient_is_that_of_central_differences(objective, number, step):
     assert found == pytest.approx((sides[1] - sides[0]) / (2 * step), rel=0.01)
 
 
+@pytest.mark.slow
 def test_both_models_of_the_curvature_are_symmetric_and_positive_and_one_is_the_larger(objective):
     found = objective.normal_equations(planted.drone(**BESIDE), NAMES)
     scale = np.sqrt(np.diag(found.majorant))
@@ -101,6 +103,7 @@ def test_both_models_of_the_curvature_are_symmetric_and_positive_and_one_is_the_
         assert np.linalg.eigvalsh(scaled).min() > -1e-4
 
 
+@pytest.mark.slow
 def test_the_unit_cubes_gradient_is_that_of_central_differences(objective):
     unit = BOX.unit(np.array(list(BESIDE.values())))
     found = in_unit_cube(objective.normal_equations(drone(unit), NAMES), BOX, unit).gradient
@@ -180,6 +183,7 @@ def test_kinks_lie_at_latencies_of_whole_command_periods():
     np.testing.assert_allclose(found[1], [0.3, 0.8])
 
 
+@pytest.mark.slow
 def test_the_box_is_never_left_and_an_optimum_outside_is_met_at_its_face(objective):
     box = Box(NAMES, (1.5, 0.01, 0.0), (1.7, 0.5, 0.05))
     points, losses = search(objective, 1, box)
@@ -187,8 +191,8 @@ def test_the_box_is_never_left_and_an_optimum_outside_is_met_at_its_face(objecti
     assert points[np.argmin(losses)][0] > 0.999
 
 
-@pytest.mark.slow
-def test_identify_follows_gradients_unless_told_otherwise(flights):
+@pytest.mark.night
+def test_trials_by_gradients_end_at_the_planted_drone(flights):
     seen = []
     found = identify(
         flights,
@@ -200,6 +204,10 @@ def test_identify_follows_gradients_unless_told_otherwise(flights):
         assert found.estimates[name].value == pytest.approx(truth, rel=0.05)
         assert np.ptp(found.estimates[name].trials) < 0.02 * truth
     assert seen[-1].evaluations == found.evaluations == len(found.search)
+
+
+def test_a_replay_follows_gradients_unless_told_otherwise():
+    assert Replay().method == "gradient"
 
 
 def test_an_unknown_method_is_refused_in_words():

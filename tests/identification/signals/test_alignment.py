@@ -20,6 +20,7 @@ def late(flight: Flight, seconds: float) -> Flight:
     return replace(flight.part(rows, len(flight)), command=flight.command[:-rows])
 
 
+@pytest.mark.slow
 def test_late_commands_are_moved_back_so_that_lag_and_inertia_are_right() -> None:
     flight = flown(1, LAG, answer=0.2)
     sound, moved = [flight], [late(flight, 0.02)]

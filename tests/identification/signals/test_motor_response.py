@@ -63,6 +63,7 @@ def test_samples_of_a_noisy_loop_say_nothing() -> None:
     assert estimate_motor_response([noisy], np.random.default_rng(0), DRONE) is None
 
 
+@pytest.mark.slow
 def test_what_one_flight_shows_by_itself_is_wider() -> None:
     flights = [flown(seed, name=f"flight {seed}", seconds=6.0) for seed in range(3)]
     low, _, high = total(seen(*flights))

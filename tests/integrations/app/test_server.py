@@ -40,6 +40,7 @@ def run(client: Client, verb: str, **filled: Any) -> str:
     return answer.json().get("error", "")
 
 
+@pytest.mark.slow
 def test_a_step_runs_in_the_folder_and_tells_its_result(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

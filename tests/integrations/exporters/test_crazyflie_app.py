@@ -333,6 +333,7 @@ def asked_in_flight(app: App, given: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("structure", ["pwm", STRONG])
+@pytest.mark.slow
 def test_motors_are_commanded_as_by_python_s_policy(
     load: Load, flight: tuple[Measurement, np.ndarray], structure: str
 ) -> None:
@@ -420,6 +421,7 @@ def test_the_action_before_the_first_is_that_of_the_pid_s_mean_thrust(load: Load
 
 
 @pytest.mark.parametrize("structure", ["attitude_rate", "attitude"])
+@pytest.mark.slow
 def test_the_firmware_s_pids_are_asked_as_in_the_simulator(
     load: Load, flight: tuple[Measurement, np.ndarray], structure: str
 ) -> None:

@@ -62,9 +62,17 @@ def same(one, other):
     )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "control"), [*((name, "pwm") for name in IDS), (CIRCLE, "attitude_rate")]
+    ("name", "control"),
+    [
+        *(
+            pytest.param(
+                name, "pwm", marks=pytest.mark.slow if name == CIRCLE else pytest.mark.night
+            )
+            for name in IDS
+        ),
+        pytest.param(CIRCLE, "attitude_rate", marks=pytest.mark.slow),
+    ],
 )
 def test_gymnasiums_own_check_passes_without_a_warning(name, control):
     environment = gymnasium.make(name, control=control, render_mode="rgb_array").unwrapped
@@ -360,6 +368,7 @@ def run(code, *paths):
     )
 
 
+@pytest.mark.slow
 def test_importing_the_package_or_naming_it_registers_the_environments_without_jax():
     code = (
         f"import sys, maidenflight.integrations.gym, gymnasium; assert set({IDS}) <= "

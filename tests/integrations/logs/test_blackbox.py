@@ -182,7 +182,7 @@ def test_damage_in_the_middle_costs_the_frames_about_it(tmp_path: Path) -> None:
     assert sum(map(len, flights)) > 1000
 
 
-@pytest.mark.slow
+@pytest.mark.night
 def test_a_planted_drone_comes_back_through_a_blackbox(tmp_path: Path) -> None:
     drone = mf.virtual_drone(1)
     flown = mf.record(drone, jax.random.key(1), flights=2, duration=12.0, excitation=0.05)

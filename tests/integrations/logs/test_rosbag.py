@@ -223,6 +223,7 @@ def test_signals_that_are_too_rare_are_refused(tmp_path: Path) -> None:
         read_flights(made.bag(tmp_path / "bag", messages))
 
 
+@pytest.mark.slow
 def test_a_large_recording_is_not_held_in_memory(tmp_path: Path) -> None:
     """Pictures of 60 MB lie between the messages of a flight."""
     flight = sensed(200)

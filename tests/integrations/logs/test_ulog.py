@@ -385,8 +385,13 @@ def test_in_a_folder_it_stands_beside_others(tmp_path: Path) -> None:
         read_flights(tmp_path / "one", battery_law="legacy propellers")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("default_profile", [False, True])
+@pytest.mark.parametrize(
+    "default_profile",
+    [
+        pytest.param(False, marks=pytest.mark.slow),
+        pytest.param(True, marks=pytest.mark.night),
+    ],
+)
 def test_a_planted_drone_comes_back_through_a_ulog(default_profile: bool, tmp_path: Path) -> None:
     drone = mf.virtual_drone(1)
     flown = mf.record(drone, jax.random.key(1), flights=2, duration=12.0, excitation=0.05)

@@ -45,6 +45,7 @@ def test_it_acts_as_it_predicts(name: str) -> None:
         model.act(np.zeros(3))
 
 
+@pytest.mark.slow
 def test_nothing_of_its_package_or_of_pytorch_is_imported() -> None:
     code = (
         "import sys; from maidenflight.integrations.policies import stable_baselines as one\n"

@@ -22,6 +22,8 @@ from maidenflight.integrations.radio import session
 from maidenflight.integrations.radio.flight import COMPLETE, PROMISED, Plan
 from maidenflight.simulator.tasks import trajectories
 
+pytestmark = pytest.mark.slow
+
 PATH = trajectories.circle(0.5, 3.0, 1.0)
 SECONDS = 1.0
 IN_AIR = 6.0

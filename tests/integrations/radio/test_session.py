@@ -69,14 +69,19 @@ def test_blocks_fit_into_the_26_bytes_of_a_packet():
     assert max(block.size for block in (STATE, with_policy(MOTORS), VARIANCE)) <= 26
 
 
-@pytest.mark.slow
-def test_identify_finds_the_fake_drone_in_what_record_wrote(tmp_path):
+def test_what_record_wrote_is_read_as_a_flight(tmp_path):
     (flight,) = flown(FakeDrone(), tmp_path, plan(4.0, 0.7, 0.1, 1))
     assert flight.ending.reason == COMPLETE
     read = read_flights(tmp_path)
     assert read.refused == ()
     assert len(read) == 1
     assert [(flight.simulated, flight.zero_order_hold) for flight in read] == [("udp", False)]
+
+
+@pytest.mark.night
+def test_identify_finds_the_fake_drone_in_what_record_wrote(tmp_path):
+    flown(FakeDrone(), tmp_path, plan(4.0, 0.7, 0.1, 1))
+    read = read_flights(tmp_path)
     start = parameters.replace(parameters.crazyflie(), latency=0.0)
     found = mf.identify(
         read,
@@ -119,6 +124,7 @@ def test_excitation_of_motors_is_refused_before_anything_connects(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_flight_plan_is_flown_with_its_yaw(tmp_path, monkeypatch):
     asked = []
     go_to = Crazyflie.go_to
@@ -136,6 +142,7 @@ def test_a_flight_plan_is_flown_with_its_yaw(tmp_path, monkeypatch):
     assert np.sum(yaws == 0.5) == pytest.approx(50, abs=5)
 
 
+@pytest.mark.slow
 def test_names_go_on_and_nothing_is_overwritten(tmp_path):
     (tmp_path / "flight_01.rows").write_text("somebody's\n")
     (flight,) = flown(FakeDrone(), tmp_path, plan(0.5))
@@ -205,6 +212,7 @@ def test_an_unfit_drone_does_not_take_off(fake, why, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_policy_that_looks_ahead_is_given_the_motion_of_its_set_points(tmp_path):
     fake = FakeDrone(policy=True)
     fake.parameters["mf.ahead"] = 5
@@ -229,6 +237,7 @@ def test_a_drone_that_does_not_arm_stays_on_the_ground(tmp_path):
     assert fake.off_at == 0.0
 
 
+@pytest.mark.slow
 def test_a_second_flight_needs_a_fit_drone_too(tmp_path):
     fake, said = FakeDrone(), []
 
@@ -241,6 +250,7 @@ def test_a_second_flight_needs_a_fit_drone_too(tmp_path):
 
 
 @pytest.mark.parametrize(("given", "counts"), [(None, 60000), (65535.0, 65535)])
+@pytest.mark.slow
 def test_the_policy_flies_between_take_off_and_landing(tmp_path, given, counts):
     """With the counts of its own app, unless others are given."""
     fake, active = FakeDrone(policy=True), []
@@ -259,6 +269,7 @@ def test_the_policy_flies_between_take_off_and_landing(tmp_path, given, counts):
     assert (fake.parameters["mf.x"], fake.parameters["mf.y"]) == pytest.approx((0.0, 0.0), abs=0.01)
 
 
+@pytest.mark.slow
 def test_limits_of_a_session_before_are_set_anew_and_recorded_with_the_drone(tmp_path):
     fake, said = FakeDrone(policy=True), []
     tighter = session.Course("hover", 0.5, 0.5, 0.0, policy=True, on_board={"mf.distance": 0.2})
@@ -303,6 +314,7 @@ def test_nobody_takes_off_without_a_confirmation(tmp_path):
     assert (fake.off_at, list(tmp_path.iterdir())) == (0.0, [])
 
 
+@pytest.mark.slow
 def test_a_policy_whose_guards_hand_back_is_landed(tmp_path):
     fake = FakeDrone(policy=True)
     fake.at(6.0, lambda fake: (setattr(fake, "active", 0), setattr(fake, "why", 4)))
@@ -451,6 +463,7 @@ flown(fake, Path(sys.argv[2]), plan(3.0), said=Said(), before=die)
 """
 
 
+@pytest.mark.slow
 def test_a_killed_program_leaves_every_row(tmp_path):
     ran = subprocess.run(
         [sys.executable, "-c", KILLED, Path(__file__).parent, tmp_path],
@@ -468,6 +481,7 @@ def test_a_killed_program_leaves_every_row(tmp_path):
     assert row_files.recover(tmp_path) == ([], [])
 
 
+@pytest.mark.slow
 def test_lost_packets_leave_gaps_and_no_inventions(tmp_path):
     fake = FakeDrone(seed=4)
     fake.at(5.0, lambda fake: setattr(fake, "lost_rows", 1.0))

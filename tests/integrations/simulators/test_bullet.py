@@ -115,6 +115,7 @@ def test_the_flight_of_the_comparison_is_wild(truth):
     assert np.abs(truth.body_rates).max() > 15
 
 
+@pytest.mark.slow
 def test_bullet_tends_to_our_equations_at_first_order_and_meets_them_at_a_tenth_of_a_millisecond(
     pybullet, truth
 ):
@@ -159,6 +160,7 @@ def test_bullet_feels_the_torques_that_the_papers_model_lacks_as_our_equations_d
     assert errors[1][1] < 1
 
 
+@pytest.mark.slow
 def test_bullet_and_semi_implicit_euler_differ_at_second_order_by_how_they_turn(pybullet):
     errors = [
         apart(
@@ -171,6 +173,7 @@ def test_bullet_and_semi_implicit_euler_differ_at_second_order_by_how_they_turn(
     assert errors[1][1] < 0.2
 
 
+@pytest.mark.slow
 def test_handing_the_state_over_in_float32_at_every_step_changes_little(pybullet):
     commands, parameters = thrown(2000)
     rounded = jax.tree.map(float32, (THROWN, commands, parameters))

@@ -156,7 +156,7 @@ def test_a_wider_range_of_rates_is_asked_for_by_smaller_actions():
 @pytest.mark.parametrize(
     ("factory", "level"), [(control.attitude_rate, LEVEL), (control.attitude, LEVEL_ATTITUDE)]
 )
-@pytest.mark.parametrize("firmware", FIRMWARES)
+@pytest.mark.parametrize("firmware", [pytest.param("2021.10", marks=pytest.mark.slow), "2026.08"])
 def test_a_mirrored_command_is_a_mirrored_motion(factory, level, firmware):
     flown, there, mirrored = fly_action(factory(firmware), level), 6, 7
     np.testing.assert_allclose(

@@ -117,6 +117,7 @@ def farthest(full: bool, seconds: int) -> jax.Array:
     return jnp.linalg.norm(flown.state.position - jax.vmap(task.reference)(times), axis=1)
 
 
+@pytest.mark.slow
 def test_it_flies_the_circle_and_closer_where_it_knows_all_of_it() -> None:
     full, alone = (np.asarray(farthest(known, 6))[1500:].mean() for known in (True, False))
     assert full < 0.05
