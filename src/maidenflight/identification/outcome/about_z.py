@@ -65,14 +65,9 @@ def with_inertia_z(
         np.array([float(component(parameters, name)) for name in INERTIA])
         for parameters in (start, drone)
     )
-    samples = np.array(
-        [
-            draws.get(name, np.full(RESAMPLES, value))
-            for name, value in zip(INERTIA, here, strict=True)
-        ]
-    )
+    level = sum(draws.get(name, value) for name, value in zip(INERTIA, here, strict=True))
     doubt = np.exp(RATIO_SD * generator.standard_normal(RESAMPLES))
-    factor, best = samples.sum(axis=0) / first.sum() * doubt, float(here.sum() / first.sum())
+    factor, best = level / first.sum() * doubt, float(here.sum() / first.sum())
     about_z = float(component(start, "inertia_z"))
     fitted = float(component(drone, "inertia_z")) / about_z
     share = draws["inertia_z"] / about_z if is_fitted else fitted

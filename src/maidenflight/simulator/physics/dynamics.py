@@ -110,11 +110,8 @@ def further_torque(
     thrust in their attitude-rate flights, whose motors often stand still. In logs of three others
     c_y is 1.1 to 1.6 times c_x.
     """
-    (vx, vy, vz), (p, q, _), (bias_x, bias_y, bias_z) = (
-        _through_air(state, parameters),
-        state.body_rates,
-        parameters.torque_bias,
-    )
+    vx, vy, vz = _through_air(state, parameters)
+    (p, q, _), (bias_x, bias_y, bias_z) = state.body_rates, parameters.torque_bias
     f1, f2, f3, f4 = forces
     # Without gravity rotors have no force either, which is in shares of the weight.
     lift = (f1 + f2 + f3 + f4) / jnp.maximum(parameters.mass * parameters.gravity, 1e-9)
