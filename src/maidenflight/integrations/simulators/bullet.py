@@ -107,7 +107,7 @@ class Bullet:
         """A step on the host.
 
         Args:
-            rows: 13 numbers of the body, 7 of the motors and 23 constants each.
+            rows: 13 numbers of the body, 8 of the motors and 23 constants each.
 
         Returns:
             The 13 numbers of each body after the step.
@@ -118,10 +118,10 @@ class Bullet:
             world = _world()
             for index in np.ndindex(states.shape[:-1]):
                 row = states[index]
-                world.set_up(row[20:], self.linear_damping, self.angular_damping)
+                world.set_up(row[21:], self.linear_damping, self.angular_damping)
                 values = row.tolist()
                 world.put(values[:13])
-                world.step(values[13:20])
+                world.step(values[13:21])
                 moved[index] = world.read()
         return moved
 
@@ -185,18 +185,18 @@ class _World:
         )
 
     def step(self, push: list[float]) -> None:
-        """Takes one step under the forces and torque of `_motors`, drag, flapping and damping.
+        """Takes one step under what `_motors` says, drag, flapping and damping.
 
         A step of no time, where a command arrives with another, is none.
         """
         if self.time_step == 0.0:
             return
         bullet, frame = self.bullet, self.bullet.LINK_FRAME
-        forces, further = push[:4], push[4:]
+        forces, further, precession = push[:4], push[4:7], push[7]
         for force, arm in zip(forces, self.places, strict=True):
             bullet.applyExternalForce(self.body, -1, (0.0, 0.0, force), arm, frame, **self.client)
         bullet.applyExternalTorque(self.body, -1, further, frame, **self.client)
-        if any(self.drag) or any(self.flapping) or self.damping:
+        if any(self.drag) or any(self.flapping) or self.damping or precession:
             x, y, z, w = bullet.getBasePositionAndOrientation(self.body, **self.client)[1]
             moving, turning = bullet.getBaseVelocity(self.body, **self.client)
             through_air = [of - air for of, air in zip(moving, self.wind, strict=True)]
@@ -206,8 +206,8 @@ class _World:
             slowing = [-share * speed for share, speed in zip(self.drag, velocity, strict=True)]
             bullet.applyExternalForce(self.body, -1, slowing, (0.0, 0.0, 0.0), frame, **self.client)
             pitching = (
-                self.flapping[0] * velocity[1] - self.damping * rates[0],
-                -self.flapping[1] * velocity[0] - self.damping * rates[1],
+                self.flapping[0] * velocity[1] - self.damping * rates[0] + precession * rates[1],
+                -self.flapping[1] * velocity[0] - self.damping * rates[1] - precession * rates[0],
                 0.0,
             )
             bullet.applyExternalTorque(self.body, -1, pitching, frame, **self.client)
@@ -238,11 +238,12 @@ def _pybullet() -> Any:
 
 def _motors(
     rotor_speed: Float[Array, "4"], command: Float[Array, "4"], parameters: Parameters
-) -> tuple[Float[Array, "4"], Float[Array, "7"]]:
+) -> tuple[Float[Array, "4"], Float[Array, "8"]]:
     """Rotor speeds after a step of `dynamics.euler`, and what they push with.
 
     Returns:
-        Rotor speeds, and four forces [N] followed by the torque that these do not make [N m].
+        Rotor speeds, and four forces [N], the torque that these do not make [N m], and
+        `dynamics.spin_momentum`.
     """
     spin_up = dynamics.motor_derivative(rotor_speed, command, parameters)
     rotor_speed = rotor_speed + parameters.time_step * spin_up
@@ -252,13 +253,14 @@ def _motors(
     still = still._replace(velocity=jnp.asarray(parameters.wind, rotor_speed.dtype))
     *about_x_and_y, yaw = dynamics.further_torque(still, forces, spin_up, parameters)
     yaw = yaw + dynamics.torque(forces, parameters)[2]
-    return rotor_speed, jnp.stack([*forces, *about_x_and_y, yaw])
+    momentum = dynamics.spin_momentum(rotor_speed, parameters)
+    return rotor_speed, jnp.stack([*forces, *about_x_and_y, yaw, momentum])
 
 
 @jax.jit
 def _all_motors(
     rotor_speed: Float[Array, "4"], commands: Float[Array, "N 4"], parameters: Parameters
-) -> tuple[Float[Array, "N 4"], Float[Array, "N 7"]]:
+) -> tuple[Float[Array, "N 4"], Float[Array, "N 8"]]:
     """`_motors` over a whole flight; the motors do not depend on how the body moves."""
 
     def step_motors(rotor_speed: Array, command: Array) -> tuple[Array, tuple[Array, Array]]:
