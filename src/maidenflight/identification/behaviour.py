@@ -219,10 +219,10 @@ def mean_behaviour(flights: Sequence[Flight], drone: Parameters) -> Float[np.nda
         flights: its logs.
         drone: its frame.
     """
-    names = ("position", "velocity", "attitude", "body_rates", "command")
-    rows = [
-        behaviour(*(getattr(flight, name) for name in names), drone, flight.period)
-        for flight in flights
-    ]
-    measured_rows = [row for row in rows if row is not None]
+    measured_rows = []
+    for flight in flights:
+        motion = flight.position, flight.velocity, flight.attitude, flight.body_rates
+        row = behaviour(*motion, flight.command, drone, flight.period)
+        if row is not None:
+            measured_rows.append(row)
     return np.mean(measured_rows, axis=0) if measured_rows else None

@@ -150,7 +150,8 @@ class Predict(FliesPolicies):
             [
                 _tabulate(rows, ends, against_best.tolist()),
                 Table(
-                    "The drone as it is and changed, simulated", _RIVALS, table.to_dicts(), _RARE
+                    *("The drone as it is and changed, simulated", _RIVALS, table.to_dicts()),
+                    rare=("most frequent end", "mean"),
                 ),
             ],
             prediction,
@@ -275,8 +276,6 @@ _RIVALS = {
     **shared.ERRORS,
     "most frequent end": "{end_reason}",
 }
-_RARE = ("most frequent end", "mean")
-"""Of them, what a narrow terminal leaves out first."""
 
 
 def _tabulate(summary: list[Row], ends: list[Counter[str]], against_best: list[float]) -> Table:

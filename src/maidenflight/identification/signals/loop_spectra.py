@@ -103,7 +103,7 @@ class _Model:
         matrix = np.einsum("if,jf,f->ij", delayed_basis.conj(), delayed_basis, spectra.motion).real
         ridge = 1e-9 * np.trace(matrix) * np.eye(len(matrix))
         weights = np.linalg.solve(
-            matrix + ridge, -np.sum((delayed_basis * spectra.cross).real, axis=1)
+            matrix + ridge, -np.sum(np.real(delayed_basis * spectra.cross), axis=1)
         )
         self.unit = max(float(np.abs(weights).max()), 1e-3)
         x = np.concatenate([x, np.sqrt(np.maximum(weights / self.unit, 1e-3)), [1.0]])

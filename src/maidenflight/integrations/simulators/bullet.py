@@ -242,8 +242,8 @@ def _motors(
     """Rotor speeds after a step of `dynamics.euler`, and what they push with.
 
     Returns:
-        Rotor speeds, and four forces [N], the torque that these do not make [N m], and
-        `dynamics.spin_momentum`.
+        Rotor speeds, and four forces [N], the torque that these do not make [N m], and the
+        rotors' angular momentum with the signs of their drag [N m s].
     """
     spin_up = dynamics.motor_derivative(rotor_speed, command, parameters)
     rotor_speed = rotor_speed + parameters.time_step * spin_up
@@ -253,7 +253,7 @@ def _motors(
     still = still._replace(velocity=jnp.asarray(parameters.wind, rotor_speed.dtype))
     *about_x_and_y, yaw = dynamics.further_torque(still, forces, spin_up, parameters)
     yaw = yaw + dynamics.torque(forces, parameters)[2]
-    momentum = dynamics.spin_momentum(rotor_speed, parameters)
+    momentum = parameters.rotor_momentum * rotor_speed @ parameters.rotor_direction
     return rotor_speed, jnp.stack([*forces, *about_x_and_y, yaw, momentum])
 
 

@@ -78,11 +78,6 @@ def torque(forces: Float[Array, "4"], parameters: Parameters) -> Axes:
     )
 
 
-def spin_momentum(rotor_speed: Float[Array, "4"], parameters: Parameters) -> Float[Array, ""]:
-    """Returns minus the rotors' angular momentum about z [N m s], with the signs of their drag."""
-    return parameters.rotor_momentum * _over_rotors(rotor_speed, parameters.rotor_direction)
-
-
 def _over_rotors(values: Float[Array, "4"], weights: Float[Array, "4"]) -> Float[Array, ""]:
     (v1, v2, v3, v4), (w1, w2, w3, w4) = values, weights
     return w1 * v1 + w2 * v2 + w3 * v3 + w4 * v4
@@ -122,9 +117,9 @@ def further_torque(
     lift = (f1 + f2 + f3 + f4) / jnp.maximum(parameters.mass * parameters.gravity, 1e-9)
     x, y, _ = rotations.axes(state.quaternion)
     forward, left = x[0] * vx + x[1] * vy + x[2] * vz, y[0] * vx + y[1] * vy + y[2] * vz
-    reaction, precession = (
-        spin_momentum(speeds, parameters) for speeds in (spin_up, state.rotor_speed)
-    )
+    momentum, signs = parameters.rotor_momentum, parameters.rotor_direction
+    reaction = momentum * _over_rotors(spin_up, signs)
+    precession = momentum * _over_rotors(state.rotor_speed, signs)
     (rolling, pitching), damping = parameters.flapping_moment, parameters.rotational_damping
     return (
         rolling * left - damping * p + precession * q + lift * bias_x,
