@@ -27,7 +27,7 @@ RECORD = {"version": "1", "settings": {}}
 
 
 def wait(client: Client, verb: str, *states: str) -> dict[str, Any]:
-    end, step = time.monotonic() + 60, {"state": "unknown"}
+    end, step = time.monotonic() + 180, {"state": "unknown"}
     while step["state"] not in states:
         assert time.monotonic() < end, step
         time.sleep(0.05)
@@ -79,7 +79,8 @@ def test_what_runs_is_interrupted_when_the_page_ends(tmp_path: Path) -> None:
         run(client, "demo")
         time.sleep(0.3)
         began = time.monotonic()
-    assert time.monotonic() - began < 30
+    # A program that is being compiled is compiled to its end, a minute on a busy machine.
+    assert time.monotonic() - began < 180
 
 
 @pytest.mark.parametrize(
