@@ -2,11 +2,11 @@
 
 Virtual drones of three worlds fly short circles, and real ones flew what lies in a folder of data.
 They are identified with constants changed, several at once; groups whose estimates move are halved
-until each is known. What counts is the largest
-movement of any estimate and of any end of an interval, over half the width of its 95 % interval; a
-parameter that is identified only before or only after counts as infinite. A constant is harmless
-within a factor of 1.4 where no estimate moves by more than a tenth and no end, which is found from
-some hundred samples, by more than a fifth. A constant that no log needs is not judged.
+until each is known. What counts is the largest movement of any estimate and of any end of an
+interval, over half the width of its 95 % interval; a parameter that is identified only before or
+only after counts as infinite. A constant is harmless within a factor of 1.4 where no estimate moves
+by more than a tenth and no end, which is found from some hundred samples, by more than a fifth. A
+constant that no log needs is not judged.
 
 Of a plan of flight the intervals are those that it expects, about zero: they become at most a fifth
 wider or narrower. Of the closed loop they are those of what policies' flights match. Path flights

@@ -2,7 +2,9 @@
 PWM, its program is compiled once and then read from the cache. So are those of an identification
 from two flights of 4 s in coarse steps."""
 
+from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import jax
 import numpy as np
@@ -17,8 +19,11 @@ from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.tasks.tasks import Task
+from maidenflight.training import checkpoint as checkpoints
 from maidenflight.training import defaults, final_flights
+from maidenflight.training import train as training
 from maidenflight.training.analytic_gradient import AnalyticGradient
+from maidenflight.training.evaluation import Evaluation
 
 QUICK = AnalyticGradient(
     updates=2, evaluations=1, num_envs=4, horizon=4, episodes=4, hidden_learning_rate=0.0
@@ -57,3 +62,18 @@ def traced_training(
 
     jax.eval_shape(jax.grad(value), np.zeros(4, np.float32), keys[0])
     return [untrained_policy(key, controller.interface, policy) for key in keys]
+
+
+def replace_training(patch: pytest.MonkeyPatch, make: Callable[..., list[Policy]]) -> None:
+    """Tells of one update, leaves a checkpoint and gives the policies that a function makes, where
+    a verb would train, which takes longest to compile."""
+
+    def train(
+        *given: Any, policy: PolicySpec, on_progress: Any, checkpoint: Any, **_: Any
+    ) -> tuple[Policy, ...]:
+        scores = Evaluation(*np.zeros((len(Evaluation._fields), len(given[3]))))
+        on_progress(training.Progress(1, 1, scores))
+        checkpoints.save(checkpoint.path, (), "", (1,))
+        return tuple(make(*given[:4], policy=policy))
+
+    patch.setattr(training, "train", train)

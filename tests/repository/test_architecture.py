@@ -304,7 +304,7 @@ MOST = {
     "study to table: names": 122,
     "constants": 722,
     "constants without a source": 407,
-    "lines": 62_608,
+    "lines": 62_606,
 }
 """What benchmarks/parts.py may count. Lower a number with what it counts; whoever raises one says
 why in the commit."""

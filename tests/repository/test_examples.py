@@ -14,13 +14,10 @@ from maidenflight.errors import InputError
 from maidenflight.flying.foreign_policy import foreign_policy
 from maidenflight.flying.pilots import ForeignPolicy
 from maidenflight.policy_file import write_policy
-from maidenflight.training import checkpoint as checkpoints
-from maidenflight.training import train as training
-from maidenflight.training.evaluation import Evaluation
 from maidenflight.verbs.train import Train
 from maidenflight.verbs.transfer import Transfer
 from numpy_drone import NumpyDrone
-from quick import make_training_quick, traced_training
+from quick import make_training_quick, replace_training, traced_training
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -65,15 +62,8 @@ def test_examples_of_extending_are_short():
 def test_ones_own_task_controller_and_drones_train_and_fly_by_their_names(
     traced, in_examples, tmp_path, monkeypatch
 ):
-    """Training takes longest to compile; here its slope is traced alone."""
-
-    def train_traced(*given, policy, on_progress, checkpoint, **_):
-        on_progress(training.Progress(1, 1, Evaluation(*np.zeros((len(Evaluation._fields), 1)))))
-        checkpoints.save(checkpoint.path, (), "", (1,))
-        return tuple(traced_training(*given[:4], policy=policy))
-
     if traced:
-        monkeypatch.setattr(training, "train", train_traced)
+        replace_training(monkeypatch, traced_training)
     train = Train(
         drone="crazyflie",
         task="own_task:helix",

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
 import polars
 import pytest
+from jaxtyping import Array
 from test_sweeping import Here
 from toy_kinds import entry
 
@@ -14,13 +14,12 @@ import run_listing
 from maidenflight import policy_file, run_folder
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.policy import Policy, untrained_policy
-from maidenflight.training import checkpoint as checkpoints
+from maidenflight.simulator.controllers.control import Controller
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.training import defaults, final_flights
-from maidenflight.training import train as training
-from maidenflight.training.evaluation import Evaluation
 from maidenflight.verb import Progress, Result
 from maidenflight.verbs.identify import Identify
-from quick import QUICK
+from quick import QUICK, replace_training
 
 pytestmark = pytest.mark.slow
 
@@ -33,18 +32,12 @@ def less_work(monkeypatch: pytest.MonkeyPatch) -> None:
     own = [final_flights.FinalFlight("itself", "mine", 20.0, "time limit", 0.01)] * 3
     monkeypatch.setattr(final_flights, "fly_drones", lambda *_: [own] * 3)
 
-    def train(
-        *given: Any, policy: Any, on_progress: Any, checkpoint: Any, **_: Any
-    ) -> tuple[Policy, ...]:
-        """Training, which takes longest to compile, is tested elsewhere."""
-        checkpoints.save(checkpoint.path, (), "", (QUICK.updates,))
-        _, controller, _, keys = given[:4]
-        scores = Evaluation(*jnp.zeros((len(Evaluation._fields), len(keys))))
-        on_progress(training.Progress(1, 1, scores))
-        made: list[Policy] = [untrained_policy(key, controller.interface, policy) for key in keys]
-        return tuple(made)
+    def make(
+        _: Any, controller: Controller, __: Any, keys: Array, *, policy: PolicySpec
+    ) -> list[Policy]:
+        return [untrained_policy(key, controller.interface, policy) for key in keys]
 
-    monkeypatch.setattr(training, "train", train)
+    replace_training(monkeypatch, make)
 
 
 def test_a_study_goes_from_logs_to_flights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

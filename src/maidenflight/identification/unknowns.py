@@ -262,8 +262,6 @@ PUBLISHED_INERTIA: Mapping[str, tuple[float, float, float]] = {
     "Crazyflie 2.1 (SimpleFlight, arXiv 2412.11764)": (1.4e-5, 1.4e-5, 2.17e-5),
 }
 """Published inertia about x, y and z [kg m2], by its source."""
-
-
 _LOG_RATIOS = np.log([z / (x + y) for x, y, z in PUBLISHED_INERTIA.values()])
 RATIO_SD = 1.4826 * float(np.median(np.abs(_LOG_RATIOS - np.median(_LOG_RATIOS))))
 """Standard error of the start's I_z / (I_x + I_y), a share: by definition of the median deviation,

@@ -118,7 +118,7 @@ class Predict(FliesPolicies):
         parts = prediction.partition_by("policy", maintain_order=True)
         ends = [Counter(part["end_reason"].to_list()) for part in parts]
         summary = flight_times.summary(prediction)
-        rows = summary.to_dicts()
+        rows, beside = summary.to_dicts(), table.to_dicts()
         means = [round(row["mean"], 6) for row in rows]
         quantiles = {f"{level / 100:g}": f"quantile_{level}" for level in flight_times.QUANTILES}
         outlives = flight_times.outlives(prediction)
@@ -146,13 +146,10 @@ class Predict(FliesPolicies):
         best = self.choose_best(prediction)
         words, remark = self._mend(best, verdicts[best], randomization) if best else ((), "")
         return self.conclude(
-            {"policies": policies, "beside": table.to_dicts()},
+            {"policies": policies, "beside": beside},
             [
                 _tabulate(rows, ends, against_best.tolist()),
-                Table(
-                    *("The drone as it is and changed, simulated", _RIVALS, table.to_dicts()),
-                    rare=("most frequent end", "mean"),
-                ),
+                _tabulate_rivals(beside),
             ],
             prediction,
             output,
@@ -270,12 +267,16 @@ class Predict(FliesPolicies):
         return ("train", "--drone", self.drone, *over, "-o", folder), ""
 
 
-_RIVALS = {
-    **{"policy": "{policy}", "drone": "{drone}"},
-    **{"reached the time limit": "{time_limit} of {flights}", "mean": "{duration:.1f} s"},
-    **shared.ERRORS,
-    "most frequent end": "{end_reason}",
-}
+def _tabulate_rivals(rows: list[Row]) -> Table:
+    """Returns a table of what flew beside the policies, and of them."""
+    columns = {
+        **{"policy": "{policy}", "drone": "{drone}"},
+        **{"reached the time limit": "{time_limit} of {flights}", "mean": "{duration:.1f} s"},
+        **shared.ERRORS,
+        "most frequent end": "{end_reason}",
+    }
+    rare = ("most frequent end", "mean")
+    return Table("The drone as it is and changed, simulated", columns, rows, rare)
 
 
 def _tabulate(summary: list[Row], ends: list[Counter[str]], against_best: list[float]) -> Table:

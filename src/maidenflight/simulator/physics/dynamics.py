@@ -105,10 +105,9 @@ def further_torque(
             `torque_bias`.
 
     Source: Hoffmann et al. 2007, Quadrotor helicopter flight dynamics and control, eq. 7-10
-    (flapping); Bouabdallah 2007, sec. 2.4 (both torques of rotor inertia). Flapping, the reaction
-    and the trim show in the authors' flights of a Crazyflie: 0.92 to 1.24 of the trim grow with the
-    thrust in their attitude-rate flights, whose motors often stand still. In logs of three others
-    c_y is 1.1 to 1.6 times c_x.
+    (flapping); Bouabdallah 2007, sec. 2.4 (rotor inertia). Flapping, reaction and trim show in the
+    authors' flights of a Crazyflie: 0.92 to 1.24 of the trim grow with the thrust by attitude rate,
+    whose motors often stand still. In logs of three others c_y is 1.1 to 1.6 times c_x.
     """
     vx, vy, vz = _through_air(state, parameters)
     (p, q, _), (bias_x, bias_y, bias_z) = state.body_rates, parameters.torque_bias
